@@ -1,0 +1,24 @@
+//! The logic of the RCG trigger box, without hardware.
+//!
+//! # Design
+//! Messages and hardware events go in with the time they happened at; actions come out. No clock, no
+//! register and no interrupt is touched here, so the firmware on the board, the simulated controller of
+//! the host and the tests all run these very lines.
+//!
+//! - [`pulse`]: a step of the schedule → words for the PIO, and the words read back into edges
+//! - [`store`]: the words of the schedule, as a table or as a stream
+//! - [`sequencer`]: idle → loaded → armed → running → done | stopped | aborted | fault
+//! - [`witness`]: what the camera's STROBE line says about each trigger
+//! - [`session`]: requests in, responses, events and engine commands out
+
+#![cfg_attr(not(test), no_std)]
+#![forbid(unsafe_code)]
+
+pub mod pulse;
+pub mod sequencer;
+pub mod session;
+pub mod store;
+pub mod witness;
+
+/// Version of the firmware: major, minor, patch.
+pub const VERSION: (u8, u8, u8) = (0, 1, 0);

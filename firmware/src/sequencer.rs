@@ -1,0 +1,345 @@
+//! The state machine of a run: idle → loaded → armed → running → done | stopped | aborted | fault.
+//!
+//! # Design
+//! Commands are checked against one table of legal transitions; what is illegal is answered with
+//! [`Fault::Refused`] that names command and state. The pulse engine (PIO and DMA, or the simulation)
+//! takes step after step with [`Sequencer::next_step`] and tells how far it got; it decides nothing.
+
+use rcg_protocol::{Command, Extent, Fault, Program, RunId, State, Step, StepId, Ticks};
+
+use crate::pulse::{StepWords, WordFormat};
+use crate::store::Store;
+
+/// Sequencer and the schedule that it plays.
+#[derive(Debug)]
+pub struct Sequencer {
+    state: State,
+    program: Option<Program>,
+    store: Store,
+    run: RunId,
+    /// Steps handed to the engine in this run.
+    fetched: u64,
+    /// Steps fired whole in this run.
+    done: u64,
+    stopping: bool,
+    fault: Option<Fault>,
+    /// When the run began, on the controller's clock.
+    started: Option<Ticks>,
+    /// Where the next fetched step begins, from the start of a free run.
+    horizon: Ticks,
+}
+
+/// A step for the engine.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Fetched {
+    /// Its number in the run.
+    pub step: StepId,
+    /// What the PIO plays.
+    pub words: StepWords,
+    /// Start of the step from the start of the run, when free running.
+    pub begins: Ticks,
+    /// Leading edge of CAM from the start of the step.
+    pub trigger: Option<Ticks>,
+}
+
+impl Default for Sequencer {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Sequencer {
+    /// Idle, with nothing loaded.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            state: State::Idle,
+            program: None,
+            store: Store::new(),
+            run: 0,
+            fetched: 0,
+            done: 0,
+            stopping: false,
+            fault: None,
+            started: None,
+            horizon: Ticks::ZERO,
+        }
+    }
+
+    /// The state.
+    #[must_use]
+    pub const fn state(&self) -> State {
+        self.state
+    }
+
+    /// Number of the present or last run.
+    #[must_use]
+    pub const fn run(&self) -> RunId {
+        self.run
+    }
+
+    /// Steps fired whole in this run.
+    #[must_use]
+    pub const fn steps_done(&self) -> u64 {
+        self.done
+    }
+
+    /// Why the last run ended by itself.
+    #[must_use]
+    pub const fn fault(&self) -> Option<Fault> {
+        self.fault
+    }
+
+    /// The program that is loaded or being loaded.
+    #[must_use]
+    pub const fn program(&self) -> Option<&Program> {
+        self.program.as_ref()
+    }
+
+    /// When the present run began, on the controller's clock.
+    #[must_use]
+    pub const fn started(&self) -> Option<Ticks> {
+        self.started
+    }
+
+    /// Layout of the words, once a program is loaded.
+    #[must_use]
+    pub fn format(&self) -> Option<WordFormat> {
+        self.program.map(|p| WordFormat::new(p.pace, p.polarity))
+    }
+
+    /// Steps that fit now.
+    #[must_use]
+    pub fn room(&self) -> u32 {
+        let free = self.store.free_steps();
+        match self.program.map(|p| p.extent) {
+            Some(Extent::Table { steps, .. }) => {
+                free.min(u64::from(steps).saturating_sub(self.store.appended()) as u32)
+            }
+            Some(Extent::Stream) => free,
+            None => 0,
+        }
+    }
+
+    /// Whether `command` is legal now, and if not, the fault that says so.
+    fn check(&self, command: Command) -> Result<(), Fault> {
+        use State::{Aborted, Armed, Done, Idle, Loaded, Running, Stopped};
+        let streaming = self.program.is_some_and(|p| p.extent == Extent::Stream);
+        let legal = match command {
+            Command::Load | Command::Clear => !matches!(self.state, Armed | Running),
+            Command::Append => {
+                self.program.is_some()
+                    && !self.store.is_complete()
+                    && (self.state == Idle || (streaming && matches!(self.state, Loaded | Armed | Running)))
+            }
+            // A table can be fired again, a stream is gone once played.
+            Command::Arm => {
+                self.state == Loaded
+                    || (!streaming
+                        && self.store.is_complete()
+                        && matches!(self.state, Done | Stopped | Aborted | State::Fault))
+            }
+            Command::Start => self.state == Armed,
+            Command::Stop => self.state == Running,
+        };
+        if legal {
+            Ok(())
+        } else {
+            Err(Fault::Refused {
+                command,
+                state: self.state,
+            })
+        }
+    }
+
+    /// Forgets the schedule and begins a new one.
+    ///
+    /// # Errors
+    /// [`Fault::Refused`], [`Fault::EmptySchedule`], [`Fault::TooManySteps`]; the old schedule stays then.
+    pub fn load(&mut self, program: Program) -> Result<(), Fault> {
+        self.check(Command::Load)?;
+        if let Extent::Table { steps, cycles } = program.extent {
+            if steps == 0 || cycles == 0 {
+                return Err(Fault::EmptySchedule);
+            }
+            let limit = crate::store::MAX_STEPS as u32;
+            if steps > limit {
+                return Err(Fault::TooManySteps { limit });
+            }
+        }
+        self.store.begin(program.extent);
+        self.program = Some(program);
+        self.state = State::Idle;
+        Ok(())
+    }
+
+    /// Adds steps: all of them or, if one is bad, none.
+    ///
+    /// # Errors
+    /// [`Fault::Refused`], [`Fault::StepsOutOfOrder`], [`Fault::TooManySteps`], [`Fault::StreamFull`], or
+    /// what [`WordFormat::encode`] finds wrong with a step.
+    pub fn append(&mut self, first: u64, steps: &[Step], last: bool) -> Result<(), Fault> {
+        self.check(Command::Append)?;
+        let (Some(program), Some(format)) = (self.program, self.format()) else {
+            return Err(Fault::Refused {
+                command: Command::Append,
+                state: self.state,
+            });
+        };
+        let expected = self.store.appended();
+        if first != expected {
+            return Err(Fault::StepsOutOfOrder {
+                expected,
+                found: first,
+            });
+        }
+        if let Extent::Table { steps: limit, .. } = program.extent
+            && expected + steps.len() as u64 > u64::from(limit)
+        {
+            return Err(Fault::TooManySteps { limit });
+        }
+        for step in steps {
+            let index = self.store.appended();
+            if let Err(fault) = format
+                .encode(step, index)
+                .and_then(|words| self.store.push(&words))
+            {
+                self.store.retract(index - expected);
+                return Err(fault);
+            }
+        }
+        let appended = self.store.appended();
+        let full = match program.extent {
+            Extent::Table { steps, .. } => appended == u64::from(steps),
+            Extent::Stream => last,
+        };
+        if full {
+            self.store.complete();
+        }
+        let playable = full || program.extent == Extent::Stream;
+        if self.state == State::Idle && playable && appended > 0 {
+            self.state = State::Loaded;
+        }
+        Ok(())
+    }
+
+    /// Makes ready to fire.
+    ///
+    /// # Errors
+    /// [`Fault::Refused`].
+    pub fn arm(&mut self) -> Result<RunId, Fault> {
+        self.check(Command::Arm)?;
+        if let Some(program) = self.program {
+            self.store.rewind(program.extent);
+        }
+        self.run = self.run.wrapping_add(1);
+        self.fetched = 0;
+        self.done = 0;
+        self.stopping = false;
+        self.fault = None;
+        self.started = None;
+        self.horizon = Ticks::ZERO;
+        self.state = State::Armed;
+        Ok(self.run)
+    }
+
+    /// Fires.
+    ///
+    /// # Errors
+    /// [`Fault::Refused`].
+    pub fn start(&mut self) -> Result<(), Fault> {
+        self.check(Command::Start)?;
+        self.state = State::Running;
+        Ok(())
+    }
+
+    /// Lets the run end after the current step.
+    ///
+    /// # Errors
+    /// [`Fault::Refused`].
+    pub fn stop(&mut self) -> Result<(), Fault> {
+        self.check(Command::Stop)?;
+        self.stopping = true;
+        Ok(())
+    }
+
+    /// Ends the run at once. Returns whether there was one; the engine must halt then.
+    #[must_use]
+    pub fn abort(&mut self) -> bool {
+        let live = matches!(self.state, State::Armed | State::Running);
+        if live {
+            self.state = State::Aborted;
+        }
+        live
+    }
+
+    /// Ends the run at once because of `fault`. Returns whether there was one.
+    #[must_use]
+    pub fn fail(&mut self, fault: Fault) -> bool {
+        let live = matches!(self.state, State::Armed | State::Running);
+        if live {
+            self.state = State::Fault;
+            self.fault = Some(fault);
+        }
+        live
+    }
+
+    /// Forgets the schedule.
+    ///
+    /// # Errors
+    /// [`Fault::Refused`].
+    pub fn clear(&mut self) -> Result<(), Fault> {
+        self.check(Command::Clear)?;
+        self.program = None;
+        self.store.begin(Extent::Stream);
+        self.state = State::Idle;
+        Ok(())
+    }
+
+    /// The next step for the engine; `None` if there is none now. Valid while armed and running.
+    pub fn next_step(&mut self) -> Option<Fetched> {
+        if !matches!(self.state, State::Armed | State::Running) || self.stopping {
+            return None;
+        }
+        let format = self.format()?;
+        let words = self.store.take_step()?;
+        let (trigger, period) = format.trigger_and_period(&words);
+        let fetched = Fetched {
+            step: StepId(self.fetched),
+            words,
+            begins: self.horizon,
+            trigger,
+        };
+        self.fetched += 1;
+        self.horizon += period;
+        Some(fetched)
+    }
+
+    /// The first step begins at `at`.
+    pub fn begun(&mut self, at: Ticks) {
+        self.started = Some(at);
+    }
+
+    /// The engine has fired `steps` steps of this run whole.
+    pub fn fired(&mut self, steps: u64) {
+        self.done = steps;
+    }
+
+    /// The engine has played all that it fetched. Returns the state that the run ended in.
+    pub fn drained(&mut self) -> State {
+        if self.state == State::Running {
+            let all = self.store.is_complete() && self.store.is_dry();
+            self.state = if all {
+                State::Done
+            } else if self.stopping {
+                State::Stopped
+            } else {
+                self.fault = Some(Fault::Underrun {
+                    step: StepId(self.fetched),
+                });
+                State::Fault
+            };
+        }
+        self.state
+    }
+}

@@ -1,0 +1,450 @@
+//! Requests in, responses, events and engine commands out.
+//!
+//! # Design
+//! Sans-IO: the caller decodes frames and passes messages and hardware events with their time; it then
+//! takes [`Action`]s until there is none left. Every request is executed at most once: a request of the
+//! same number is answered again from memory, an older one is dropped, one of a former session is answered
+//! with [`Fault::StaleSession`]. Hence `frames = executed + repeated + stale` at all times.
+//!
+//! # Tradeoffs
+//! When the link is slower than the telemetry, step records are dropped and counted rather than delaying a
+//! response; the host measures again what it has no record of.
+
+use heapless::{Deque, Vec};
+use rcg_protocol::{
+    Counters, Event, Extent, Fault, Identity, Info, PROTOCOL_VERSION, Pace, RECORDS_PER_EVENT, Reply,
+    Request, Response, SCHEMA_HASH, Seq, SessionId, Start, State, Status, StepRecord, Ticks, ToDevice,
+    ToHost,
+};
+
+use crate::pulse::{FREE_OVERHEAD, LONGEST_PERIOD, PACED_OVERHEAD, SYNC_LATENCY};
+use crate::sequencer::{Fetched, Sequencer};
+use crate::store::{MAX_STEPS, MAX_WORDS};
+use crate::witness::{Sighting, Witness};
+
+/// Messages that can wait for the link.
+const OUTBOX: usize = 16;
+/// Places in the outbox that telemetry leaves to responses.
+const RESERVED: usize = 4;
+/// Step records wait at most this long for their batch to fill.
+const FLUSH_AFTER_MS: u64 = 20;
+/// A stream reports room again when this many steps were played.
+const ROOM_EVERY: u64 = 8;
+
+/// What the caller has to do.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[allow(clippy::large_enum_variant)] // taken and consumed at once, on the stack
+pub enum Action {
+    /// Send this to the host.
+    Send(ToHost),
+    /// Command the pulse engine.
+    Engine(Engine),
+}
+
+/// Commands to the pulse engine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Engine {
+    /// Set the PIO up for the loaded program and fill its first blocks with [`Session::next_step`].
+    Prime,
+    /// Fire, at once or at the first SYNC edge.
+    Go(Start),
+    /// Bring both outputs to rest now and forget what was fetched.
+    Halt,
+}
+
+/// One controller's end of the conversation.
+#[derive(Debug)]
+pub struct Session {
+    clock_hz: u32,
+    id: SessionId,
+    nonce: Option<u32>,
+    last: Option<(Seq, Result<Reply, Fault>)>,
+    sequencer: Sequencer,
+    witness: Witness,
+    /// Paced steps whose SYNC edge has not come: their trigger counts from it.
+    awaiting_sync: Deque<Fetched, 4>,
+    counters: Counters,
+    batch: Vec<StepRecord, RECORDS_PER_EVENT>,
+    batch_since: Ticks,
+    last_heard: Ticks,
+    outbox: Deque<ToHost, OUTBOX>,
+    engine: Option<Engine>,
+}
+
+impl Session {
+    /// A controller with a clock of `clock_hz`. `seed` should differ from boot to boot: sessions count from it.
+    #[must_use]
+    pub const fn new(clock_hz: u32, seed: u32) -> Self {
+        Self {
+            clock_hz,
+            id: SessionId(seed),
+            nonce: None,
+            last: None,
+            sequencer: Sequencer::new(),
+            witness: Witness::new(),
+            awaiting_sync: Deque::new(),
+            counters: Counters {
+                frames: 0,
+                corrupt: 0,
+                repeated: 0,
+                stale: 0,
+                executed: 0,
+                records_lost: 0,
+                spurious_strobes: 0,
+            },
+            batch: Vec::new(),
+            batch_since: Ticks::ZERO,
+            last_heard: Ticks::ZERO,
+            outbox: Deque::new(),
+            engine: None,
+        }
+    }
+
+    /// The sequencer, to look at.
+    #[must_use]
+    pub const fn sequencer(&self) -> &Sequencer {
+        &self.sequencer
+    }
+
+    /// What was counted since boot.
+    #[must_use]
+    pub const fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// The next thing to do. Engine commands come before messages.
+    pub fn action(&mut self) -> Option<Action> {
+        if let Some(engine) = self.engine.take() {
+            return Some(Action::Engine(engine));
+        }
+        self.outbox.pop_front().map(Action::Send)
+    }
+
+    /// The next engine command only, for a caller that is short of time.
+    pub fn engine_action(&mut self) -> Option<Engine> {
+        self.engine.take()
+    }
+
+    /// A frame came that could not be decoded.
+    pub fn corrupt_frame(&mut self) {
+        self.counters.corrupt += 1;
+    }
+
+    /// A request came.
+    pub fn request(&mut self, now: Ticks, message: ToDevice) {
+        self.counters.frames += 1;
+        self.last_heard = now;
+        let ToDevice {
+            session,
+            seq,
+            request,
+        } = message;
+        if let Request::Hello { nonce } = request {
+            self.hello(seq, nonce);
+            return;
+        }
+        if session != self.id || self.nonce.is_none() {
+            self.counters.stale += 1;
+            self.respond(session, seq, Err(Fault::StaleSession));
+            return;
+        }
+        match self.last {
+            Some((last, result)) if last == seq => {
+                self.counters.repeated += 1;
+                // The status is what it is now; anything else is what it was then.
+                let result = match result {
+                    Ok(Reply::Status(_)) => Ok(Reply::Status(self.status(now))),
+                    other => other,
+                };
+                self.respond(session, seq, result);
+            }
+            Some((last, _)) if seq < last => self.counters.stale += 1,
+            _ => {
+                self.counters.executed += 1;
+                let result = self.execute(now, request);
+                self.last = Some((seq, result));
+                self.respond(session, seq, result);
+            }
+        }
+    }
+
+    fn hello(&mut self, seq: Seq, nonce: u32) {
+        if self.nonce == Some(nonce) {
+            self.counters.repeated += 1;
+        } else {
+            self.counters.executed += 1;
+            self.id = SessionId(self.id.0.wrapping_add(1));
+            self.nonce = Some(nonce);
+            self.last = None;
+        }
+        let identity = Identity {
+            protocol: PROTOCOL_VERSION,
+            schema: SCHEMA_HASH,
+            nonce,
+            session: self.id,
+        };
+        self.respond(SessionId(0), seq, Ok(Reply::Identity(identity)));
+    }
+
+    fn execute(&mut self, now: Ticks, request: Request) -> Result<Reply, Fault> {
+        match request {
+            Request::Hello { .. } | Request::Status => {}
+            Request::Ping(number) => return Ok(Reply::Pong(number)),
+            Request::Describe => return Ok(Reply::Info(self.info())),
+            Request::Load(program) => {
+                self.sequencer.load(program)?;
+                return Ok(Reply::Room {
+                    steps: self.sequencer.room(),
+                });
+            }
+            Request::Append { first, steps, last } => {
+                self.sequencer.append(first, &steps, last)?;
+                return Ok(Reply::Room {
+                    steps: self.sequencer.room(),
+                });
+            }
+            Request::Arm => {
+                let run = self.sequencer.arm()?;
+                self.witness.clear();
+                self.awaiting_sync.clear();
+                self.batch.clear();
+                self.engine = Some(Engine::Prime);
+                return Ok(Reply::Armed { run });
+            }
+            Request::Start => {
+                self.sequencer.start()?;
+                let start = self.sequencer.program().map_or(Start::AtOnce, |p| p.start);
+                self.engine = Some(Engine::Go(start));
+            }
+            Request::Stop => self.sequencer.stop()?,
+            Request::Abort => {
+                if self.sequencer.abort() {
+                    self.halted(now);
+                }
+            }
+            Request::Clear => self.sequencer.clear()?,
+        }
+        Ok(Reply::Status(self.status(now)))
+    }
+
+    fn info(&self) -> Info {
+        Info {
+            firmware: crate::VERSION,
+            clock_hz: self.clock_hz,
+            max_steps: MAX_STEPS as u32,
+            max_words: MAX_WORDS as u32,
+            shortest_free: FREE_OVERHEAD,
+            shortest_sync: PACED_OVERHEAD,
+            longest_period: LONGEST_PERIOD,
+        }
+    }
+
+    /// How things stand.
+    #[must_use]
+    pub fn status(&self, now: Ticks) -> Status {
+        Status {
+            state: self.sequencer.state(),
+            run: self.sequencer.run(),
+            steps_done: self.sequencer.steps_done(),
+            fault: self.sequencer.fault(),
+            now,
+            counters: self.counters,
+        }
+    }
+
+    /// The next step for the engine; `None` if it shall let what it has run out.
+    pub fn next_step(&mut self) -> Option<Fetched> {
+        if self.awaiting_sync.is_full() {
+            return None; // a paced engine fetches a step or two ahead, never this many
+        }
+        let fetched = self.sequencer.next_step()?;
+        let paced = self
+            .sequencer
+            .program()
+            .is_some_and(|p| p.pace == Pace::EachOnSync);
+        if paced {
+            self.awaiting_sync.push_back(fetched.clone()).ok();
+        } else {
+            self.announce(&fetched, fetched.begins);
+        }
+        Some(fetched)
+    }
+
+    fn announce(&mut self, fetched: &Fetched, begins: Ticks) {
+        let at = fetched.trigger.map_or(begins, |offset| begins + offset);
+        if let Some(record) = self.witness.announce(fetched.step, at, fetched.trigger.is_some()) {
+            self.record(record, at);
+        }
+    }
+
+    /// The first step began at `at` on the controller's clock. All later times of the run count from it.
+    pub fn begun(&mut self, at: Ticks) {
+        self.sequencer.begun(at);
+        self.send_event(Event::Started {
+            run: self.sequencer.run(),
+            at,
+        });
+    }
+
+    /// The SYNC edge that began the next paced step, from the start of the run.
+    pub fn step_synced(&mut self, edge: Ticks) {
+        if let Some(fetched) = self.awaiting_sync.pop_front() {
+            self.announce(&fetched, edge + Ticks(SYNC_LATENCY));
+        }
+    }
+
+    /// The engine has fired `steps` steps of this run whole, at `now` from the start of the run.
+    pub fn fired(&mut self, steps: u64, now: Ticks) {
+        let before = self.sequencer.steps_done();
+        self.sequencer.fired(steps);
+        self.settle(now);
+        let streaming = self
+            .sequencer
+            .program()
+            .is_some_and(|p| p.extent == Extent::Stream);
+        if streaming && before / ROOM_EVERY != steps / ROOM_EVERY {
+            self.send_event(Event::Room {
+                run: self.sequencer.run(),
+                steps: self.sequencer.room(),
+            });
+        }
+    }
+
+    /// STROBE became active (or went to rest) at `at`, from the start of the run.
+    pub fn strobe(&mut self, active: bool, at: Ticks) {
+        if active {
+            self.settle(at);
+            if self.witness.strobe_on(at) == Sighting::Spurious {
+                self.counters.spurious_strobes += 1;
+                self.send_event(Event::SpuriousStrobe {
+                    run: self.sequencer.run(),
+                    on: at,
+                });
+            }
+        } else {
+            self.witness.strobe_off(at);
+        }
+    }
+
+    /// The engine has played all that it fetched, and all edges up to `at` (from the start of the run) were
+    /// reported.
+    pub fn drained(&mut self, at: Ticks) {
+        if self.sequencer.state() == State::Running {
+            self.sequencer.drained();
+            self.ended(at);
+        }
+    }
+
+    /// No SYNC edge came in time for the next step; `at` counts from the start of the run.
+    pub fn sync_missing(&mut self, at: Ticks) {
+        let step = rcg_protocol::StepId(self.sequencer.steps_done());
+        if self.sequencer.fail(Fault::SyncTimeout { step }) {
+            self.engine = Some(Engine::Halt);
+            self.ended(at);
+        }
+    }
+
+    /// The engine lost its timing at `at` from the start of the run.
+    pub fn engine_failed(&mut self, at: Ticks) {
+        if self.sequencer.fail(Fault::Engine) {
+            self.engine = Some(Engine::Halt);
+            self.ended(at);
+        }
+    }
+
+    /// To be called every few milliseconds: the dead-man time-out, and batches that have waited too long.
+    pub fn poll(&mut self, now: Ticks) {
+        let dead_man = self
+            .sequencer
+            .program()
+            .map_or(Ticks::ZERO, |p| p.dead_man.to_ticks(self.clock_hz));
+        let silent = now.saturating_sub(self.last_heard);
+        if dead_man > Ticks::ZERO && silent > dead_man && self.sequencer.fail(Fault::HostLost) {
+            self.halted(now);
+        }
+        let flush_after = Ticks(FLUSH_AFTER_MS * u64::from(self.clock_hz) / 1000);
+        if let Some(started) = self.sequencer.started() {
+            let in_run = now.saturating_sub(started);
+            if !self.batch.is_empty() && in_run.saturating_sub(self.batch_since) > flush_after {
+                self.flush();
+            }
+        }
+    }
+
+    /// The run was cut at `now` on the controller's clock.
+    fn halted(&mut self, now: Ticks) {
+        self.engine = Some(Engine::Halt);
+        let started = self.sequencer.started();
+        self.ended(started.map_or(Ticks::ZERO, |started| now.saturating_sub(started)));
+    }
+
+    fn ended(&mut self, at: Ticks) {
+        while let Some(record) = self.witness.last(at) {
+            self.record(record, at);
+        }
+        self.witness.clear();
+        self.awaiting_sync.clear();
+        self.flush();
+        let Status {
+            state,
+            run,
+            steps_done,
+            fault,
+            ..
+        } = self.status(at);
+        self.send_event(Event::Ended {
+            run,
+            state,
+            fault,
+            steps_done,
+            at,
+        });
+    }
+
+    fn settle(&mut self, now: Ticks) {
+        while let Some(record) = self.witness.settled(now) {
+            self.record(record, now);
+        }
+    }
+
+    fn record(&mut self, record: StepRecord, now: Ticks) {
+        if self.batch.is_empty() {
+            self.batch_since = now;
+        }
+        self.batch.push(record).ok(); // flushed when full, so there is room
+        if self.batch.is_full() {
+            self.flush();
+        }
+    }
+
+    fn flush(&mut self) {
+        if self.batch.is_empty() {
+            return;
+        }
+        let records = core::mem::take(&mut self.batch);
+        let lost = records.len() as u32;
+        if !self.send_event(Event::Records {
+            run: self.sequencer.run(),
+            records,
+        }) {
+            self.counters.records_lost += lost;
+        }
+    }
+
+    fn send_event(&mut self, event: Event) -> bool {
+        // The end of a run may use the reserve: the host waits for it.
+        let reserve = if matches!(event, Event::Ended { .. }) {
+            0
+        } else {
+            RESERVED
+        };
+        self.outbox.len() + reserve < OUTBOX && self.outbox.push_back(ToHost::Event(event)).is_ok()
+    }
+
+    fn respond(&mut self, session: SessionId, seq: Seq, result: Result<Reply, Fault>) {
+        // If even the reserve is full the host asks again and is answered from memory.
+        self.outbox
+            .push_back(ToHost::Response(Response { session, seq, result }))
+            .ok();
+    }
+}

@@ -1,0 +1,176 @@
+//! What can go wrong on the controller, as plain values that travel the wire.
+
+use core::fmt;
+
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+use crate::units::StepId;
+
+/// State of the controller's sequencer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum State {
+    /// No complete schedule is loaded.
+    #[default]
+    Idle,
+    /// A schedule is loaded.
+    Loaded,
+    /// The pulse engine is primed; outputs rest.
+    Armed,
+    /// Steps are being fired, or the first SYNC edge is awaited.
+    Running,
+    /// Every step was fired.
+    Done,
+    /// Ended between two steps because the host asked for it.
+    Stopped,
+    /// Ended at once because the host asked for it.
+    Aborted,
+    /// Ended by itself; [`crate::Status::fault`] says why.
+    Fault,
+}
+
+/// The requests that change the state, as named in [`Fault::Refused`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Command {
+    /// [`crate::Request::Load`].
+    Load,
+    /// [`crate::Request::Append`].
+    Append,
+    /// [`crate::Request::Arm`].
+    Arm,
+    /// [`crate::Request::Start`].
+    Start,
+    /// [`crate::Request::Stop`].
+    Stop,
+    /// [`crate::Request::Clear`].
+    Clear,
+}
+
+/// Why a request was not carried out, or why a run ended by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, Schema)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Fault {
+    /// The request belongs to a session that another [`crate::Request::Hello`] has replaced.
+    StaleSession,
+    /// The command is not possible in this state.
+    Refused {
+        /// What was asked.
+        command: Command,
+        /// The state it was asked in.
+        state: State,
+    },
+    /// The schedule has no steps or no cycles.
+    EmptySchedule,
+    /// More steps than the table holds.
+    TooManySteps {
+        /// How many it holds.
+        limit: u32,
+    },
+    /// More output words than the table holds (long periods take several words).
+    TooManyWords {
+        /// How many it holds.
+        limit: u32,
+    },
+    /// A batch of steps did not begin where the batch before it ended.
+    StepsOutOfOrder {
+        /// Index of the next step that is wanted.
+        expected: u64,
+        /// Index that was sent.
+        found: u64,
+    },
+    /// The stream has no room for this batch now; nothing of it was taken.
+    StreamFull {
+        /// Steps that fit now.
+        free: u32,
+    },
+    /// Two edges, or an edge and a border of the step, are closer than the pulse engine can make.
+    EdgesTooClose {
+        /// Index of the step in the table or stream.
+        step: u64,
+        /// The shortest distance in ticks.
+        shortest: u32,
+    },
+    /// A pulse does not end within its step.
+    PulseOutsidePeriod {
+        /// Index of the step in the table or stream.
+        step: u64,
+    },
+    /// A step is longer than the engine can make.
+    PeriodTooLong {
+        /// Index of the step in the table or stream.
+        step: u64,
+    },
+    /// The stream ran dry; the run ended before this step.
+    Underrun {
+        /// The first step that was not fired.
+        step: StepId,
+    },
+    /// No SYNC edge came in time; the run ended before this step.
+    SyncTimeout {
+        /// The step that waited.
+        step: StepId,
+    },
+    /// Nothing was heard from the host for the dead-man time.
+    HostLost,
+    /// The pulse engine lost its timing; the run was ended at once.
+    Engine,
+}
+
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Idle => "idle",
+            Self::Loaded => "loaded",
+            Self::Armed => "armed",
+            Self::Running => "running",
+            Self::Done => "done",
+            Self::Stopped => "stopped",
+            Self::Aborted => "aborted",
+            Self::Fault => "fault",
+        })
+    }
+}
+
+impl fmt::Display for Command {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Load => "load",
+            Self::Append => "append",
+            Self::Arm => "arm",
+            Self::Start => "start",
+            Self::Stop => "stop",
+            Self::Clear => "clear",
+        })
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::StaleSession => f.write_str("another host has taken over the controller"),
+            Self::Refused { command, state } => write!(f, "cannot {command} while {state}"),
+            Self::EmptySchedule => f.write_str("the schedule has no steps or no cycles"),
+            Self::TooManySteps { limit } => write!(f, "the schedule has more than {limit} steps"),
+            Self::TooManyWords { limit } => write!(f, "the schedule needs more than {limit} output words"),
+            Self::StepsOutOfOrder { expected, found } => {
+                write!(f, "expected steps from index {expected}, found index {found}")
+            }
+            Self::StreamFull { free } => write!(f, "the stream has room for {free} steps only"),
+            Self::EdgesTooClose { step, shortest } => {
+                write!(f, "step {step} has edges closer than {shortest} ticks")
+            }
+            Self::PulseOutsidePeriod { step } => {
+                write!(f, "step {step} has a pulse that ends after its period")
+            }
+            Self::PeriodTooLong { step } => write!(f, "step {step} is longer than the controller can make"),
+            Self::Underrun { step } => write!(f, "the stream ran dry before {step}"),
+            Self::SyncTimeout { step } => write!(f, "no SYNC edge came for {step}"),
+            Self::HostLost => f.write_str("the host was silent for longer than the dead-man time"),
+            Self::Engine => f.write_str("the pulse engine lost its timing"),
+        }
+    }
+}
+
+impl core::error::Error for Fault {}
