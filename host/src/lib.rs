@@ -1,1 +1,6 @@
-//! x
+//! Host of the RCG (Rapid Catadioptric Gonioreflectometer).
+#![forbid(unsafe_code)]
+
+pub mod device;
+pub mod direction;
+pub mod link;

@@ -1,0 +1,93 @@
+//! Links: streams of bytes to the controller.
+//!
+//! # Design
+//! One trait for a serial port, a pair of buffers in memory, and the simulated controller. A link has a
+//! clock of its own, real or virtual, so that time-outs mean the same on all of them and tests need not wait.
+
+mod memory;
+mod serial;
+
+use std::io;
+use std::time::Duration;
+
+pub use memory::{MemoryLink, memory_pair};
+pub use serial::{BAUD, SerialLink, ports};
+
+/// A stream of bytes to and from the controller.
+pub trait Link: Send {
+    /// Sends all of `bytes`.
+    ///
+    /// # Errors
+    /// [`LinkError`] if the peer is gone or the port fails.
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError>;
+
+    /// Waits at most `timeout` for bytes and puts what has come into `buffer`; returns how many, 0 if none came.
+    ///
+    /// # Errors
+    /// [`LinkError`] if the peer is gone or the port fails.
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, LinkError>;
+
+    /// The time on the link's clock, from an arbitrary start.
+    fn now(&self) -> Duration;
+
+    /// Who is at the other end, for messages.
+    fn peer(&self) -> &str;
+}
+
+impl<L: Link + ?Sized> Link for Box<L> {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        (**self).send(bytes)
+    }
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, LinkError> {
+        (**self).receive(buffer, timeout)
+    }
+    fn now(&self) -> Duration {
+        (**self).now()
+    }
+    fn peer(&self) -> &str {
+        (**self).peer()
+    }
+}
+
+/// Why a link does not work.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// There is no such port.
+    #[error("port {port}: expected a serial port, found none of that name{}", listed(.available))]
+    NoSuchPort {
+        /// The port that was asked for.
+        port: String,
+        /// The ports that there are.
+        available: Vec<String>,
+    },
+    /// The port exists but cannot be opened.
+    #[error("port {port}: cannot be opened: {reason}")]
+    Busy {
+        /// The port.
+        port: String,
+        /// What the system says.
+        reason: String,
+    },
+    /// The peer has closed the stream.
+    #[error("port {peer}: the connection has ended")]
+    Disconnected {
+        /// The peer.
+        peer: String,
+    },
+    /// The port failed.
+    #[error("port {peer}: {source}")]
+    Io {
+        /// The peer.
+        peer: String,
+        /// What the system says.
+        source: io::Error,
+    },
+}
+
+fn listed(available: &[String]) -> String {
+    if available.is_empty() {
+        "; this machine has no serial ports (use `--port sim` for the simulated controller)".to_owned()
+    } else {
+        format!("; there are: {}", available.join(", "))
+    }
+}
