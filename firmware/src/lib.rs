@@ -7,6 +7,9 @@
 //!
 //! - [`pulse`]: a step of the schedule → words for the PIO, and the words read back into edges
 //! - [`store`]: the words of the schedule, as a table or as a stream
+//! - [`block`]: whole steps put together for the DMA
+//! - [`progress`]: how far the DMA and the clock say that the pulse engine has got
+//! - [`edges`]: what the PIO counted, as times of edges
 //! - [`sequencer`]: idle → loaded → armed → running → done | stopped | aborted | fault
 //! - [`witness`]: what the camera's STROBE line says about each trigger
 //! - [`session`]: requests in, responses, events and engine commands out
@@ -14,6 +17,9 @@
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
+pub mod block;
+pub mod edges;
+pub mod progress;
 pub mod pulse;
 pub mod sequencer;
 pub mod session;

@@ -79,7 +79,7 @@ impl WordFormat {
         }
     }
 
-    const fn shift(self) -> u32 {
+    pub(crate) const fn shift(self) -> u32 {
         match self.pace {
             Pace::FreeRunning => 2,
             Pace::EachOnSync => 3,
@@ -184,7 +184,7 @@ impl WordFormat {
         self.pace == Pace::EachOnSync && word & WAIT_BIT != 0
     }
 
-    fn duration(self, word: u32) -> Ticks {
+    pub(crate) fn duration(self, word: u32) -> Ticks {
         Ticks(u64::from(word >> self.shift()) + u64::from(self.shortest()))
     }
 }

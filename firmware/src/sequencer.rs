@@ -84,6 +84,12 @@ impl Sequencer {
         self.done
     }
 
+    /// Whether the run is to end after the current step.
+    #[must_use]
+    pub const fn is_stopping(&self) -> bool {
+        self.stopping
+    }
+
     /// Why the last run ended by itself.
     #[must_use]
     pub const fn fault(&self) -> Option<Fault> {
@@ -328,7 +334,9 @@ impl Sequencer {
     /// The engine has played all that it fetched. Returns the state that the run ended in.
     pub fn drained(&mut self) -> State {
         if self.state == State::Running {
-            let all = self.store.is_complete() && self.store.is_dry();
+            // A stop may cut off steps that were fetched already.
+            let cut = self.stopping && self.done < self.fetched;
+            let all = self.store.is_complete() && self.store.is_dry() && !cut;
             self.state = if all {
                 State::Done
             } else if self.stopping {

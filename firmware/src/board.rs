@@ -1,0 +1,194 @@
+//! The board: the one place that names pins, peripherals and the constants that depend on them.
+//!
+//! | GPIO | line | direction |
+//! |---|---|---|
+//! | 0 | UART0 TX | out |
+//! | 1 | UART0 RX | in |
+//! | 2 | PROJ | out |
+//! | 3 | CAM | out |
+//! | 4 | SYNC | in |
+//! | 5 | STROBE | in |
+//! | 25 | LED | out |
+//!
+//! # Design
+//! After reset the pads are inputs with pull-downs, so both outputs are low before any code runs. The first
+//! thing after the clocks is to drive them low, the pulse engine takes them over at that level, and
+//! [`force_outputs_low`] takes them back from it whatever state it is in.
+
+pub(crate) mod capture;
+pub(crate) mod chain;
+pub(crate) mod engine;
+mod last_resort;
+pub(crate) mod programs;
+
+use embassy_rp::clocks::{RoscRng, clk_sys_freq};
+use embassy_rp::gpio::{Level, Output};
+use embassy_rp::interrupt::{self, InterruptExt, Priority};
+use embassy_rp::peripherals::{
+    DMA_CH0, DMA_CH1, DMA_CH2, DMA_CH3, DMA_CH4, PIN_0, PIN_1, PIN_2, PIN_3, PIN_4, PIN_5, PIO0, UART0, USB,
+};
+use embassy_rp::watchdog::Watchdog;
+use embassy_rp::{Peri, bind_interrupts, pac};
+use embassy_time::{Duration, Instant};
+use rcg_protocol::Ticks;
+
+/// PROJ; CAM follows it, as the PIO writes both with one instruction.
+pub(crate) const PROJ: usize = 2;
+/// CAM.
+pub(crate) const CAM: usize = PROJ + 1;
+
+/// State machine of PIO0 that makes the pulses.
+pub(crate) const SM_PULSE: usize = 0;
+/// State machine of PIO0 that watches STROBE.
+pub(crate) const SM_STROBE: usize = 1;
+/// State machine of PIO0 that watches SYNC.
+pub(crate) const SM_SYNC: usize = 2;
+
+/// The DMA channels that take turns in feeding the pulse engine.
+pub(crate) const DMA_PULSE: [usize; 2] = [0, 1];
+/// The DMA channel that brings the outputs to rest when nothing else follows.
+pub(crate) const DMA_REST: usize = 2;
+/// The DMA channel that stores the edges of STROBE.
+pub(crate) const DMA_STROBE: usize = 3;
+/// The DMA channel that stores the edges of SYNC.
+pub(crate) const DMA_SYNC: usize = 4;
+
+/// Bits per second of UART0: the highest rate that every USB bridge makes. From 125 MHz the PL011 divides by
+/// 8 + 31/64, which is off by 0.2 %.
+pub(crate) const UART_BAUD: u32 = 921_600;
+
+/// From one poll of the session to the next: a tenth of what a person notices, a hundredth of the CPU.
+pub(crate) const POLL: Duration = Duration::from_millis(1);
+
+/// If the main loop does not come round for this long the chip is reset: hundreds of its rounds, and less
+/// than an exposure that was forgotten could harm.
+pub(crate) const WATCHDOG: Duration = Duration::from_millis(500);
+
+bind_interrupts!(
+    /// Who serves which interrupt.
+    pub(crate) struct Irqs {
+        UART0_IRQ => embassy_rp::uart::BufferedInterruptHandler<UART0>;
+        USBCTRL_IRQ => embassy_rp::usb::InterruptHandler<USB>;
+        PIO0_IRQ_0 => embassy_rp::pio::InterruptHandler<PIO0>;
+        DMA_IRQ_0 => crate::controller::RefillHandler;
+    }
+);
+
+/// The controller's clock, in ticks since boot.
+///
+/// It has the rate of the pulse engine's ticks, as timer and PIO run from the same crystal, but it steps by a
+/// microsecond. Times within a run come from the PIO and are exact.
+#[derive(Clone, Copy)]
+pub(crate) struct Clock {
+    hz: u32,
+}
+
+impl Clock {
+    /// Ticks per second.
+    pub(crate) const fn hz(self) -> u32 {
+        self.hz
+    }
+
+    /// Now.
+    pub(crate) fn now(self) -> Ticks {
+        Ticks(Instant::now().as_micros() * u64::from(self.hz / 1_000_000))
+    }
+}
+
+/// UART0 and its pins.
+pub(crate) struct UartParts {
+    pub(crate) uart: Peri<'static, UART0>,
+    pub(crate) tx: Peri<'static, PIN_0>,
+    pub(crate) rx: Peri<'static, PIN_1>,
+}
+
+/// What the pulse engine is made of. The DMA channels are held so that nobody else can have them.
+pub(crate) struct PulseParts {
+    pub(crate) pio: Peri<'static, PIO0>,
+    pub(crate) proj: Peri<'static, PIN_2>,
+    pub(crate) cam: Peri<'static, PIN_3>,
+    pub(crate) sync: Peri<'static, PIN_4>,
+    pub(crate) strobe: Peri<'static, PIN_5>,
+    pub(crate) dma: DmaParts,
+}
+
+/// Channels 0 to 4, see [`DMA_PULSE`] and the constants after it.
+pub(crate) type DmaParts = (
+    Peri<'static, DMA_CH0>,
+    Peri<'static, DMA_CH1>,
+    Peri<'static, DMA_CH2>,
+    Peri<'static, DMA_CH3>,
+    Peri<'static, DMA_CH4>,
+);
+
+/// The board, taken apart.
+pub(crate) struct Board {
+    pub(crate) clock: Clock,
+    pub(crate) uart: UartParts,
+    pub(crate) usb: Peri<'static, USB>,
+    pub(crate) pulse: PulseParts,
+    pub(crate) led: Output<'static>,
+    pub(crate) watchdog: Watchdog,
+    /// Differs from boot to boot.
+    pub(crate) seed: u32,
+}
+
+impl Board {
+    /// Starts the clocks, drives the outputs low and starts the watchdog. To be called once.
+    pub(crate) fn take() -> Self {
+        let p = embassy_rp::init(embassy_rp::config::Config::default());
+        force_outputs_low();
+
+        let clock = Clock { hz: clk_sys_freq() };
+        let mut watchdog = Watchdog::new(p.WATCHDOG);
+        let reset = watchdog.reset_reason();
+        watchdog.start(WATCHDOG);
+        let (major, minor, patch) = rcg_firmware::VERSION;
+        defmt::info!("RCG {}.{}.{} at {} Hz", major, minor, patch, clock.hz());
+        if reset.is_some() {
+            defmt::warn!("the watchdog had to reset the box");
+        }
+
+        // Refilling may not hold up the UART, whose FIFO is full after 350 µs.
+        interrupt::UART0_IRQ.set_priority(Priority::P0);
+        interrupt::DMA_IRQ_0.set_priority(Priority::P1);
+
+        Self {
+            clock,
+            uart: UartParts {
+                uart: p.UART0,
+                tx: p.PIN_0,
+                rx: p.PIN_1,
+            },
+            usb: p.USB,
+            pulse: PulseParts {
+                pio: p.PIO0,
+                proj: p.PIN_2,
+                cam: p.PIN_3,
+                sync: p.PIN_4,
+                strobe: p.PIN_5,
+                dma: (p.DMA_CH0, p.DMA_CH1, p.DMA_CH2, p.DMA_CH3, p.DMA_CH4),
+            },
+            led: Output::new(p.PIN_25, Level::Low),
+            watchdog,
+            seed: RoscRng.next_u32() ^ Instant::now().as_ticks() as u32,
+        }
+    }
+}
+
+/// Drives PROJ and CAM low and keeps them there, whatever the PIO does.
+pub(crate) fn force_outputs_low() {
+    /// Selects the CPU's own output register (data sheet, "GPIO functions", F5).
+    const SIO: u8 = 5;
+    let mask = 1 << PROJ | 1 << CAM;
+    pac::SIO.gpio_out(0).value_clr().write_value(mask);
+    pac::SIO.gpio_oe(0).value_set().write_value(mask);
+    for pin in [PROJ, CAM] {
+        pac::PADS_BANK0.gpio(pin).modify(|pad| {
+            pad.set_od(false);
+            #[cfg(rp2350)]
+            pad.set_iso(false);
+        });
+        pac::IO_BANK0.gpio(pin).ctrl().write(|w| w.set_funcsel(SIO));
+    }
+}

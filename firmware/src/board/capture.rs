@@ -1,0 +1,184 @@
+//! Edges of an input line, time-stamped by a state machine on the pulse engine's ticks.
+//!
+//! # Design
+//! The state machine pushes its counter at every change of level ([`programs::edges`](super::programs)), a
+//! DMA channel stores the counters in a ring, and [`Capture::peek`] reads them whenever there is time. The
+//! machines of both lines are started in the same tick as the pulse engine, so all times of a run have one
+//! origin. The levels are those that the PIO sees, two ticks after they came to the pin, for SYNC as for
+//! STROBE and as for the pulse engine itself.
+//!
+//! # Tradeoffs
+//! The ring is read every millisecond. A line with more than 128 pulses in that time is not one of a camera
+//! or of a projector, and ends the run with a fault.
+
+use core::cell::UnsafeCell;
+
+use embassy_rp::gpio::Pull;
+use embassy_rp::pac::dma::regs::CtrlTrig;
+use embassy_rp::pac::dma::vals::DataSize;
+use embassy_rp::pac::io::vals::Inover;
+use embassy_rp::pac::{DMA, IO_BANK0};
+use embassy_rp::peripherals::PIO0;
+use embassy_rp::pio::{Config, Direction, FifoJoin, Pin, ShiftConfig, ShiftDirection, StateMachine};
+use rcg_firmware::edges::{EdgeClock, Sighting};
+use rcg_protocol::Ticks;
+
+use super::chain::{abort, set_count};
+use super::programs::Loaded;
+
+/// Counters that the ring holds.
+const RING_WORDS: usize = 256;
+
+/// Binary logarithm of the ring's size in bytes.
+const RING_BITS: u8 = (RING_WORDS * 4).ilog2() as u8;
+
+/// Edges of one run, as many as both chips can count: 3 hours of 12,000 pulses a second.
+const MOST_EDGES: u32 = (1 << 28) - 1;
+
+/// `mov x, ~null`: the counter begins at its largest value.
+const COUNTER_FULL: u16 = 0b101_00000_001_01_011;
+
+/// Aligned to its size, as the DMA wraps by masking address bits.
+#[repr(C, align(1024))]
+struct Ring(UnsafeCell<[u32; RING_WORDS]>);
+
+const _: () = assert!(RING_WORDS * 4 == 1024);
+
+/// One input line, watched by state machine `SM`.
+///
+/// The DMA writes the ring where it lies, so a capture must not move while it runs: it lives in a static.
+pub(crate) struct Capture<const SM: usize> {
+    machine: StateMachine<'static, PIO0, SM>,
+    pin: Pin<'static, PIO0>,
+    channel: usize,
+    /// Where the program begins when the line is at rest, or active.
+    entry: [u8; 2],
+    active_low: bool,
+    clock: EdgeClock,
+    taken: u32,
+    next: Option<Sighting>,
+    ring: Ring,
+}
+
+impl<const SM: usize> Capture<SM> {
+    /// Watches `pin`; DMA channel `channel` stores its edges.
+    pub(crate) fn new(
+        mut machine: StateMachine<'static, PIO0, SM>,
+        pin: Pin<'static, PIO0>,
+        channel: usize,
+        loaded: &Loaded,
+    ) -> Self {
+        let mut config = Config::default();
+        config.use_program(&loaded.program, &[]);
+        config.set_jmp_pin(&pin);
+        config.fifo_join = FifoJoin::RxOnly;
+        config.shift_in = ShiftConfig {
+            threshold: 32,
+            direction: ShiftDirection::Left,
+            auto_fill: true,
+        };
+        machine.set_config(&config);
+        machine.set_pin_dirs(Direction::In, &[&pin]);
+        Self {
+            machine,
+            pin,
+            channel,
+            entry: loaded.entry,
+            active_low: false,
+            clock: EdgeClock::new(false),
+            taken: 0,
+            next: None,
+            ring: Ring(UnsafeCell::new([0; RING_WORDS])),
+        }
+    }
+
+    /// Sets the polarity. A line that nobody drives is pulled to rest.
+    pub(crate) fn set_polarity(&mut self, active_low: bool) {
+        self.active_low = active_low;
+        self.pin.set_pull(if active_low { Pull::Up } else { Pull::Down });
+        self.set_input(if active_low {
+            Inover::INVERT
+        } else {
+            Inover::NORMAL
+        });
+    }
+
+    /// Lets nobody see the line any more: it reads as at rest until the next [`set_polarity`](Self::set_polarity).
+    pub(crate) fn mute(&mut self) {
+        self.set_input(Inover::LOW);
+    }
+
+    fn set_input(&self, inover: Inover) {
+        let pin = usize::from(self.pin.pin());
+        IO_BANK0.gpio(pin).ctrl().modify(|w| w.set_inover(inover));
+    }
+
+    /// Makes everything ready; the count begins when the state machine is enabled.
+    pub(crate) fn prepare(&mut self) {
+        self.stop();
+        self.machine.clear_fifos();
+        self.machine.restart();
+        let pin = usize::from(self.pin.pin());
+        let active = IO_BANK0.gpio(pin).status().read().infrompad() != self.active_low;
+        let entry = u16::from(self.entry[usize::from(active)]);
+        // SAFETY: the machine is disabled; the first sets X, the second (`jmp entry`) begins the program.
+        unsafe {
+            self.machine.exec_instr(COUNTER_FULL);
+            self.machine.exec_instr(entry);
+        }
+        self.clock = EdgeClock::new(active);
+        self.taken = 0;
+        self.next = None;
+
+        let ch = DMA.ch(self.channel);
+        ch.read_addr().write_value(self.machine.rx_fifo_ptr() as u32);
+        ch.write_addr().write_value(self.ring.0.get() as u32);
+        set_count(self.channel, MOST_EDGES);
+        let mut control = CtrlTrig(0);
+        control.set_en(true);
+        control.set_data_size(DataSize::SIZE_WORD);
+        control.set_incr_write(true);
+        control.set_ring_sel(true);
+        control.set_ring_size(RING_BITS);
+        control.set_treq_sel(self.machine.rx_treq());
+        control.set_chain_to(self.channel as u8);
+        ch.ctrl_trig().write_value(control);
+    }
+
+    /// The next edge; `elapsed` is the coarse time since the count began.
+    pub(crate) fn peek(&mut self, elapsed: Ticks) -> Option<Sighting> {
+        if self.next.is_none() && self.taken != self.arrived() {
+            let index = self.taken as usize % RING_WORDS;
+            let word = self.ring.0.get().cast::<u32>().wrapping_add(index);
+            // SAFETY: the index is within the ring, and the DMA is not writing this word: it has written it, and
+            // comes back only after `lost` would say so. Volatile, as the compiler does not know of the DMA.
+            let counter = unsafe { word.read_volatile() };
+            self.taken += 1;
+            self.next = Some(self.clock.edge(counter, elapsed));
+        }
+        self.next
+    }
+
+    /// The edge that was peeked at is dealt with.
+    pub(crate) fn advance(&mut self) {
+        self.next = None;
+    }
+
+    /// Whether edges came faster than they were read.
+    pub(crate) fn lost(&self) -> bool {
+        let arrived = self.arrived();
+        arrived == MOST_EDGES || (arrived - self.taken) as usize >= RING_WORDS
+    }
+
+    fn arrived(&self) -> u32 {
+        let count = DMA.ch(self.channel).trans_count().read();
+        #[cfg(rp2350)]
+        let count = count.count();
+        MOST_EDGES - count
+    }
+
+    /// Stops storing. The state machine is disabled by the engine, together with the others.
+    pub(crate) fn stop(&mut self) {
+        abort(self.channel);
+    }
+}

@@ -1,0 +1,229 @@
+//! The blocks of words on their way to the pulse engine, as a chain of DMA channels.
+//!
+//! # Design
+//! Two channels take turns: while one moves its block, the other's is filled and then *linked*, that is, named
+//! as what the running channel triggers when it is through. No CPU is needed at the border of two blocks.
+//! Until a block is linked, the one before it triggers the *rest* channel, which moves a single word: outputs
+//! at rest. So a chain that is not continued in time ends by itself, between two steps and at rest, and never
+//! plays a stale word. Linking is one store to a register; the running channel either has seen it or has
+//! triggered the rest channel, and [`Chain::is_dry`] tells which.
+//!
+//! # Tradeoffs
+//! A block holds whole steps, so a run of steps shorter than the time it takes to fetch them (about ten
+//! microseconds each) ends with a fault, and not with a gap.
+
+use core::sync::atomic::{Ordering, fence};
+
+use embassy_rp::pac::DMA;
+use embassy_rp::pac::dma::regs::CtrlTrig;
+use embassy_rp::pac::dma::vals::{DataSize, TreqSel};
+use rcg_firmware::block::Block;
+use rcg_firmware::pulse::WordFormat;
+use rcg_protocol::{Pace, Polarity, Ticks};
+
+use super::{DMA_PULSE, DMA_REST};
+
+/// Interrupt bits of the three channels.
+const ALL: u32 = 1 << DMA_PULSE[0] | 1 << DMA_PULSE[1] | 1 << DMA_REST;
+
+/// Two blocks in turns, and the word of rest.
+///
+/// The DMA reads the blocks where they lie, so a chain must not move while it is in use: it lives in a static.
+pub(crate) struct Chain {
+    blocks: [Block; 2],
+    rest: u32,
+    format: WordFormat,
+    /// Where the words go: a TX FIFO.
+    fifo: u32,
+    /// The block that the DMA is at, or will begin with.
+    oldest: usize,
+    /// Blocks that were given to the DMA and are not through.
+    queued: usize,
+    /// Words of the blocks that are through.
+    through: u32,
+    /// Length of the block that was queued last.
+    last_ticks: Ticks,
+    cut: bool,
+    dry: bool,
+}
+
+impl Chain {
+    /// A chain that feeds the TX FIFO at the address `fifo` of the pulse engine.
+    pub(crate) const fn new(fifo: u32) -> Self {
+        Self {
+            blocks: [Block::new(), Block::new()],
+            rest: 0,
+            format: WordFormat::new(
+                Pace::FreeRunning,
+                Polarity {
+                    proj_active_low: false,
+                    cam_active_low: false,
+                    sync_active_low: false,
+                    strobe_active_low: false,
+                },
+            ),
+            fifo,
+            oldest: 0,
+            queued: 0,
+            through: 0,
+            last_ticks: Ticks::ZERO,
+            cut: false,
+            dry: false,
+        }
+    }
+
+    /// Forgets all blocks; the next will have words of this format.
+    pub(crate) fn prepare(&mut self, format: WordFormat) {
+        self.stop();
+        for block in &mut self.blocks {
+            block.clear();
+        }
+        self.format = format;
+        self.rest = format.rest();
+        self.oldest = 0;
+        self.queued = 0;
+        self.through = 0;
+        self.last_ticks = Ticks(u64::MAX / 2);
+        self.cut = false;
+        self.dry = false;
+        set_up(DMA_REST, core::slice::from_ref(&self.rest), self.fifo, DMA_REST);
+        DMA.inte(0).write_value(ALL);
+    }
+
+    /// The block to fill, if there is one.
+    pub(crate) fn filling(&mut self) -> Option<&mut Block> {
+        let over = self.cut || self.dry || self.queued == self.blocks.len();
+        (!over).then(|| &mut self.blocks[(self.oldest + self.queued) % 2])
+    }
+
+    /// How long a block should be at least: not longer than twice the one before it, so that it is filled in
+    /// time.
+    pub(crate) fn enough(&self, desired: Ticks) -> Ticks {
+        desired.min(Ticks(2 * self.last_ticks.0))
+    }
+
+    /// Gives the block that was filled to the DMA. Returns by how many words its last step grew.
+    pub(crate) fn queue(&mut self) -> usize {
+        let index = (self.oldest + self.queued) % 2;
+        let block = &mut self.blocks[index];
+        let grown = block.close(self.format);
+        self.last_ticks = block.ticks();
+        set_up(DMA_PULSE[index], block.words(), self.fifo, DMA_REST);
+        if self.queued > 0 {
+            link(DMA_PULSE[self.oldest], DMA_PULSE[index]);
+        }
+        self.queued += 1;
+        grown
+    }
+
+    /// Begins to move words.
+    pub(crate) fn start(&mut self) {
+        let first = if self.queued > 0 {
+            DMA_PULSE[self.oldest]
+        } else {
+            DMA_REST
+        };
+        DMA.multi_chan_trigger()
+            .write(|w| w.set_multi_chan_trigger(1 << first));
+    }
+
+    /// Sees which blocks are through and acknowledges their interrupts.
+    pub(crate) fn retire(&mut self) {
+        let done = DMA.intr(0).read() & ALL;
+        // In the order in which they were queued; both may be through.
+        while self.queued > 0 && done & 1 << DMA_PULSE[self.oldest] != 0 {
+            let block = &mut self.blocks[self.oldest];
+            self.through = self.through.wrapping_add(block.words().len() as u32);
+            block.clear();
+            DMA.intr(0).write_value(1 << DMA_PULSE[self.oldest]);
+            self.oldest = (self.oldest + 1) % 2;
+            self.queued -= 1;
+        }
+        if done & 1 << DMA_REST != 0 {
+            self.dry = true;
+            DMA.intr(0).write_value(1 << DMA_REST);
+        }
+    }
+
+    /// Lets the chain end with the block that the DMA is at, and takes no further one.
+    pub(crate) fn cut(&mut self) {
+        self.retire();
+        if self.queued > 0 {
+            link(DMA_PULSE[self.oldest], DMA_REST);
+        }
+        self.cut = true;
+    }
+
+    /// Whether the chain was [`cut`](Self::cut).
+    pub(crate) const fn is_cut(&self) -> bool {
+        self.cut
+    }
+
+    /// Whether all was moved, the word of rest too.
+    pub(crate) const fn is_dry(&self) -> bool {
+        self.dry
+    }
+
+    /// Words of steps that were moved to the FIFO since the start; wraps.
+    pub(crate) fn moved(&self) -> u32 {
+        let mut words = self.through;
+        for turn in 0..self.queued {
+            let index = (self.oldest + turn) % 2;
+            let start = self.blocks[index].words().as_ptr() as u32;
+            // A channel that has not begun still points at the start.
+            let bytes = DMA.ch(DMA_PULSE[index]).read_addr().read().wrapping_sub(start);
+            words = words.wrapping_add(bytes / 4);
+        }
+        words
+    }
+
+    /// Stops at once; what is in the FIFO stays there.
+    pub(crate) fn stop(&mut self) {
+        for channel in [DMA_PULSE[0], DMA_PULSE[1], DMA_REST] {
+            abort(channel);
+        }
+        // An aborted channel may say that it is through (erratum RP2040-E13).
+        DMA.intr(0).write_value(ALL);
+    }
+}
+
+/// Disables `channel` and waits until its last transfer has ended.
+pub(crate) fn abort(channel: usize) {
+    // Disabled first, or a channel that chains to it could start it again (erratum RP2350-E5).
+    DMA.ch(channel).al1_ctrl().write_value(0);
+    DMA.chan_abort().write(|w| w.set_chan_abort(1 << channel));
+    while DMA.ch(channel).ctrl_trig().read().busy() {}
+}
+
+/// How many words `channel` moves when it is triggered.
+pub(crate) fn set_count(channel: usize, words: u32) {
+    #[cfg(not(rp2350))]
+    DMA.ch(channel).trans_count().write_value(words);
+    #[cfg(rp2350)]
+    DMA.ch(channel).trans_count().write(|w| w.set_count(words));
+}
+
+/// Makes `channel` ready to move `words` to `fifo` and then to trigger `next`.
+fn set_up(channel: usize, words: &[u32], fifo: u32, next: usize) {
+    // The words are in memory before the DMA is told of them.
+    fence(Ordering::SeqCst);
+    let ch = DMA.ch(channel);
+    ch.read_addr().write_value(words.as_ptr() as u32);
+    ch.write_addr().write_value(fifo);
+    set_count(channel, words.len() as u32);
+    link(channel, next);
+}
+
+/// Makes `channel` trigger `next` when it is through; `channel` itself stands for none.
+fn link(channel: usize, next: usize) {
+    let mut control = CtrlTrig(0);
+    control.set_en(true);
+    // Before the channels that store edges, which have a FIFO to wait in.
+    control.set_high_priority(true);
+    control.set_data_size(DataSize::SIZE_WORD);
+    control.set_incr_read(true);
+    control.set_treq_sel(TreqSel::PIO0_TX0);
+    control.set_chain_to(next as u8);
+    // The alias that triggers nothing.
+    DMA.ch(channel).al1_ctrl().write_value(control.0);
+}

@@ -1,0 +1,381 @@
+//! The pulse engine: PIO and DMA play what the session decides, and what happened goes back to it.
+//!
+//! # Design
+//! Once started the edges are made without the CPU ([`chain`](super::chain)). What is left to do is to refill
+//! the chain, to report the edges of the inputs, and to see how far things are. [`Engine::turn`] does one
+//! small piece of it, so that the lock around engine and session is never held for long; it is called until
+//! nothing is left, by the DMA's interrupt and by the main loop's poll.
+//!
+//! The times of a run count from the first step's start, or from the first SYNC edge if every step waits for
+//! one; state machines are started in one tick, so the counts of all of them are the same time.
+//!
+//! # Tradeoffs
+//! A stop ends the run with the block that is being played: one step, or up to a millisecond of short ones.
+//! The end of a run is noticed by the poll, up to a millisecond late; its time is exact all the same.
+
+use embassy_rp::gpio::Level;
+use embassy_rp::pac::PIO0 as PIO;
+use embassy_rp::peripherals::PIO0;
+use embassy_rp::pio::{Config, Direction, FifoJoin, Pin, Pio, ShiftConfig, ShiftDirection, StateMachine};
+use rcg_firmware::progress::Progress;
+use rcg_firmware::pulse::{SYNC_LATENCY, WAIT_LEAD, WordFormat};
+use rcg_firmware::session::Session;
+use rcg_protocol::{Pace, Polarity, Program, Start, Ticks};
+
+use super::capture::Capture;
+use super::chain::Chain;
+use super::programs::{self, Loaded};
+use super::{Clock, DMA_STROBE, DMA_SYNC, DmaParts, Irqs, PROJ, PulseParts, SM_PULSE, SM_STROBE, SM_SYNC};
+
+/// The three state machines, as bits.
+const MACHINES: u8 = 1 << SM_PULSE | 1 << SM_STROBE | 1 << SM_SYNC;
+
+/// `set pindirs, 0b11`.
+const DRIVE_BOTH: u16 = 0b111_00000_100_00011;
+
+/// `pull block`.
+const PULL: u16 = 0b100_00000_101_00000;
+
+/// An edge is in memory this long after it came: four microseconds hold the input synchroniser, the FIFO, the
+/// DMA and a step of the coarse clock.
+const SETTLED_AFTER_US: u32 = 4;
+
+/// How far the engine is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    /// Outputs at rest, nothing moves.
+    Resting,
+    /// Filled, to be started.
+    Primed,
+    /// Started at this time on the controller's clock.
+    Started(Ticks),
+}
+
+/// The pulse engine.
+pub(crate) struct Engine {
+    clock: Clock,
+    machine: StateMachine<'static, PIO0, SM_PULSE>,
+    outputs: [Pin<'static, PIO0>; 2],
+    strobe: Capture<SM_STROBE>,
+    sync: Capture<SM_SYNC>,
+    chain: Chain,
+    progress: Progress,
+    free: (Loaded, Config<'static, PIO0>),
+    paced: (Loaded, Config<'static, PIO0>),
+    phase: Phase,
+    pace: Pace,
+    polarity: Polarity,
+    /// How long SYNC may be awaited; zero for ever.
+    sync_timeout: Ticks,
+    /// The start of the run, from the tick in which the state machines started.
+    origin: Option<Ticks>,
+    /// The channels that chain and captures use by number.
+    _dma: DmaParts,
+}
+
+impl Engine {
+    /// An engine at rest.
+    pub(crate) fn new(parts: PulseParts, clock: Clock) -> Self {
+        let Pio {
+            mut common,
+            sm0: mut machine,
+            sm1,
+            sm2,
+            ..
+        } = Pio::new(parts.pio, Irqs);
+
+        // The PIO drives both pins low before it gets them, so they never float.
+        PIO.sm(SM_PULSE).pinctrl().write(|w| {
+            w.set_set_base(PROJ as u8);
+            w.set_set_count(2);
+        });
+        // SAFETY: the machine is disabled and the instruction touches nothing but the directions of its pins.
+        unsafe { machine.exec_instr(DRIVE_BOTH) };
+        let proj = common.make_pio_pin(parts.proj);
+        let cam = common.make_pio_pin(parts.cam);
+        let sync = common.make_pio_pin(parts.sync);
+        let strobe = common.make_pio_pin(parts.strobe);
+        machine.set_pin_dirs(Direction::Out, &[&proj, &cam]);
+
+        let configure = |loaded: &Loaded, fifo_join| {
+            let mut config = Config::default();
+            config.use_program(&loaded.program, &[]);
+            config.set_out_pins(&[&proj, &cam]);
+            config.set_in_pins(&[&sync]);
+            config.fifo_join = fifo_join;
+            config.shift_out = ShiftConfig {
+                threshold: 32,
+                direction: ShiftDirection::Right,
+                auto_fill: true,
+            };
+            config
+        };
+        let free = programs::free_running(&mut common);
+        let free_config = configure(&free, FifoJoin::TxOnly);
+        let paced = programs::paced(&mut common);
+        // A short FIFO: what is in it can wait long for SYNC, and each step in it is a SYNC edge to remember.
+        let paced_config = configure(&paced, FifoJoin::Duplex);
+        let edges = programs::edges(&mut common);
+
+        Self {
+            clock,
+            chain: Chain::new(machine.tx_fifo_ptr() as u32),
+            machine,
+            outputs: [proj, cam],
+            strobe: Capture::new(sm1, strobe, DMA_STROBE, &edges),
+            sync: Capture::new(sm2, sync, DMA_SYNC, &edges),
+            progress: Progress::new(Pace::FreeRunning),
+            free: (free, free_config),
+            paced: (paced, paced_config),
+            phase: Phase::Resting,
+            pace: Pace::FreeRunning,
+            polarity: Polarity::default(),
+            sync_timeout: Ticks::ZERO,
+            origin: None,
+            _dma: parts.dma,
+        }
+    }
+
+    /// Sets everything up for `program`. The blocks are filled by the turns that follow.
+    pub(crate) fn prime(&mut self, program: &Program) {
+        self.halt();
+        self.pace = program.pace;
+        self.polarity = program.polarity;
+        self.sync_timeout = program.sync_timeout.to_ticks(self.clock.hz());
+        self.rest();
+        let (_, config) = self.loaded();
+        let config = *config;
+        self.machine.set_config(&config);
+        self.machine.clear_fifos();
+        self.machine.restart();
+        self.sync.set_polarity(program.polarity.sync_active_low);
+        self.strobe.set_polarity(program.polarity.strobe_active_low);
+        self.chain
+            .prepare(WordFormat::new(program.pace, program.polarity));
+        self.progress = Progress::new(program.pace);
+        self.origin = None;
+        self.phase = Phase::Primed;
+    }
+
+    /// Starts, at once or with the first SYNC edge.
+    pub(crate) fn go(&mut self, start: Start, session: &mut Session) {
+        if self.phase != Phase::Primed {
+            return;
+        }
+        self.queue_rest_of_block();
+        self.chain.start();
+        self.strobe.prepare();
+        self.sync.prepare();
+        // By now the DMA has filled the FIFO, or moved all there is. The first word goes to the shift register,
+        // so that the first tick of the program sets the pins.
+        let entry = u16::from(self.loaded().0.entry[usize::from(start == Start::OnSync)]);
+        // SAFETY: the machine is disabled; the word is there, so `pull` does not stall, and the second
+        // instruction (`jmp entry`) begins the program.
+        unsafe {
+            if !self.machine.tx().empty() {
+                self.machine.exec_instr(PULL);
+            }
+            self.machine.exec_instr(entry);
+        }
+        self.machine.tx().stalled(); // forgets how the last run ended
+
+        let now = self.clock.now();
+        PIO.ctrl().modify(|w| {
+            w.set_clkdiv_restart(MACHINES);
+            w.set_sm_enable(MACHINES);
+        });
+        self.phase = Phase::Started(now);
+        if start == Start::AtOnce && self.pace == Pace::FreeRunning {
+            self.origin = Some(Ticks::ZERO);
+            session.begun(now);
+        }
+    }
+
+    /// Brings the outputs to rest and forgets everything, at once.
+    pub(crate) fn halt(&mut self) {
+        PIO.ctrl().modify(|w| w.set_sm_enable(w.sm_enable() & !MACHINES));
+        self.rest();
+        self.chain.stop();
+        self.strobe.stop();
+        self.sync.stop();
+        self.phase = Phase::Resting;
+    }
+
+    /// Does one small piece of work. Returns whether there may be more.
+    pub(crate) fn turn(&mut self, session: &mut Session) -> bool {
+        self.chain.retire();
+        match self.phase {
+            Phase::Resting => false,
+            Phase::Primed => self.feed(session),
+            Phase::Started(at) => {
+                // Taken before the edges are looked at: all that came up to now, or nearly, is among them.
+                let elapsed = self.clock.now().saturating_sub(at);
+                if session.sequencer().is_stopping() && !self.chain.is_cut() {
+                    self.chain.cut();
+                    if self.origin.is_none() || self.pace == Pace::EachOnSync {
+                        self.sync.mute();
+                    }
+                }
+                if self.report_edge(session, at, elapsed) || self.feed(session) {
+                    return true;
+                }
+                self.report_progress(session, elapsed);
+                false
+            }
+        }
+    }
+
+    /// Fetches a step for the block that is being filled, and queues the block when it is long enough.
+    fn feed(&mut self, session: &mut Session) -> bool {
+        let Some(block) = self.chain.filling() else {
+            return false;
+        };
+        let room = !block.is_full() && !self.progress.is_full();
+        if let Some(fetched) = room.then(|| session.next_step()).flatten() {
+            let format = WordFormat::new(self.pace, self.polarity);
+            let (_, period) = format.trigger_and_period(&fetched.words);
+            block.push(&fetched.words, period);
+            self.progress.push(fetched.words.len(), period);
+            let (full, ticks) = (block.is_full(), block.ticks());
+            // A millisecond: the poll comes round, and a stop takes effect, in about that time. A paced step is a
+            // block of its own.
+            let enough = self.chain.enough(Ticks(u64::from(self.clock.hz() / 1000)));
+            if full || ticks >= enough || self.pace == Pace::EachOnSync {
+                self.queue_rest_of_block();
+            }
+            true
+        } else {
+            // Nothing more to be had now. While it is not started a block can wait for more.
+            self.phase != Phase::Primed && self.queue_rest_of_block()
+        }
+    }
+
+    /// Queues the block that is being filled, unless it is empty.
+    fn queue_rest_of_block(&mut self) -> bool {
+        let some = self.chain.filling().is_some_and(|block| !block.is_empty());
+        if some {
+            let grown = self.chain.queue();
+            self.progress.lengthen(grown);
+        }
+        some
+    }
+
+    /// Reports the earlier of the next edges of both lines, if there is one.
+    fn report_edge(&mut self, session: &mut Session, started: Ticks, elapsed: Ticks) -> bool {
+        match (self.sync.peek(elapsed), self.strobe.peek(elapsed)) {
+            (None, None) => return false,
+            // At the same time SYNC is first: it can be what made the camera expose.
+            (Some(sync), strobe) if strobe.is_none_or(|strobe| sync.at <= strobe.at) => {
+                self.sync.advance();
+                if sync.active {
+                    self.report_sync(session, started, sync.at);
+                }
+            }
+            (_, Some(strobe)) => {
+                self.strobe.advance();
+                if let Some(origin) = self.origin
+                    && strobe.at >= origin
+                {
+                    session.strobe(strobe.active, strobe.at - origin);
+                }
+            }
+            (Some(_), None) => self.sync.advance(), // cannot be: the second arm took it
+        }
+        true
+    }
+
+    fn report_sync(&mut self, session: &mut Session, started: Ticks, at: Ticks) {
+        let paced = self.pace == Pace::EachOnSync;
+        let origin = match self.origin {
+            Some(origin) => origin,
+            None => {
+                // The start of the run. The program looks for the edge from its first instruction on, or, when
+                // paced, from its first word on.
+                let looks_from = if paced { WAIT_LEAD } else { 0 };
+                if at.0 <= looks_from {
+                    return;
+                }
+                let origin = if paced { at } else { at + Ticks(SYNC_LATENCY) };
+                self.origin = Some(origin);
+                session.begun(started + origin);
+                origin
+            }
+        };
+        let edge = at.saturating_sub(origin);
+        if paced && self.progress.sync(edge) {
+            session.step_synced(edge);
+        }
+    }
+
+    /// Reports how far the engine is, and sees whether it has come to its end.
+    fn report_progress(&mut self, session: &mut Session, elapsed: Ticks) {
+        // In this order: what is moved after it was counted is not counted as played, and a chain that is dry
+        // after a stall was seen may have been the cause of it.
+        let stalled = PIO.fdebug().read().txstall() & 1 << SM_PULSE != 0;
+        let moved = self.chain.moved();
+        let waiting = u32::from(self.machine.tx().level());
+        self.chain.retire();
+
+        let settled = Ticks(u64::from(SETTLED_AFTER_US * (self.clock.hz() / 1_000_000)));
+        let elapsed = elapsed.saturating_sub(settled);
+        let now = elapsed.saturating_sub(self.origin.unwrap_or(elapsed));
+        if self.origin.is_some() {
+            let fired = self.progress.fired(moved.wrapping_sub(waiting), now);
+            session.fired(fired, now);
+        }
+
+        let dry = self.chain.is_dry();
+        let awaited_since = match self.origin {
+            Some(_) => self.progress.awaits_sync_since(now).map(|since| now - since),
+            None => Some(elapsed),
+        };
+        if self.strobe.lost() || self.sync.lost() || (stalled && !dry) {
+            session.engine_failed(now);
+        } else if (dry && stalled && waiting == 0) || (self.chain.is_cut() && self.stands_between_steps()) {
+            self.finish(session, moved);
+        } else if let Some(awaited) = awaited_since
+            && self.sync_timeout > Ticks::ZERO
+            && awaited > self.sync_timeout
+        {
+            session.sync_missing(now);
+        }
+    }
+
+    /// Whether the engine waits for a SYNC edge that cannot come any more.
+    fn stands_between_steps(&self) -> bool {
+        let waits_at = self.loaded().0.waits_at;
+        (self.origin.is_none() || self.pace == Pace::EachOnSync)
+            && (waits_at..=waits_at + 1).contains(&self.machine.get_addr())
+    }
+
+    /// All that was moved was played, but for a step that still waits for SYNC.
+    fn finish(&mut self, session: &mut Session, moved: u32) {
+        let fired = self.progress.fired(moved, Ticks(u64::MAX));
+        let end = self.progress.ended();
+        let complete = fired == self.progress.fetched();
+        self.halt();
+        session.fired(fired, end);
+        if complete || session.sequencer().is_stopping() {
+            session.drained(end);
+        } else {
+            // There was more to play, but it was not ready in time.
+            session.engine_failed(end);
+        }
+    }
+
+    /// Both outputs at rest. The machine must be disabled, or about to begin.
+    fn rest(&mut self) {
+        let [proj, cam] = &self.outputs;
+        self.machine
+            .set_pins(Level::from(self.polarity.proj_active_low), &[proj]);
+        self.machine
+            .set_pins(Level::from(self.polarity.cam_active_low), &[cam]);
+    }
+
+    fn loaded(&self) -> &(Loaded, Config<'static, PIO0>) {
+        match self.pace {
+            Pace::FreeRunning => &self.free,
+            Pace::EachOnSync => &self.paced,
+        }
+    }
+}

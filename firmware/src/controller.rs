@@ -1,0 +1,179 @@
+//! Session and pulse engine together, and the lock around them.
+//!
+//! # Design
+//! Main loop and interrupt both come to the one [`Controller`]. Each holds the lock for one small piece of
+//! work at a time ([`Engine::turn`], a request, a message), so neither keeps the other, nor the UART's
+//! interrupt, waiting for more than a fraction of a millisecond.
+//!
+//! Responses go to the link that the request came from, by the request's number; events to the link of the
+//! last `Hello`. Messages stay with the session until the link has room for them: the session knows what to
+//! drop, and counts it.
+
+use core::cell::RefCell;
+
+use embassy_rp::interrupt::{self, InterruptExt, typelevel};
+use embassy_sync::blocking_mutex::{Mutex, raw::CriticalSectionRawMutex};
+use heapless::Deque;
+use rcg_firmware::session::{Action, Engine as Command, Session};
+use rcg_protocol::{Fault, Request, Response, Seq, SessionId, State, ToDevice, ToHost};
+use static_cell::StaticCell;
+
+use crate::board::engine::Engine;
+use crate::board::{Clock, PulseParts};
+use crate::links::{self, Incoming, LinkId};
+
+/// Requests of which it is remembered where they came from: more than a session keeps responses for.
+const ROUTES: usize = 16;
+
+static CONTROLLER: Mutex<CriticalSectionRawMutex, RefCell<Option<&'static mut Controller>>> =
+    Mutex::new(RefCell::new(None));
+
+/// Session, engine, and where messages go.
+struct Controller {
+    clock: Clock,
+    session: Session,
+    engine: Engine,
+    /// Who asked: session, number, link. The oldest is forgotten.
+    routes: Deque<(SessionId, Seq, LinkId), ROUTES>,
+    events_to: LinkId,
+    /// A message whose link had no room.
+    held: Option<(LinkId, ToHost)>,
+}
+
+/// Puts the controller in place and lets the DMA interrupt it. To be called once.
+pub(crate) fn install(clock: Clock, seed: u32, pulse: PulseParts) {
+    static CELL: StaticCell<Controller> = StaticCell::new();
+    let controller = CELL.init_with(|| Controller {
+        clock,
+        session: Session::new(clock.hz(), seed),
+        engine: Engine::new(pulse, clock),
+        routes: Deque::new(),
+        events_to: LinkId::Uart,
+        held: None,
+    });
+    CONTROLLER.lock(|cell| cell.replace(Some(controller)));
+    // SAFETY: the handler takes the lock like everybody else, and no code relies on this interrupt being off.
+    unsafe { interrupt::DMA_IRQ_0.enable() };
+}
+
+/// Runs `work` on the controller, alone.
+fn with<R>(work: impl FnOnce(&mut Controller) -> R) -> Option<R> {
+    CONTROLLER.lock(|cell| cell.borrow_mut().as_deref_mut().map(work))
+}
+
+/// Refills the pulse engine when a block is through.
+pub(crate) struct RefillHandler;
+
+impl typelevel::Handler<typelevel::DMA_IRQ_0> for RefillHandler {
+    unsafe fn on_interrupt() {
+        service();
+    }
+}
+
+/// Lets the engine do all that there is to do.
+fn service() {
+    while with(Controller::turn).unwrap_or(false) {}
+}
+
+/// Takes what came in over `link`.
+pub(crate) fn receive(link: LinkId, incoming: Incoming) {
+    service(); // the answer shall tell how things stand now
+    match incoming {
+        Incoming::Message(message) => {
+            with(|controller| controller.request(link, message));
+        }
+        Incoming::Corrupt(error) => {
+            defmt::warn!("{}: {}", link, error);
+            with(|controller| controller.session.corrupt_frame());
+        }
+    }
+}
+
+/// Lets time pass: engine, time-outs, messages to the links.
+pub(crate) fn poll() {
+    service();
+    with(|controller| {
+        let now = controller.clock.now();
+        controller.session.poll(now);
+        controller.obey();
+    });
+    service();
+    while with(Controller::send_one).unwrap_or(false) {}
+}
+
+/// The state, and the fault if it is one.
+pub(crate) fn state() -> (State, Option<Fault>) {
+    let seen = with(|controller| {
+        let sequencer = controller.session.sequencer();
+        (sequencer.state(), sequencer.fault())
+    });
+    seen.unwrap_or_default()
+}
+
+impl Controller {
+    fn turn(&mut self) -> bool {
+        let more = self.engine.turn(&mut self.session);
+        self.obey();
+        more
+    }
+
+    fn request(&mut self, link: LinkId, message: ToDevice) {
+        let hello = matches!(message.request, Request::Hello { .. });
+        let session = if hello { SessionId(0) } else { message.session };
+        if hello {
+            self.events_to = link;
+        }
+        if self.routes.is_full() {
+            self.routes.pop_front();
+        }
+        self.routes.push_back((session, message.seq, link)).ok(); // there is room now
+        self.session.request(self.clock.now(), message);
+        self.obey();
+    }
+
+    /// Carries out what the session commands the engine.
+    fn obey(&mut self) {
+        while let Some(command) = self.session.engine_action() {
+            match command {
+                Command::Prime => {
+                    if let Some(program) = self.session.sequencer().program() {
+                        self.engine.prime(program);
+                    }
+                }
+                Command::Go(start) => self.engine.go(start, &mut self.session),
+                Command::Halt => self.engine.halt(),
+            }
+        }
+    }
+
+    /// Hands one message to its link. Returns whether there may be more to hand over.
+    fn send_one(&mut self) -> bool {
+        let next = self.held.take().or_else(|| match self.session.action() {
+            Some(Action::Send(message)) => Some((self.route(&message), message)),
+            Some(Action::Engine(_)) | None => None, // engine commands were obeyed where they arose
+        });
+        let Some((link, message)) = next else {
+            return false;
+        };
+        match links::outbox(link).try_send(message) {
+            Ok(()) => true,
+            Err(embassy_sync::channel::TrySendError::Full(message)) => {
+                self.held = Some((link, message));
+                false
+            }
+        }
+    }
+
+    /// The link that `message` goes to.
+    fn route(&self, message: &ToHost) -> LinkId {
+        match message {
+            ToHost::Event(_) => self.events_to,
+            ToHost::Response(Response { session, seq, .. }) => {
+                let mut newest_first = self.routes.iter().rev();
+                newest_first
+                    .find(|(asked_in, asked, _)| asked_in == session && asked == seq)
+                    .map_or(self.events_to, |&(.., link)| link)
+            }
+        }
+    }
+}

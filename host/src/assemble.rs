@@ -1,0 +1,471 @@
+//! Assembly: frames of `raw.zarr` → BRDF with uncertainty.
+//!
+//! # Design
+//! DESIGN §3 solved for f: f = (g − dark)·gain / (K·t·T_o·Σ E·cosθ·Δω), where the sum is over the projector
+//! pixels that were actually lit. Camera pixels are brought to the outgoing disk by bilinear interpolation
+//! between the pixels around each cell's direction, those left out that do not see the sample. Its standard
+//! uncertainty follows from the photon-transfer curve: var(g) = σ_read² + (g − dark)/gain, 1/12 for rounding,
+//! and that of the mean dark frame.
+//!
+//! Frames are read ahead by one thread while the others compute and write; memory holds a few segments.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::mpsc::sync_channel;
+
+use half::f16;
+use rayon::prelude::*;
+use serde_json::{Map, Value, json};
+
+use crate::disk::{Disk, bilinear};
+use crate::optics::{DirectionMap, Unmeasurable, View};
+use crate::plan::{Directions, Plan};
+use crate::provenance::Provenance;
+use crate::rig::Rig;
+use crate::store::{BrdfLayout, BrdfRows, BrdfWriter, RawStore, Segment, SmallArray, SmallData, StoreError};
+
+/// Incident directions per chunk of `brdf.zarr`.
+pub const CHUNK: usize = 32;
+/// Chunks that are computed at a time.
+const BATCH: usize = 8;
+
+/// What assembly found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Assembled {
+    /// Incident directions with data.
+    pub directions: usize,
+    /// Frames that went in.
+    pub frames: usize,
+    /// Samples (incident × cell) with a value.
+    pub measured: u64,
+    /// Samples that no pixel could see without saturating.
+    pub saturated: u64,
+}
+
+/// How one cell of the disk is made from camera pixels.
+#[derive(Clone, Copy, Debug)]
+struct Taps {
+    cell: u32,
+    pixel: [u32; 4],
+    weight: [f32; 4],
+}
+
+/// The way from a camera image to the disk.
+#[derive(Debug)]
+struct Resampling {
+    taps: Vec<Taps>,
+    /// Per cell, why there is nothing to take; `None` where there is.
+    reasons: Vec<Option<Unmeasurable>>,
+}
+
+impl Resampling {
+    fn new(camera: &View, disk: Disk) -> Self {
+        let map = DirectionMap::of(camera);
+        let mut taps = Vec::new();
+        let reasons = (0..disk.len())
+            .map(|cell| {
+                let w = disk.direction(cell).ok_or(Unmeasurable::BelowHorizon);
+                match w.and_then(|w| tap(camera, &map, w)) {
+                    Ok((pixel, weight)) => {
+                        taps.push(Taps {
+                            cell: cell as u32,
+                            pixel,
+                            weight,
+                        });
+                        None
+                    }
+                    Err(reason) => Some(reason),
+                }
+            })
+            .collect();
+        Self { taps, reasons }
+    }
+}
+
+/// The pixels around direction `w` that see the sample, with weights that sum to 1.
+fn tap(camera: &View, map: &DirectionMap, w: glam::DVec3) -> Result<([u32; 4], [f32; 4]), Unmeasurable> {
+    let around = bilinear(camera.pixel(w)?, map.width_px, map.height_px);
+    let mut seen = 0.0;
+    let mut blind = (0.0, Unmeasurable::OutsideImage);
+    for (pixel, weight) in around {
+        match map.directions[pixel] {
+            Ok(_) => seen += weight,
+            Err(reason) if weight >= blind.0 => blind = (weight, reason),
+            Err(_) => {}
+        }
+    }
+    if seen < 0.5 {
+        return Err(blind.1);
+    }
+    let pixel = around.map(|(pixel, _)| pixel as u32);
+    let weight = around.map(|(pixel, weight)| match map.directions[pixel] {
+        Ok(_) => (weight / seen) as f32,
+        Err(_) => 0.0,
+    });
+    Ok((pixel, weight))
+}
+
+/// Numbers that turn a frame into f, the same for all frames.
+struct Radiometry {
+    /// Mean of the black frames, [pixel, channel].
+    dark: Vec<f32>,
+    /// Variance of a dark-corrected number without light, in DN².
+    dark_variance: f32,
+    /// Variance per DN of signal, in DN.
+    shot_per_dn: f32,
+    /// f per (DN / (s × irradiance)).
+    scale: f64,
+    saturation: u16,
+}
+
+impl Radiometry {
+    fn new(rig: &Rig, segment: &Segment, pixels: usize) -> Result<Self, String> {
+        let gain = rig.gain_e_per_dn();
+        let mut sum = vec![0_u64; pixels];
+        let mut count = 0_u32;
+        for (record, frame) in segment.records.iter().zip(segment.frames.chunks_exact(pixels)) {
+            if record.incident < 0 {
+                count += 1;
+                for (sum, &dn) in sum.iter_mut().zip(frame) {
+                    *sum += u64::from(dn);
+                }
+            }
+        }
+        if count == 0 {
+            return Err("expected black exposures in the first segment, found none".to_owned());
+        }
+        let read_dn = rig.camera.read_noise_e / gain;
+        let one = read_dn * read_dn + 1.0 / 12.0;
+        Ok(Self {
+            dark: sum
+                .into_iter()
+                .map(|sum| (sum as f64 / f64::from(count)) as f32)
+                .collect(),
+            dark_variance: (one * (1.0 + 1.0 / f64::from(count))) as f32,
+            shot_per_dn: (1.0 / gain) as f32,
+            scale: gain / rig.sensitivity_e(),
+            saturation: rig.saturation_dn(),
+        })
+    }
+}
+
+/// Scratch of one worker.
+#[derive(Default)]
+struct Work {
+    signal: Vec<f32>,
+    sigma: Vec<f32>,
+}
+
+/// One frame onto the disk: writes f, sigma and provenance of one incident direction. Returns how many cells
+/// were measured and how many saturated.
+fn project(
+    frame: &[u16],
+    channels: usize,
+    factor: f64,
+    radiometry: &Radiometry,
+    resampling: &Resampling,
+    work: &mut Work,
+    out: (&mut [f32], &mut [f16], &mut [u8]),
+) -> (u64, u64) {
+    let (out_f, out_sigma, out_provenance) = out;
+    work.signal.clear();
+    // A saturated pixel becomes NaN here, so that it spoils every cell that it takes part in, and no other.
+    work.signal
+        .extend(frame.iter().zip(&radiometry.dark).map(|(&dn, &dark)| {
+            if dn >= radiometry.saturation {
+                f32::NAN
+            } else {
+                f32::from(dn) - dark
+            }
+        }));
+    work.sigma.clear();
+    work.sigma.resize(out_sigma.len(), 0.0);
+    let factor = factor as f32;
+    let (mut measured, mut saturated) = (0, 0);
+    for taps in &resampling.taps {
+        let cell = taps.cell as usize;
+        let squares = taps.weight.iter().map(|w| w * w).sum::<f32>();
+        let mut clear = true;
+        for channel in 0..channels {
+            let mut sum = 0.0;
+            let mut variance = squares * radiometry.dark_variance;
+            for (&pixel, &weight) in taps.pixel.iter().zip(&taps.weight) {
+                if weight > 0.0 {
+                    let signal = work.signal[pixel as usize * channels + channel];
+                    sum += weight * signal;
+                    variance += weight * weight * signal.max(0.0) * radiometry.shot_per_dn;
+                }
+            }
+            clear &= !sum.is_nan();
+            out_f[cell * channels + channel] = sum * factor;
+            // Rounded up into the range of f16, whose largest number stands for "useless".
+            work.sigma[cell * channels + channel] = (variance.sqrt() * factor).min(65_504.0);
+        }
+        if clear {
+            out_provenance[cell] = Provenance::Measured.code();
+            measured += 1;
+        } else {
+            out_f[cell * channels..][..channels].fill(0.0);
+            work.sigma[cell * channels..][..channels].fill(0.0);
+            saturated += 1;
+        }
+    }
+    half::slice::HalfFloatSliceExt::convert_from_f32_slice(out_sigma, &work.sigma);
+    (measured, saturated)
+}
+
+/// Why assembly failed.
+#[derive(Debug, thiserror::Error)]
+pub enum AssembleError {
+    /// A store.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The raw frames do not belong to the plan.
+    #[error("{path}: {reason}")]
+    Mismatch {
+        /// The raw store.
+        path: String,
+        /// What is wrong.
+        reason: String,
+    },
+}
+
+/// Assembles the frames of `raw` into `brdf.zarr` at `target`; `progress` is told the number of frames done.
+/// An older result is replaced when the new one is whole.
+///
+/// # Errors
+/// [`AssembleError`].
+pub fn assemble(
+    rig: &Rig,
+    plan: &Plan,
+    directions: &Directions,
+    raw_path: &Path,
+    target: &Path,
+    progress: &(dyn Fn(usize) + Sync),
+) -> Result<Assembled, AssembleError> {
+    let mismatch = |reason: String| AssembleError::Mismatch {
+        path: raw_path.display().to_string(),
+        reason,
+    };
+    let raw = RawStore::open(raw_path)?;
+    let exposures = plan.exposures(directions);
+    let layout = raw.layout();
+    let format = rig.frame_format();
+    let found = (layout.exposures, layout.height, layout.width, layout.channels);
+    let expected = (
+        exposures.len(),
+        format.height_px,
+        format.width_px,
+        format.channels,
+    );
+    if found != expected {
+        return Err(mismatch(format!(
+            "expected (exposures, rows, columns, channels) = {expected:?} from the plan, found {found:?}"
+        )));
+    }
+    let channels = format.channels;
+    let disk = Disk::new(plan.request.image_size as usize);
+    let resampling = Resampling::new(&View::camera(rig), disk);
+    let grid = directions.grid;
+    let brdf_layout = BrdfLayout {
+        incident: grid.len(),
+        grid: disk.size(),
+        channels,
+        chunk: CHUNK,
+    };
+    let writer = BrdfWriter::create(
+        target,
+        brdf_layout,
+        &coordinates(directions, disk, &resampling),
+        attributes(rig, plan),
+        true,
+    )?;
+
+    // Where each incident direction's frame is: (segment, place in it).
+    let mut places = vec![None; grid.len()];
+    for segment in 0..raw.segments() {
+        for (place, exposure) in raw.segment_range(segment).enumerate() {
+            if let crate::plan::Exposure::Incident(index) = exposures[exposure] {
+                places[index] = Some((segment, place));
+            }
+        }
+    }
+
+    let mut total = Assembled::default();
+    let radiometry = Radiometry::new(rig, &raw.read_segment(0)?, format.len()).map_err(mismatch)?;
+    std::thread::scope(|scope| -> Result<(), AssembleError> {
+        let (tx, rx) = sync_channel::<Result<Segment, StoreError>>(2);
+        let reader = RawStore::open(raw_path)?;
+        scope.spawn(move || {
+            for segment in 0..reader.segments() {
+                if tx.send(reader.read_segment(segment)).is_err() {
+                    break; // the receiver has failed and gone
+                }
+            }
+        });
+        let mut window: BTreeMap<usize, Segment> = BTreeMap::new();
+        let mut next_segment = 0;
+        let chunks = grid.len().div_ceil(CHUNK);
+        for first in (0..chunks).step_by(BATCH) {
+            let batch = first..(first + BATCH).min(chunks);
+            let rows = batch.start * CHUNK..(batch.end * CHUNK).min(grid.len());
+            let needed = places[rows.clone()]
+                .iter()
+                .flatten()
+                .map(|place: &(usize, usize)| place.0);
+            let (Some(low), Some(high)) = (needed.clone().min(), needed.max()) else {
+                continue;
+            };
+            window.retain(|&segment, _| segment >= low);
+            while next_segment <= high {
+                let segment = rx
+                    .recv()
+                    .map_err(|_| mismatch("the reading thread has ended".to_owned()))??;
+                if next_segment >= low {
+                    window.insert(next_segment, segment);
+                }
+                next_segment += 1;
+            }
+            let counts = batch
+                .into_par_iter()
+                .map_init(Work::default, |work, chunk| {
+                    let range = chunk * CHUNK..((chunk + 1) * CHUNK).min(grid.len());
+                    if places[range.clone()].iter().all(Option::is_none) {
+                        return Ok(Assembled::default()); // an absent chunk means missing
+                    }
+                    let (rows, counts) = chunk_rows(
+                        &places[range],
+                        &window,
+                        channels,
+                        disk,
+                        &radiometry,
+                        &resampling,
+                        work,
+                    );
+                    writer.write_chunk(chunk, &rows)?;
+                    Ok(counts)
+                })
+                .collect::<Result<Vec<Assembled>, StoreError>>()?;
+            for counts in counts {
+                total.directions += counts.directions;
+                total.frames += counts.frames;
+                total.measured += counts.measured;
+                total.saturated += counts.saturated;
+            }
+            progress(total.frames);
+        }
+        Ok(())
+    })?;
+    writer.finish()?;
+    Ok(total)
+}
+
+/// The rows of one chunk: `places` says in which segment and where each incident direction was captured.
+fn chunk_rows(
+    places: &[Option<(usize, usize)>],
+    window: &BTreeMap<usize, Segment>,
+    channels: usize,
+    disk: Disk,
+    radiometry: &Radiometry,
+    resampling: &Resampling,
+    work: &mut Work,
+) -> (BrdfRows, Assembled) {
+    let row = disk.len() * channels;
+    let pixels = radiometry.dark.len();
+    let mut rows = BrdfRows {
+        f: vec![0.0; places.len() * row],
+        sigma: vec![f16::ZERO; places.len() * row],
+        provenance: vec![Provenance::Missing.code(); places.len() * disk.len()],
+    };
+    let mut counts = Assembled::default();
+    let outs = rows
+        .f
+        .chunks_exact_mut(row)
+        .zip(rows.sigma.chunks_exact_mut(row))
+        .zip(rows.provenance.chunks_exact_mut(disk.len()));
+    for (place, ((f, sigma), provenance)) in places.iter().zip(outs) {
+        let Some((segment, at)) = *place else { continue };
+        let segment = &window[&segment];
+        let record = &segment.records[at];
+        let frame = &segment.frames[at * pixels..][..pixels];
+        let factor = radiometry.scale / (record.exposure_s * record.lit_irradiance);
+        let out = (f, sigma, provenance);
+        let (measured, saturated) = project(frame, channels, factor, radiometry, resampling, work, out);
+        counts.directions += 1;
+        counts.frames += 1;
+        counts.measured += measured;
+        counts.saturated += saturated;
+    }
+    (rows, counts)
+}
+
+fn coordinates(directions: &Directions, disk: Disk, resampling: &Resampling) -> [SmallArray<'static>; 4] {
+    let grid = directions.grid;
+    let angle = |pick: fn((f64, f64)) -> f64| (0..grid.len()).map(|i| pick(grid.angles_deg(i))).collect();
+    let codes = |reasons: &[Option<Unmeasurable>]| {
+        reasons
+            .iter()
+            .map(|reason| reason.map_or(0, Unmeasurable::code))
+            .collect()
+    };
+    let small = |name, dims, shape, data, units, long_name| SmallArray {
+        name,
+        dims,
+        shape,
+        data,
+        units,
+        long_name,
+        codes: &[],
+    };
+    [
+        small(
+            "incident_theta",
+            &["incident"],
+            vec![grid.len()],
+            SmallData::F64(angle(|angles| angles.0)),
+            "degree",
+            "polar angle of the incident direction",
+        ),
+        small(
+            "incident_phi",
+            &["incident"],
+            vec![grid.len()],
+            SmallData::F64(angle(|angles| angles.1)),
+            "degree",
+            "azimuth of the incident direction",
+        ),
+        small(
+            "incident_reason",
+            &["incident"],
+            vec![grid.len()],
+            SmallData::U8(codes(&directions.reasons)),
+            "1",
+            "why the incident direction cannot be lit; 0 = it can",
+        ),
+        small(
+            "outgoing_reason",
+            &["y", "x"],
+            vec![disk.size(), disk.size()],
+            SmallData::U8(codes(&resampling.reasons)),
+            "1",
+            "why the outgoing direction cannot be seen; 0 = it can",
+        ),
+    ]
+}
+
+fn attributes(rig: &Rig, plan: &Plan) -> Map<String, Value> {
+    let attributes = json!({
+        "title": "bidirectional reflectance distribution function f in 1/sr, without the cosine",
+        "incident_grid": "theta = (ring + 1/2) step, phi = sector step, index = ring * (360/step) + sector",
+        "outgoing_grid": "Lambert azimuthal equal-area disk: x + iy = sqrt(2) sin(theta/2) exp(i phi), -1..1",
+        "step_deg": plan.request.step_deg,
+        "rig": rig.name,
+        "spot_deg": plan.spot_deg,
+        "exposure_s": plan.exposure_s,
+        "source": concat!("rcg ", env!("CARGO_PKG_VERSION")),
+    });
+    match attributes {
+        Value::Object(map) => map,
+        _ => Map::new(),
+    }
+}

@@ -1,0 +1,182 @@
+//! What went wrong, and the exit code that says of what kind it is.
+
+use std::io;
+
+use rcg::brdf::BrdfError;
+use rcg::device::DeviceError;
+use rcg::link::LinkError;
+use rcg::measure::MeasureError;
+use rcg::measurement::MeasurementError;
+use rcg::plan::PlanError;
+use rcg::reflectance::SourceError;
+use rcg::rig::RigError;
+use rcg::sample::SampleError;
+use rcg::store::StoreError;
+
+/// A failed command.
+#[derive(Debug)]
+pub(crate) enum Failure {
+    /// The user's input is wrong: exit 2.
+    Input(anyhow::Error),
+    /// Something failed: exit 1.
+    Failed(anyhow::Error),
+}
+
+impl Failure {
+    /// Wrong input in one sentence.
+    pub(crate) fn input(sentence: impl std::fmt::Display) -> Self {
+        Self::Input(anyhow::anyhow!("{sentence}"))
+    }
+
+    /// The exit code.
+    pub(crate) const fn exit_code(&self) -> u8 {
+        match self {
+            Self::Input(_) => 2,
+            Self::Failed(_) => 1,
+        }
+    }
+
+    const fn error(&self) -> &anyhow::Error {
+        match self {
+            Self::Input(error) | Self::Failed(error) => error,
+        }
+    }
+
+    /// Whether the reader of our output has gone, which is no failure.
+    pub(crate) fn is_broken_pipe(&self) -> bool {
+        let io = self.error().downcast_ref::<io::Error>();
+        io.is_some_and(|error| error.kind() == io::ErrorKind::BrokenPipe)
+    }
+}
+
+impl std::fmt::Display for Failure {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}", self.error())
+    }
+}
+
+/// Whether an error is of the user's making.
+trait Blame: std::error::Error + Send + Sync + Sized + 'static {
+    fn is_input(&self) -> bool;
+}
+
+impl Blame for RigError {
+    fn is_input(&self) -> bool {
+        true
+    }
+}
+
+impl Blame for SampleError {
+    fn is_input(&self) -> bool {
+        true
+    }
+}
+
+impl Blame for PlanError {
+    fn is_input(&self) -> bool {
+        true
+    }
+}
+
+impl Blame for StoreError {
+    fn is_input(&self) -> bool {
+        !matches!(
+            self,
+            Self::DiskFull { .. } | Self::Io { .. } | Self::Argument { .. }
+        )
+    }
+}
+
+impl Blame for BrdfError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Store(error) => error.is_input(),
+            Self::Content { .. } => true,
+        }
+    }
+}
+
+impl Blame for LinkError {
+    fn is_input(&self) -> bool {
+        matches!(self, Self::NoSuchPort { .. })
+    }
+}
+
+impl Blame for DeviceError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Link(error) => error.is_input(),
+            Self::TooLong { .. } => true,
+            Self::Refused { fault, .. } => {
+                use rcg_protocol::Fault;
+                matches!(
+                    fault,
+                    Fault::EdgesTooClose { .. }
+                        | Fault::PulseOutsidePeriod { .. }
+                        | Fault::PeriodTooLong { .. }
+                        | Fault::EmptySchedule
+                        | Fault::TooManySteps { .. }
+                        | Fault::TooManyWords { .. }
+                )
+            }
+            _ => false,
+        }
+    }
+}
+
+impl Blame for MeasurementError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Exists { .. }
+            | Self::NotOne { .. }
+            | Self::Differs { .. }
+            | Self::Rig(_)
+            | Self::Plan(_) => true,
+            Self::Store(error) => error.is_input(),
+            Self::Io { .. } | Self::Capture(_) => false,
+        }
+    }
+}
+
+impl Blame for MeasureError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Measurement(error) => error.is_input(),
+            Self::Brdf(error) => error.is_input(),
+            Self::Sample(_) => true,
+            Self::Device(error) => error.is_input(),
+            Self::Assemble(_) | Self::Report(_) => false,
+        }
+    }
+}
+
+impl Blame for SourceError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Brdf(error) => error.is_input(),
+            Self::Sample(_) => true,
+        }
+    }
+}
+
+impl<E: Blame> From<E> for Failure {
+    fn from(error: E) -> Self {
+        if error.is_input() {
+            Self::Input(error.into())
+        } else {
+            Self::Failed(error.into())
+        }
+    }
+}
+
+impl From<io::Error> for Failure {
+    fn from(error: io::Error) -> Self {
+        Self::Failed(error.into())
+    }
+}
+
+impl From<rcg::render::PictureError> for Failure {
+    fn from(error: rcg::render::PictureError) -> Self {
+        Self::Failed(error.into())
+    }
+}

@@ -1,0 +1,119 @@
+//! Where data, progress and remarks go.
+
+use std::io::{self, IsTerminal as _, Write as _};
+use std::sync::Mutex;
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use rcg::progress::Progress;
+use serde::Serialize;
+use tracing_subscriber::EnvFilter;
+
+use crate::failure::Failure;
+
+/// The command's voice.
+pub(crate) struct Output {
+    json: bool,
+    quiet: bool,
+    bar: Mutex<Option<ProgressBar>>,
+}
+
+impl Output {
+    /// Sets logging up: warnings, or more with each `-v`; `RCG_LOG` overrides.
+    pub(crate) fn new(json: bool, quiet: bool, verbose: u8) -> Self {
+        let level = match (quiet, verbose) {
+            (true, _) => "error",
+            (_, 0) => "warn",
+            (_, 1) => "rcg=info,warn",
+            _ => "rcg=debug,info",
+        };
+        let filter = EnvFilter::try_from_env("RCG_LOG").unwrap_or_else(|_| EnvFilter::new(level));
+        tracing_subscriber::fmt()
+            .with_env_filter(filter)
+            .with_writer(io::stderr)
+            .with_target(false)
+            .init();
+        Self {
+            json,
+            quiet,
+            bar: Mutex::new(None),
+        }
+    }
+
+    /// Whether `--json` was given.
+    pub(crate) const fn is_json(&self) -> bool {
+        self.json
+    }
+
+    /// Prints `value` as JSON if that was asked for, else `text`.
+    pub(crate) fn print<T: Serialize>(
+        &self,
+        value: &T,
+        text: impl FnOnce() -> String,
+    ) -> Result<(), Failure> {
+        let mut out = io::stdout().lock();
+        if self.json {
+            serde_json::to_writer_pretty(&mut out, value).map_err(io::Error::from)?;
+            writeln!(out)?;
+        } else {
+            write!(out, "{}", text())?;
+        }
+        out.flush()?;
+        Ok(())
+    }
+
+    /// Says why the command failed.
+    pub(crate) fn fail(&self, failure: &Failure) {
+        self.end();
+        if self.json {
+            let object = serde_json::json!({ "error": failure.to_string(), "exit": failure.exit_code() });
+            // Nobody is left to tell if this fails.
+            writeln!(io::stdout(), "{object}").ok();
+        }
+        eprintln!("rcg: {failure}");
+    }
+
+    fn bar(&self) -> std::sync::MutexGuard<'_, Option<ProgressBar>> {
+        self.bar.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+}
+
+/// Lines of (what, figure) as aligned text.
+pub(crate) fn table(lines: &[(&str, String)]) -> String {
+    lines
+        .iter()
+        .flat_map(|(what, figure)| [format!("{what:20} "), figure.clone(), "\n".to_owned()])
+        .collect()
+}
+
+impl Progress for Output {
+    fn begin(&self, stage: &str, total: usize, unit: &str) {
+        if self.quiet {
+            return;
+        }
+        if !io::stderr().is_terminal() {
+            eprintln!("{stage}: {total} {unit}");
+            return;
+        }
+        let template =
+            format!("{{msg:14}} {{bar:32}} {{human_pos}}/{{human_len}} {unit}  {{per_sec}}  {{eta}} left");
+        let style = ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
+        let bar = ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr_with_hz(10));
+        bar.set_style(style);
+        bar.set_message(stage.to_owned());
+        bar.enable_steady_tick(Duration::from_millis(250));
+        *self.bar() = Some(bar);
+    }
+
+    fn reach(&self, done: usize) {
+        if let Some(bar) = self.bar().as_ref() {
+            bar.set_position(done as u64);
+        }
+    }
+
+    fn end(&self) {
+        if let Some(bar) = self.bar().take() {
+            bar.finish();
+        }
+    }
+}

@@ -1,0 +1,83 @@
+//! `rcg patterns`
+
+use std::fs;
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use rcg::optics::View;
+use rcg::pattern::{BitPattern, PatternMaker};
+use rcg::plan::{Directions, PlanError};
+use rcg::progress::Progress as _;
+use rcg::render::save;
+use rcg::rig::Rig;
+use serde_json::json;
+
+use crate::Done;
+use crate::output::Output;
+
+/// Write the patterns that a measurement shows.
+///
+/// One black and white PNG per incident direction that the projector reaches, in the projector's native resolution,
+/// and patterns.csv with what each one lights.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// New or empty directory for the pictures
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Degrees between incident directions; must divide 90
+    #[arg(long, value_name = "DEG", default_value_t = 15.0)]
+    step: f64,
+}
+
+pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
+    let rig = Rig::load(rig)?;
+    let directions = Directions::new(&rig, args.step).map_err(PlanError::from)?;
+    rcg::measurement::Measurement::check_new(&args.out)?;
+    fs::create_dir_all(&args.out)?;
+    let spot_deg = rig.light.spot_deg.min(args.step);
+    let maker = PatternMaker::new(View::projector(&rig), spot_deg, rig.projector.irradiance);
+    let (width, height) = maker.size_px();
+    let mut image = BitPattern::black(width, height);
+    let measurable: Vec<usize> = directions.measurable().collect();
+    let mut table = fs::File::create(args.out.join("patterns.csv"))?;
+    writeln!(
+        table,
+        "index,theta_deg,phi_deg,pixels,solid_angle_sr,irradiance,centroid_theta_deg,centroid_phi_deg"
+    )?;
+    output.begin("patterns", measurable.len(), "patterns");
+    let mut written = 0;
+    for (done, &index) in measurable.iter().enumerate() {
+        let Ok(lit) = maker.lit_set(directions.grid.direction(index)) else {
+            continue;
+        };
+        let (theta_deg, phi_deg) = directions.grid.angles_deg(index);
+        let (theta, phi) = rcg::direction::to_angles(lit.centroid);
+        writeln!(
+            table,
+            "{index},{theta_deg},{phi_deg},{},{:.8e},{:.8e},{:.5},{:.5}",
+            lit.pixels.len(),
+            lit.solid_angle_sr,
+            lit.irradiance,
+            theta.to_degrees(),
+            phi.to_degrees()
+        )?;
+        image.clear();
+        image.light(&lit.pixels);
+        save(
+            &image.to_image(),
+            &args.out.join(format!("pattern-{index:05}.png")),
+        )?;
+        written += 1;
+        output.reach(done + 1);
+    }
+    output.end();
+    let value = json!({
+        "out": args.out, "patterns": written, "width_px": width, "height_px": height, "spot_deg": spot_deg,
+    });
+    output.print(&value, || {
+        format!(
+            "{written} patterns of {width}×{height} pixels: {}\n",
+            args.out.display()
+        )
+    })
+}

@@ -1,0 +1,88 @@
+//! Arguments that say what is measured.
+
+use rcg::measure::DEFAULT_SAMPLE;
+use rcg::plan::Request;
+use rcg::virtual_rig::Mischief;
+
+/// What is measured. An argument that is not given has its default, or on `--resume` the value of before.
+#[derive(Clone, Debug, clap::Args)]
+pub(crate) struct RequestArgs {
+    /// What the virtual rig measures: lambert:0.5, ward:brass, ward:rd=0.1,rs=0.33,ax=0.05,ay=0.16, ggx:satin,
+    /// or a measured .bsdf file [default: ward:brass]
+    #[arg(long, value_name = "SAMPLE")]
+    sample: Option<String>,
+    /// Degrees between incident directions; must divide 90 [default: 3]
+    #[arg(long, value_name = "DEG")]
+    step: Option<f64>,
+    /// Camera image and outgoing grid: pixels a side [default: 96]
+    #[arg(long, value_name = "N")]
+    image_size: Option<u32>,
+    /// Exposure time in milliseconds [default: found by a pilot capture]
+    #[arg(long, value_name = "MS")]
+    exposure_ms: Option<f64>,
+    /// Switch shot and read noise of the virtual rig on or off [default: on]
+    #[arg(long, value_name = "on|off", value_parser = ["on", "off"])]
+    noise: Option<String>,
+    /// Seed of all chance of the virtual rig [default: 1]
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+}
+
+impl RequestArgs {
+    /// The request, with `before` in place of the defaults if there is one.
+    pub(crate) fn request(&self, before: Option<&Request>) -> Request {
+        let sample = before.map_or_else(|| Some(DEFAULT_SAMPLE.to_owned()), |before| before.sample.clone());
+        Request {
+            step_deg: self
+                .step
+                .unwrap_or_else(|| before.map_or(3.0, |before| before.step_deg)),
+            image_size: self
+                .image_size
+                .unwrap_or_else(|| before.map_or(96, |before| before.image_size)),
+            exposure_s: self
+                .exposure_ms
+                .map(|ms| ms * 1e-3)
+                .or_else(|| before.and_then(|b| b.exposure_s)),
+            sample: self.sample.clone().or(sample),
+            noise: self
+                .noise
+                .as_ref()
+                .map_or_else(|| before.is_none_or(|b| b.noise), |noise| noise == "on"),
+            seed: self
+                .seed
+                .unwrap_or_else(|| before.map_or(1, |before| before.seed)),
+        }
+    }
+}
+
+/// What goes wrong on the virtual rig on purpose.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(crate) struct MischiefArgs {
+    /// Share of triggers that the virtual camera ignores
+    #[arg(long, value_name = "RATE", default_value_t = 0.0, value_parser = rate, help_heading = "Faults on purpose")]
+    missed_triggers: f64,
+    /// Share of frames that are lost on the way from the virtual camera
+    #[arg(long, value_name = "RATE", default_value_t = 0.0, value_parser = rate, help_heading = "Faults on purpose")]
+    dropped_frames: f64,
+    /// Share of frames that arrive twice from the virtual camera
+    #[arg(long, value_name = "RATE", default_value_t = 0.0, value_parser = rate, help_heading = "Faults on purpose")]
+    doubled_frames: f64,
+}
+
+impl MischiefArgs {
+    /// As the virtual rig takes it.
+    pub(crate) const fn mischief(&self) -> Mischief {
+        Mischief {
+            missed_triggers: self.missed_triggers,
+            dropped_frames: self.dropped_frames,
+            doubled_frames: self.doubled_frames,
+        }
+    }
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(rate) if (0.0..=1.0).contains(&rate) => Ok(rate),
+        _ => Err("expected a number from 0 to 1".to_owned()),
+    }
+}

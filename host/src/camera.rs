@@ -1,0 +1,94 @@
+//! The seam to cameras: frames with the camera's own number and time.
+//!
+//! # Design
+//! A frame is told by its number and time-stamp, never by when it arrives. Numbers count exposures since
+//! [`Camera::arm`], those included whose frames were lost on the way, so a gap is a dropped frame.
+
+use std::time::Duration;
+
+/// Shape of a camera's frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameFormat {
+    /// Columns.
+    pub width_px: usize,
+    /// Rows.
+    pub height_px: usize,
+    /// Colour channels: 1 or 3.
+    pub channels: usize,
+    /// Bits of a digital number.
+    pub bits: u8,
+}
+
+impl FrameFormat {
+    /// Digital numbers of a frame.
+    #[must_use]
+    pub const fn len(&self) -> usize {
+        self.width_px * self.height_px * self.channels
+    }
+
+    /// Whether frames are empty.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The largest digital number, where the camera saturates.
+    #[must_use]
+    pub const fn saturation_dn(&self) -> u16 {
+        ((1_u32 << self.bits) - 1) as u16
+    }
+}
+
+/// One image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// Exposures since the camera was armed, starting at 0.
+    pub id: u64,
+    /// Start of the exposure on the camera's own clock, in seconds.
+    pub timestamp_s: f64,
+    /// Digital numbers, [row, column, channel].
+    pub dn: Vec<u16>,
+}
+
+/// What a camera could not do.
+#[derive(Debug, thiserror::Error)]
+pub enum CameraError {
+    /// The camera does not make exposures of this length.
+    #[error(
+        "camera {camera}: expected an exposure time in s from {shortest_s} to {longest_s}, found {asked_s}"
+    )]
+    Exposure {
+        /// The camera.
+        camera: String,
+        /// The limit below.
+        shortest_s: f64,
+        /// The limit above.
+        longest_s: f64,
+        /// What was asked for.
+        asked_s: f64,
+    },
+    /// The camera is gone.
+    #[error("camera {camera}: the connection has ended")]
+    Disconnected {
+        /// The camera.
+        camera: String,
+    },
+}
+
+/// A camera that exposes when its trigger line says so, for as long as the line is active.
+pub trait Camera: Send {
+    /// Shape of the frames.
+    fn format(&self) -> FrameFormat;
+
+    /// Makes ready for triggered exposures and begins to count them from 0; frames of before are forgotten.
+    ///
+    /// # Errors
+    /// [`CameraError`].
+    fn arm(&mut self) -> Result<(), CameraError>;
+
+    /// The next frame in the order of arrival, waiting at most `timeout`; `None` if none came.
+    ///
+    /// # Errors
+    /// [`CameraError::Disconnected`].
+    fn next_frame(&mut self, timeout: Duration) -> Result<Option<Frame>, CameraError>;
+}

@@ -1,0 +1,306 @@
+//! Capture: fires the controller, collects frames, pairs them with their triggers, and takes again what is
+//! missing.
+//!
+//! # Design
+//! One call of [`Instrument::take`] takes one segment. What the pairing did not settle is taken again in a
+//! further run of just those patterns, until nothing is missing or [`ATTEMPTS`] are used up. Frames of the
+//! segment are in memory; nothing else is.
+
+use std::time::Duration;
+
+use rcg_protocol::{Event, RunId, State, StepRecord, Ticks};
+use serde::Serialize;
+
+use crate::camera::{Camera, CameraError, Frame};
+use crate::device::{Device, DeviceError};
+use crate::link::Link;
+use crate::pairing::{Outcome, pair};
+use crate::pattern::BitPattern;
+use crate::projector::{Projector, ProjectorError};
+use crate::schedule::Timing;
+
+/// How often an exposure is tried.
+pub const ATTEMPTS: u8 = 8;
+/// While a run goes on, the host makes itself heard this often, for the dead-man switch.
+const KEEP_ALIVE: Duration = Duration::from_millis(400);
+/// Frames may be this late after the last strobe.
+const FRAMES_LATE: Duration = Duration::from_millis(500);
+
+/// Trigger box, camera and projector of one rig.
+pub struct Instrument {
+    /// The trigger box.
+    pub device: Device<Box<dyn Link>>,
+    /// The camera.
+    pub camera: Box<dyn Camera>,
+    /// The projector.
+    pub projector: Box<dyn Projector>,
+}
+
+/// What happened on the way, over a whole measurement.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Tally {
+    /// Exposures that were paired and kept.
+    pub paired: u64,
+    /// Triggers that the camera ignored.
+    pub missed_triggers: u64,
+    /// Exposures whose frame never came.
+    pub dropped_frames: u64,
+    /// Steps whose record never came.
+    pub lost_records: u64,
+    /// Frames whose number and time contradicted each other.
+    pub disputed: u64,
+    /// Frames that came twice.
+    pub duplicates: u64,
+    /// Frames that belonged to no trigger.
+    pub orphans: u64,
+    /// Exposures that nothing had triggered.
+    pub spurious_strobes: u64,
+    /// Exposures that were taken again.
+    pub repeated: u64,
+}
+
+/// One exposure.
+#[derive(Clone, Debug)]
+pub struct Captured {
+    /// Digital numbers, [row, column, channel].
+    pub dn: Vec<u16>,
+    /// Ticks from the start of its run to the trigger, the strobe's beginning and its end.
+    pub ticks: [Ticks; 3],
+    /// Number of the frame in its run.
+    pub frame_id: u64,
+    /// How often it was tried, at least 1.
+    pub attempts: u8,
+    /// Flags of the controller's record.
+    pub flags: u8,
+}
+
+/// Why a capture failed.
+#[derive(Debug, thiserror::Error)]
+pub enum CaptureError {
+    /// The controller.
+    #[error(transparent)]
+    Device(#[from] DeviceError),
+    /// The camera.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// The projector.
+    #[error(transparent)]
+    Projector(#[from] ProjectorError),
+    /// The controller ended the run by itself.
+    #[error(
+        "controller: expected a run of {expected} steps, found that it ended as `{state}` after {done}{reason}"
+    )]
+    Ended {
+        /// Steps of the run.
+        expected: u64,
+        /// How it ended.
+        state: State,
+        /// Steps done.
+        done: u64,
+        /// The fault, with a colon before it, or nothing.
+        reason: String,
+    },
+    /// An exposure failed again and again.
+    #[error(
+        "exposure {exposure} of this segment: expected a frame, found none in {ATTEMPTS} attempts ({outcome:?})"
+    )]
+    GaveUp {
+        /// Which one, from the start of the segment.
+        exposure: usize,
+        /// What became of the last attempt.
+        outcome: Outcome,
+    },
+}
+
+/// What one run brought.
+struct Haul {
+    records: Vec<StepRecord>,
+    spurious_on: Vec<u64>,
+    frames: Vec<Frame>,
+}
+
+impl Instrument {
+    /// Takes one exposure of each pattern. `patterns(i, image)` draws pattern `i` into a black image;
+    /// `taken(n)` is told after each event how many exposures have been recorded so far.
+    ///
+    /// # Errors
+    /// [`CaptureError`].
+    pub fn take(
+        &mut self,
+        count: usize,
+        timing: &Timing,
+        mut patterns: impl FnMut(usize, &mut BitPattern),
+        tally: &mut Tally,
+        mut taken: impl FnMut(usize),
+    ) -> Result<Vec<Captured>, CaptureError> {
+        let mut done: Vec<Option<Captured>> = vec![None; count];
+        let mut open: Vec<usize> = (0..count).collect();
+        let mut last = Outcome::NoRecord;
+        let (width_px, height_px) = self.projector.size_px();
+        let mut image = BitPattern::black(width_px, height_px);
+        for attempt in 1..=ATTEMPTS {
+            self.projector.clear()?;
+            for &exposure in &open {
+                image.clear();
+                patterns(exposure, &mut image);
+                self.projector.load(&image)?;
+            }
+            let settled = count - open.len();
+            let Haul {
+                records,
+                spurious_on,
+                mut frames,
+            } = self.run(open.len(), timing, |recorded| taken(settled + recorded))?;
+            let tick_s = 1.0 / f64::from(self.device.info().clock_hz);
+            let pairing = pair(open.len(), &records, &spurious_on, &frames, tick_s);
+            tally.duplicates += pairing.duplicates as u64;
+            tally.orphans += pairing.orphans as u64;
+            tally.spurious_strobes += spurious_on.len() as u64;
+
+            let mut by_step = vec![None; open.len()];
+            for record in &records {
+                if let Some(place) = by_step.get_mut(record.step.0 as usize) {
+                    *place = Some(record);
+                }
+            }
+            for (step, outcome) in pairing.outcomes.iter().enumerate() {
+                match *outcome {
+                    Outcome::Paired(frame) => {
+                        let record = by_step[step].expect("a paired step has a record");
+                        let dn = std::mem::take(&mut frames[frame].dn);
+                        done[open[step]] = Some(captured(record, dn, frames[frame].id, attempt));
+                        tally.paired += 1;
+                    }
+                    Outcome::MissedTrigger => tally.missed_triggers += 1,
+                    Outcome::DroppedFrame => tally.dropped_frames += 1,
+                    Outcome::NoRecord => tally.lost_records += 1,
+                    Outcome::Disputed => tally.disputed += 1,
+                }
+                if !matches!(outcome, Outcome::Paired(_)) {
+                    last = *outcome;
+                }
+            }
+            open.retain(|&exposure| done[exposure].is_none());
+            if open.is_empty() {
+                break;
+            }
+            tracing::info!(again = open.len(), attempt, outcome = ?last, "exposures are taken again");
+            tally.repeated += open.len() as u64;
+        }
+        match open.first() {
+            Some(&exposure) => Err(CaptureError::GaveUp {
+                exposure,
+                outcome: last,
+            }),
+            None => Ok(done.into_iter().flatten().collect()),
+        }
+    }
+
+    /// One run of the controller over `steps` patterns.
+    fn run(
+        &mut self,
+        steps: usize,
+        timing: &Timing,
+        mut recorded: impl FnMut(usize),
+    ) -> Result<Haul, CaptureError> {
+        let step = timing.step(self.device.info().clock_hz);
+        self.camera.arm()?;
+        self.device.load(&Timing::program(steps as u32), &[step])?;
+        let run = self.device.arm()?;
+        self.device.start()?;
+
+        let mut haul = Haul {
+            records: Vec::with_capacity(steps),
+            spurious_on: Vec::new(),
+            frames: Vec::with_capacity(steps),
+        };
+        let period = Duration::from_secs_f64(timing.period_s);
+        let mut heard = self.device.link().now();
+        loop {
+            let ended = self.take_event(run, KEEP_ALIVE / 4, &mut haul)?;
+            while let Some(frame) = self.camera.next_frame(Duration::ZERO)? {
+                haul.frames.push(frame);
+            }
+            recorded(haul.records.len());
+            let end = match ended {
+                Some(end) => Some(end),
+                None if self.device.link().now().saturating_sub(heard) >= KEEP_ALIVE => {
+                    heard = self.device.link().now();
+                    // Keeps the dead-man switch quiet, and notices an end whose event was lost.
+                    let status = self.device.status()?;
+                    let over = !matches!(status.state, State::Armed | State::Running);
+                    over.then_some((status.state, status.fault, status.steps_done))
+                }
+                None => None,
+            };
+            if let Some((state, fault, done)) = end {
+                // What was sent before the end is still on its way.
+                while self
+                    .take_event(run, Duration::from_millis(1), &mut haul)?
+                    .is_some()
+                {}
+                if state != State::Done {
+                    let reason = fault.map_or(String::new(), |fault| format!(": {fault}"));
+                    return Err(CaptureError::Ended {
+                        expected: steps as u64,
+                        state,
+                        done,
+                        reason,
+                    });
+                }
+                break;
+            }
+        }
+        let exposures = haul
+            .records
+            .iter()
+            .filter(|record| record.strobe.is_some())
+            .count();
+        while haul.frames.len() < exposures {
+            match self.camera.next_frame(FRAMES_LATE.max(period))? {
+                Some(frame) => haul.frames.push(frame),
+                None => break,
+            }
+        }
+        Ok(haul)
+    }
+
+    /// Takes in one event of `run`; returns how the run ended if it did.
+    #[allow(clippy::type_complexity)] // three values of one event, used twice
+    fn take_event(
+        &mut self,
+        run: RunId,
+        timeout: Duration,
+        haul: &mut Haul,
+    ) -> Result<Option<(State, Option<rcg_protocol::Fault>, u64)>, DeviceError> {
+        match self.device.next_event(timeout)? {
+            Some(Event::Records { run: of, records }) if of == run => haul.records.extend(records),
+            Some(Event::SpuriousStrobe { run: of, on }) if of == run => haul.spurious_on.push(on.0),
+            Some(Event::Ended {
+                run: of,
+                state,
+                fault,
+                steps_done,
+                ..
+            }) if of == run => {
+                return Ok(Some((state, fault, steps_done)));
+            }
+            _ => {}
+        }
+        Ok(None)
+    }
+}
+
+fn captured(record: &StepRecord, dn: Vec<u16>, frame_id: u64, attempts: u8) -> Captured {
+    let (on, off) = record.strobe.map_or((Ticks::ZERO, Ticks::ZERO), |strobe| {
+        let on = record.trigger + strobe.delay;
+        (on, on + strobe.width)
+    });
+    Captured {
+        dn,
+        ticks: [record.trigger, on, off],
+        frame_id,
+        attempts,
+        flags: record.flags.0,
+    }
+}

@@ -1,0 +1,406 @@
+//! Evaluation: how good a measured BRDF is, by itself and against a known material.
+//!
+//! # Design
+//! Everything streams over the file once. Quantiles come from a histogram of log error, 200 bins a decade,
+//! so a median is right to 1.2 % of itself and memory does not grow with the measurement.
+//!
+//! The blur that finite light and finite cells must cause is computed from the reference and reported beside
+//! the error: on a sharp lobe it is most of it, and it is not a fault of the measurement.
+
+use std::f64::consts::PI;
+
+use glam::DVec3;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::brdf::Brdf;
+use crate::direction::from_degrees;
+use crate::provenance::Provenance;
+use crate::sample::Sample;
+use crate::store::StoreError;
+
+/// Errors are judged up to this polar angle of both directions, in degrees.
+pub const JUDGED_THETA_DEG: f64 = 80.0;
+/// Pairs of directions for the reciprocity residual.
+const RECIPROCITY_PAIRS: usize = 20_000;
+/// Incident directions for which the blur is computed.
+const BLUR_DIRECTIONS: usize = 48;
+
+/// What was found.
+#[derive(Clone, Debug, Serialize)]
+pub struct Evaluation {
+    /// Samples with a value.
+    pub measured_samples: u64,
+    /// Share of direction pairs with θ ≤ 80° that have a value.
+    pub coverage: f64,
+    /// Median of sigma/f over the judged samples; the instrument's own opinion of its noise.
+    pub median_relative_sigma: f64,
+    /// |f(a,b) − f(b,a)| / mean over random pairs, median.
+    pub reciprocity_residual_median: Option<f64>,
+    /// Pairs that went into it.
+    pub reciprocity_pairs: usize,
+    /// Directional albedo by incident polar angle.
+    pub albedo: Vec<Albedo>,
+    /// Comparison with the reference, if there is one.
+    pub against_reference: Option<Comparison>,
+}
+
+/// Directional albedo ∫ f·cosθo dωo at one incident angle, mean over azimuth; unmeasured directions add nothing.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Albedo {
+    /// Incident polar angle in degrees.
+    pub theta_deg: f64,
+    /// Mean over the channels.
+    pub albedo: f64,
+    /// Share of ∫ cosθo dωo that was measured.
+    pub seen: f64,
+}
+
+/// Error against the reference for θ ≤ 80° both ways, samples of all channels.
+#[derive(Clone, Debug, Serialize)]
+pub struct Comparison {
+    /// The reference as it was named.
+    pub reference: String,
+    /// Samples compared.
+    pub samples: u64,
+    /// |f − reference| / reference.
+    pub relative_error: Quantiles,
+    /// Peak signal-to-noise ratio in dB of f·cosθi, clipped to 1.
+    pub psnr_db: f64,
+    /// Relative difference that finite light and cells alone must make.
+    pub blur: Quantiles,
+    /// Opening of the lit cone in degrees.
+    pub light_deg: f64,
+    /// Width of an outgoing cell in degrees.
+    pub cell_deg: f64,
+}
+
+/// Quantiles of a distribution.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Quantiles {
+    /// 50 %.
+    pub median: f64,
+    /// 90 %.
+    pub p90: f64,
+    /// 99 %.
+    pub p99: f64,
+}
+
+const BINS_PER_DECADE: f64 = 200.0;
+const SMALLEST: f64 = 1e-9;
+const BINS: usize = 2400;
+
+/// Histogram of positive numbers on a log scale from 1e-9 to 1e3.
+#[derive(Clone)]
+struct LogHistogram {
+    bins: Vec<u64>,
+    count: u64,
+}
+
+impl LogHistogram {
+    fn new() -> Self {
+        Self {
+            bins: vec![0; BINS],
+            count: 0,
+        }
+    }
+
+    fn add(&mut self, value: f64) {
+        let bin = ((value.max(SMALLEST) / SMALLEST).log10() * BINS_PER_DECADE) as usize;
+        self.bins[bin.min(BINS - 1)] += 1;
+        self.count += 1;
+    }
+
+    fn merge(mut self, other: &Self) -> Self {
+        for (a, b) in self.bins.iter_mut().zip(&other.bins) {
+            *a += b;
+        }
+        self.count += other.count;
+        self
+    }
+
+    fn quantile(&self, q: f64) -> f64 {
+        let wanted = (q * self.count as f64) as u64;
+        let mut sum = 0;
+        for (bin, count) in self.bins.iter().enumerate() {
+            sum += count;
+            if sum > wanted {
+                return SMALLEST * 10_f64.powf((bin as f64 + 0.5) / BINS_PER_DECADE);
+            }
+        }
+        0.0
+    }
+
+    fn quantiles(&self) -> Quantiles {
+        Quantiles {
+            median: self.quantile(0.5),
+            p90: self.quantile(0.9),
+            p99: self.quantile(0.99),
+        }
+    }
+}
+
+/// What one chunk adds.
+#[derive(Clone)]
+struct Part {
+    error: LogHistogram,
+    sigma: LogHistogram,
+    squares: f64,
+    compared: u64,
+    measured: u64,
+    judged: u64,
+    /// Per ring of the incident grid: Σ albedo, Σ seen, directions.
+    rings: Vec<(f64, f64, u32)>,
+}
+
+impl Part {
+    fn new(rings: usize) -> Self {
+        Self {
+            error: LogHistogram::new(),
+            sigma: LogHistogram::new(),
+            squares: 0.0,
+            compared: 0,
+            measured: 0,
+            judged: 0,
+            rings: vec![(0.0, 0.0, 0); rings],
+        }
+    }
+
+    fn merge(mut self, other: &Self) -> Self {
+        self.error = self.error.merge(&other.error);
+        self.sigma = self.sigma.merge(&other.sigma);
+        self.squares += other.squares;
+        self.compared += other.compared;
+        self.measured += other.measured;
+        self.judged += other.judged;
+        for (a, b) in self.rings.iter_mut().zip(&other.rings) {
+            *a = (a.0 + b.0, a.1 + b.1, a.2 + b.2);
+        }
+        self
+    }
+}
+
+/// Evaluates `brdf`, against `reference` (its name and itself) if there is one; `progress` is told how many
+/// chunks of [`Brdf::chunks`] are done.
+///
+/// # Errors
+/// [`StoreError`] if the file cannot be read.
+pub fn evaluate(
+    brdf: &Brdf,
+    reference: Option<(&str, &dyn Sample)>,
+    progress: &(dyn Fn(usize) + Sync),
+) -> Result<Evaluation, StoreError> {
+    let grid = brdf.grid();
+    let rings = grid.len() / grid.phi_count();
+    let cells: Vec<Option<DVec3>> = (0..brdf.disk().len())
+        .map(|cell| {
+            brdf.disk()
+                .direction(cell)
+                .filter(|_| brdf.outgoing_reason(cell).is_none())
+        })
+        .collect();
+    let done = std::sync::atomic::AtomicUsize::new(0);
+    let sample = reference.map(|(_, sample)| sample);
+    let total = (0..brdf.chunks())
+        .into_par_iter()
+        .map(|chunk| {
+            let part = part(brdf, chunk, &cells, sample, rings);
+            progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1);
+            part
+        })
+        .try_reduce(|| Part::new(rings), |a, b| Ok(a.merge(&b)))?;
+
+    let (residual, pairs) = reciprocity(brdf)?;
+    // How many pairs of directions with θ ≤ 80° there are in all.
+    let judged_cells = (0..brdf.disk().len())
+        .filter(|&cell| brdf.disk().direction(cell).is_some_and(is_judged))
+        .count();
+    let judged_incident = (0..grid.len())
+        .filter(|&index| is_judged(grid.direction(index)))
+        .count();
+    let against_reference = reference.map(|(name, sample)| Comparison {
+        reference: name.to_owned(),
+        samples: total.compared,
+        relative_error: total.error.quantiles(),
+        psnr_db: -10.0 * (total.squares / total.compared.max(1) as f64).max(1e-30).log10(),
+        blur: blur(brdf, sample, &cells),
+        light_deg: light_deg(brdf),
+        cell_deg: brdf.disk().cell_sr().sqrt().to_degrees(),
+    });
+    Ok(Evaluation {
+        measured_samples: total.measured,
+        coverage: total.judged as f64 / (judged_cells as f64 * judged_incident as f64).max(1.0),
+        median_relative_sigma: total.sigma.quantile(0.5),
+        reciprocity_residual_median: residual,
+        reciprocity_pairs: pairs,
+        albedo: albedo(&total.rings, grid.step_deg()),
+        against_reference,
+    })
+}
+
+fn is_judged(w: DVec3) -> bool {
+    w.z >= JUDGED_THETA_DEG.to_radians().cos()
+}
+
+fn light_deg(brdf: &Brdf) -> f64 {
+    brdf.attributes()
+        .get("spot_deg")
+        .and_then(serde_json::Value::as_f64)
+        .unwrap_or(0.0)
+}
+
+fn part(
+    brdf: &Brdf,
+    chunk: usize,
+    cells: &[Option<DVec3>],
+    sample: Option<&dyn Sample>,
+    rings: usize,
+) -> Result<Part, StoreError> {
+    let mut part = Part::new(rings);
+    let Some(rows) = brdf.chunk(chunk)? else {
+        return Ok(part);
+    };
+    let channels = brdf.channels();
+    let count = brdf.disk().len();
+    let cell_sr = brdf.disk().cell_sr();
+    for (place, index) in brdf.chunk_range(chunk).enumerate() {
+        if brdf.incident_reason(index).is_some() {
+            continue;
+        }
+        let wi = brdf.grid().direction(index);
+        let judged_in = is_judged(wi);
+        let lobe = sample.filter(|_| judged_in).map(|sample| sample.incident(wi));
+        let (mut albedo, mut seen) = (0.0, 0.0);
+        for (cell, wo) in cells.iter().enumerate() {
+            let Some(wo) = *wo else { continue };
+            if rows.provenance[place * count + cell] == Provenance::Missing.code() {
+                continue;
+            }
+            let at = (place * count + cell) * channels;
+            let f = &rows.f[at..at + channels];
+            let sigma = &rows.sigma[at..at + channels];
+            part.measured += 1;
+            let projected_sr = wo.z * cell_sr;
+            albedo += projected_sr * f.iter().map(|&f| f64::from(f)).sum::<f64>() / channels as f64;
+            seen += projected_sr / PI;
+            if !(judged_in && is_judged(wo)) {
+                continue;
+            }
+            part.judged += 1;
+            part.sigma
+                .add(f64::from(sigma[0]) / f64::from(f[0]).abs().max(1e-12));
+            if let Some(lobe) = &lobe {
+                let truth = channel_values(lobe.f(wo), channels);
+                for (&f, truth) in f.iter().zip(truth) {
+                    let f = f64::from(f);
+                    part.error.add((f - truth).abs() / truth.abs().max(1e-12));
+                    let clipped = |f: f64| (f * wi.z).clamp(0.0, 1.0);
+                    part.squares += (clipped(f) - clipped(truth)).powi(2);
+                    part.compared += 1;
+                }
+            }
+        }
+        let ring = &mut part.rings[index / brdf.grid().phi_count()];
+        *ring = (ring.0 + albedo, ring.1 + seen, ring.2 + 1);
+    }
+    Ok(part)
+}
+
+/// What a camera of `channels` channels sees of the three of a sample: all, or their mean.
+fn channel_values(f: [f64; 3], channels: usize) -> impl Iterator<Item = f64> {
+    let f = if channels == 1 {
+        [(f[0] + f[1] + f[2]) / 3.0; 3]
+    } else {
+        f
+    };
+    f.into_iter().take(channels)
+}
+
+fn albedo(rings: &[(f64, f64, u32)], step_deg: f64) -> Vec<Albedo> {
+    let mean = |ring: usize, (albedo, seen, directions): (f64, f64, u32)| Albedo {
+        theta_deg: (ring as f64 + 0.5) * step_deg,
+        albedo: albedo / f64::from(directions),
+        seen: seen / f64::from(directions),
+    };
+    rings
+        .iter()
+        .enumerate()
+        .filter(|(_, ring)| ring.2 > 0)
+        .map(|(i, &ring)| mean(i, ring))
+        .collect()
+}
+
+/// Median of |f(a,b) − f(b,a)| / mean over random pairs of directions with θ ≤ 80°, and how many there were.
+fn reciprocity(brdf: &Brdf) -> Result<(Option<f64>, usize), StoreError> {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(0);
+    let lowest = JUDGED_THETA_DEG.to_radians().cos();
+    let mut draw = || {
+        let z: f64 = rng.random_range(lowest..1.0);
+        from_degrees(z.acos().to_degrees(), rng.random_range(0.0..360.0))
+    };
+    let pairs: Vec<(DVec3, DVec3)> = (0..RECIPROCITY_PAIRS).map(|_| (draw(), draw())).collect();
+    let both: Vec<(DVec3, DVec3)> = pairs.iter().flat_map(|&(a, b)| [(a, b), (b, a)]).collect();
+    let values = brdf.values(&both)?;
+    let mut residuals: Vec<f64> = values
+        .chunks_exact(2)
+        .filter_map(|pair| {
+            let mean = |value: &crate::brdf::Value| {
+                Some(value.ok()?.iter().map(|&f| f64::from(f)).sum::<f64>() / 3.0)
+            };
+            let (forth, back) = (mean(&pair[0])?, mean(&pair[1])?);
+            let middle = f64::midpoint(forth, back);
+            (middle > 0.0).then(|| (forth - back).abs() / middle)
+        })
+        .collect();
+    residuals.sort_by(f64::total_cmp);
+    Ok((residuals.get(residuals.len() / 2).copied(), residuals.len()))
+}
+
+/// Relative difference between the reference averaged over the lit cone and the cell, and itself.
+///
+/// The cone is a disc of diameter d, of standard deviation d/4 along each axis; the cell a square of side s,
+/// of s/√12, and the resampling by linear interpolation blurs about as much again.
+fn blur(brdf: &Brdf, sample: &dyn Sample, cells: &[Option<DVec3>]) -> Quantiles {
+    let light_rad = light_deg(brdf).to_radians() / 4.0;
+    let cell_rad = brdf.disk().cell_sr().sqrt() / 6.0_f64.sqrt();
+    let channels = brdf.channels();
+    let measured: Vec<usize> = (0..brdf.grid().len())
+        .filter(|&index| brdf.incident_reason(index).is_none() && is_judged(brdf.grid().direction(index)))
+        .collect();
+    let every = measured.len().div_ceil(BLUR_DIRECTIONS).max(1);
+    let chosen: Vec<usize> = measured.into_iter().step_by(every).collect();
+    chosen
+        .into_par_iter()
+        .map(|index| {
+            let mut histogram = LogHistogram::new();
+            let wi = brdf.grid().direction(index);
+            let sharp = sample.incident(wi);
+            let lobes = around(wi, light_rad).map(|wi| sample.incident(wi));
+            for &wo in cells.iter().flatten().filter(|wo| is_judged(**wo)) {
+                let places = around(wo, cell_rad);
+                let mut mean = [0.0; 3];
+                // The half fraction of the 2⁴ combinations, as the virtual rig takes it.
+                for (lobe, pair) in lobes.iter().zip([[0, 3], [1, 2], [1, 2], [0, 3]]) {
+                    for place in pair {
+                        let f = lobe.f(places[place]);
+                        mean = [mean[0] + f[0] / 8.0, mean[1] + f[1] / 8.0, mean[2] + f[2] / 8.0];
+                    }
+                }
+                let truth = channel_values(sharp.f(wo), channels);
+                for (blurred, truth) in channel_values(mean, channels).zip(truth) {
+                    histogram.add((blurred - truth).abs() / truth.abs().max(1e-12));
+                }
+            }
+            histogram
+        })
+        .reduce(LogHistogram::new, |a, b| a.merge(&b))
+        .quantiles()
+}
+
+/// Four directions at ±`rad` along two tangents of `w`, in the order ++, +−, −+, −−.
+fn around(w: DVec3, rad: f64) -> [DVec3; 4] {
+    let (a, b) = w.any_orthonormal_pair();
+    [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].map(|(x, y)| (w + rad * (x * a + y * b)).normalize())
+}

@@ -1,0 +1,267 @@
+//! The main job: plan, capture, assemble, evaluate and report on a virtual rig, in one go.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use serde::Serialize;
+use serde_json::{Map, json};
+
+use crate::assemble::{AssembleError, Assembled, assemble};
+use crate::brdf::{Brdf, BrdfError};
+use crate::capture::{Instrument, Tally};
+use crate::device::{Device, DeviceError, Patience};
+use crate::evaluate::{Evaluation, evaluate};
+use crate::link::Link;
+use crate::measurement::{Measurement, MeasurementError, State, pilot};
+use crate::plan::{Plan, Request};
+use crate::progress::Progress;
+use crate::report::{ReportError, report};
+use crate::rig::Rig;
+use crate::sample::{Sample, SampleError};
+use crate::store::StoreError;
+use crate::virtual_rig::{Behaviour, Mischief, Noise, VirtualRig};
+
+/// What a measurement came to.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// Directory of the measurement.
+    pub out: String,
+    /// Name of the rig.
+    pub rig: String,
+    /// What was measured.
+    pub sample: String,
+    /// Degrees between incident directions.
+    pub step_deg: f64,
+    /// Pixels a side.
+    pub image_size: u32,
+    /// Incident directions of the whole grid, those included that the rig cannot light.
+    pub incident_directions: usize,
+    /// Exposures taken, those with a black pattern included.
+    pub exposures: usize,
+    /// Exposure time in s.
+    pub exposure_s: f64,
+    /// Time that the instrument needs for the exposures, in s.
+    pub instrument_s: f64,
+    /// What happened on the way, in this call.
+    pub capture: Tally,
+    /// What assembly found.
+    pub assembled: Assembled,
+    /// How good it is.
+    pub evaluation: Evaluation,
+    /// Time that each stage took here, in s.
+    pub elapsed_s: Elapsed,
+}
+
+/// Seconds of computing.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Elapsed {
+    /// Simulating, capturing and storing.
+    pub capture: f64,
+    /// Assembling.
+    pub assemble: f64,
+    /// Evaluating.
+    pub evaluate: f64,
+    /// Drawing.
+    pub report: f64,
+}
+
+/// Why a measurement failed.
+#[derive(Debug, thiserror::Error)]
+pub enum MeasureError {
+    /// Planning, capture and storage.
+    #[error(transparent)]
+    Measurement(#[from] MeasurementError),
+    /// Assembly.
+    #[error(transparent)]
+    Assemble(#[from] AssembleError),
+    /// The BRDF.
+    #[error(transparent)]
+    Brdf(#[from] BrdfError),
+    /// The sample.
+    #[error(transparent)]
+    Sample(#[from] SampleError),
+    /// The controller.
+    #[error(transparent)]
+    Device(#[from] DeviceError),
+    /// Figures and report.
+    #[error(transparent)]
+    Report(#[from] ReportError),
+}
+
+impl From<StoreError> for MeasureError {
+    fn from(error: StoreError) -> Self {
+        Self::Brdf(error.into())
+    }
+}
+
+impl Instrument {
+    /// A virtual instrument that is truly as `rig` says, with `sample` in it.
+    ///
+    /// # Errors
+    /// [`DeviceError`].
+    pub fn simulated(rig: &Rig, sample: Arc<dyn Sample>, behaviour: Behaviour) -> Result<Self, DeviceError> {
+        let VirtualRig {
+            controller,
+            camera,
+            projector,
+        } = VirtualRig::new(rig, sample, behaviour);
+        let link: Box<dyn Link> = Box::new(controller);
+        let device = Device::connect(link, 1, Patience::default())?;
+        Ok(Self {
+            device,
+            camera: Box::new(camera),
+            projector: Box::new(projector),
+        })
+    }
+}
+
+/// The virtual instrument that `request` asks for; `rig` has its camera image scaled.
+///
+/// # Errors
+/// [`MeasureError`].
+pub fn simulated(rig: &Rig, request: &Request, mischief: Mischief) -> Result<Instrument, MeasureError> {
+    let spec = request.sample.as_deref().unwrap_or(DEFAULT_SAMPLE);
+    let sample: Arc<dyn Sample> = Arc::from(crate::sample::parse(spec)?);
+    let noise = if request.noise { Noise::On } else { Noise::Off };
+    Ok(Instrument::simulated(
+        rig,
+        sample,
+        Behaviour {
+            noise,
+            seed: request.seed,
+            mischief,
+        },
+    )?)
+}
+
+/// What the virtual rig holds unless told otherwise.
+pub const DEFAULT_SAMPLE: &str = "ward:brass";
+
+/// Plans a measurement of `request` on `rig` (as loaded, its camera at full size) in the new directory `out`; the
+/// exposure time is found by a pilot capture if `request` leaves it open.
+///
+/// # Errors
+/// [`MeasureError`].
+pub fn prepare(
+    out: &Path,
+    rig: &Rig,
+    request: Request,
+    mischief: Mischief,
+    progress: &dyn Progress,
+) -> Result<Measurement, MeasureError> {
+    Measurement::check_new(out)?;
+    // Checks what was asked for before anything is built.
+    Plan::new(request.clone(), rig, rig.camera.exposure_s).map_err(MeasurementError::from)?;
+    let scaled = rig
+        .with_image_size(request.image_size)
+        .map_err(MeasurementError::from)?;
+    let exposure_s = if let Some(exposure_s) = request.exposure_s {
+        exposure_s
+    } else {
+        progress.begin("pilot capture", 1, "runs");
+        let mut instrument = simulated(&scaled, &request, mischief)?;
+        let exposure_s = pilot(&scaled, request.step_deg, &mut instrument)?;
+        progress.end();
+        exposure_s
+    };
+    let plan = Plan::new(request, &scaled, exposure_s).map_err(MeasurementError::from)?;
+    Ok(Measurement::create(out, scaled, plan)?)
+}
+
+/// Captures what is missing of `measurement` on its virtual rig.
+///
+/// # Errors
+/// [`MeasureError`].
+pub fn capture(
+    measurement: &Measurement,
+    mischief: Mischief,
+    progress: &dyn Progress,
+) -> Result<Tally, MeasureError> {
+    let mut instrument = simulated(&measurement.rig, &measurement.plan.request, mischief)?;
+    progress.begin("capture", measurement.plan.len(), "exposures");
+    let tally = measurement.capture(&mut instrument, &mut |done| progress.reach(done))?;
+    progress.end();
+    Ok(tally)
+}
+
+/// Assembles the frames of `measurement`.
+///
+/// # Errors
+/// [`MeasureError`].
+pub fn assemble_measurement(
+    measurement: &Measurement,
+    progress: &dyn Progress,
+) -> Result<Assembled, MeasureError> {
+    progress.begin("assemble", measurement.plan.directions, "frames");
+    let Measurement {
+        rig,
+        plan,
+        directions,
+        ..
+    } = measurement;
+    let (raw, brdf) = (measurement.path("raw.zarr"), measurement.path("brdf.zarr"));
+    let assembled = assemble(rig, plan, directions, &raw, &brdf, &|done| progress.reach(done))?;
+    progress.end();
+    let mut facts = Map::new();
+    facts.insert("assembled".to_owned(), json!(assembled));
+    measurement.note(State::Assembled, facts)?;
+    Ok(assembled)
+}
+
+/// All stages that are still to be done for `measurement`.
+///
+/// # Errors
+/// [`MeasureError`].
+pub fn complete(
+    measurement: &Measurement,
+    mischief: Mischief,
+    clock: &dyn Fn() -> Duration,
+    progress: &dyn Progress,
+) -> Result<Summary, MeasureError> {
+    let mut elapsed = Elapsed::default();
+    let began = clock();
+    let tally = capture(measurement, mischief, progress)?;
+    let captured = clock();
+    elapsed.capture = (captured.saturating_sub(began)).as_secs_f64();
+    let assembled = assemble_measurement(measurement, progress)?;
+    let built = clock();
+    elapsed.assemble = (built.saturating_sub(captured)).as_secs_f64();
+
+    let brdf = Brdf::open(&measurement.path("brdf.zarr"))?;
+    let spec = measurement
+        .plan
+        .request
+        .sample
+        .as_deref()
+        .unwrap_or(DEFAULT_SAMPLE);
+    let sample = crate::sample::parse(spec)?;
+    progress.begin("evaluate", brdf.chunks(), "chunks");
+    let evaluation = evaluate(&brdf, Some((spec, sample.as_ref())), &|done| progress.reach(done))?;
+    progress.end();
+    let judged = clock();
+    elapsed.evaluate = (judged.saturating_sub(built)).as_secs_f64();
+
+    let plan = &measurement.plan;
+    let mut summary = Summary {
+        out: measurement.dir().display().to_string(),
+        rig: measurement.rig.name.clone(),
+        sample: spec.to_owned(),
+        step_deg: plan.request.step_deg,
+        image_size: plan.request.image_size,
+        incident_directions: measurement.directions.grid.len(),
+        exposures: plan.len(),
+        exposure_s: plan.exposure_s,
+        instrument_s: plan.duration_s(),
+        capture: tally,
+        assembled,
+        evaluation,
+        elapsed_s: elapsed,
+    };
+    progress.begin("draw", 1, "reports");
+    report(measurement, &brdf, sample.as_ref(), &summary)?;
+    progress.end();
+    summary.elapsed_s.report = (clock().saturating_sub(judged)).as_secs_f64();
+    measurement.note(State::Reported, Map::new())?;
+    Ok(summary)
+}

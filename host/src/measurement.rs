@@ -1,0 +1,501 @@
+//! A measurement: a directory with everything that belongs to it, and the stages that fill it.
+//!
+//! # Design
+//! `rig.toml` and `plan.toml` come first and never change; they say what all later stages do. `raw.zarr` grows
+//! by whole segments; a run that was killed goes on with the next one. What is derived (`brdf.zarr`, figures,
+//! report) appears under its name only when it is whole. `manifest.json` says how far things are.
+
+use std::fs;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::sync_channel;
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
+use sha2::{Digest as _, Sha256};
+
+use crate::capture::{CaptureError, Captured, Instrument, Tally};
+use crate::incident::StepError;
+use crate::optics::View;
+use crate::pattern::{LitSet, PatternMaker};
+use crate::plan::{Directions, Exposure, Plan, PlanError, Request};
+use crate::rig::{Rig, RigError};
+use crate::schedule::Timing;
+use crate::store::{ExposureRecord, RawLayout, RawStore, Segment, StoreError};
+
+/// Incident directions of the pilot capture that chooses the exposure time.
+const PILOT_DIRECTIONS: usize = 48;
+/// The pilot's brightest pixels (all but this share) shall come to [`PILOT_TARGET`] of the range.
+const PILOT_CLIPPED: f64 = 1e-4;
+/// See [`PILOT_CLIPPED`].
+const PILOT_TARGET: f64 = 0.85;
+
+/// Why a measurement cannot go on.
+#[derive(Debug, thiserror::Error)]
+pub enum MeasurementError {
+    /// The directory is taken.
+    #[error(
+        "{path}: expected a new or empty directory, found one with files in it; use --resume to go on with it"
+    )]
+    Exists {
+        /// The directory.
+        path: String,
+    },
+    /// The directory holds no measurement.
+    #[error("{path}: expected a measurement (with plan.toml and rig.toml), found none")]
+    NotOne {
+        /// The directory.
+        path: String,
+    },
+    /// What was asked for is not what the directory holds.
+    #[error("{path}: {field}: expected {expected} as in the measurement that is resumed, found {found}")]
+    Differs {
+        /// The directory.
+        path: String,
+        /// What differs.
+        field: &'static str,
+        /// What the directory holds.
+        expected: String,
+        /// What was asked for.
+        found: String,
+    },
+    /// A file cannot be written or read.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: String,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The rig.
+    #[error(transparent)]
+    Rig(#[from] RigError),
+    /// The plan.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// A store.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The capture.
+    #[error(transparent)]
+    Capture(#[from] CaptureError),
+}
+
+impl From<StepError> for MeasurementError {
+    fn from(error: StepError) -> Self {
+        Self::Plan(error.into())
+    }
+}
+
+/// How far a measurement is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum State {
+    /// The plan is written.
+    Planned,
+    /// All frames are stored.
+    Captured,
+    /// `brdf.zarr` is whole.
+    Assembled,
+    /// Figures and report are written.
+    Reported,
+}
+
+/// A measurement's directory, with its rig (camera image scaled as planned) and plan.
+#[derive(Clone, Debug)]
+pub struct Measurement {
+    dir: PathBuf,
+    /// The rig, its camera image of the planned size.
+    pub rig: Rig,
+    /// The plan.
+    pub plan: Plan,
+    /// The incident directions.
+    pub directions: Directions,
+}
+
+impl Measurement {
+    /// Whether `dir` could become a new measurement: absent or empty.
+    ///
+    /// # Errors
+    /// [`MeasurementError::Exists`].
+    pub fn check_new(dir: &Path) -> Result<(), MeasurementError> {
+        let taken = match fs::read_dir(dir) {
+            Ok(mut entries) => entries.next().is_some(),
+            Err(_) => dir.exists(),
+        };
+        if taken {
+            Err(MeasurementError::Exists {
+                path: dir.display().to_string(),
+            })
+        } else {
+            Ok(())
+        }
+    }
+
+    /// Begins a measurement in `dir`. `rig` has its camera image scaled to the plan's size.
+    ///
+    /// # Errors
+    /// [`MeasurementError`].
+    pub fn create(dir: &Path, rig: Rig, plan: Plan) -> Result<Self, MeasurementError> {
+        Self::check_new(dir)?;
+        let directions = Directions::new(&rig, plan.request.step_deg)?;
+        let measurement = Self {
+            dir: dir.to_owned(),
+            rig,
+            plan,
+            directions,
+        };
+        fs::create_dir_all(dir).map_err(|source| io(dir, source))?;
+        write_whole(
+            &measurement.path("rig.toml"),
+            measurement.rig.to_toml().as_bytes(),
+        )?;
+        // The plan comes last: a directory with a plan is a measurement.
+        write_whole(
+            &measurement.path("plan.toml"),
+            measurement.plan.to_toml().as_bytes(),
+        )?;
+        measurement.note(State::Planned, Map::new())?;
+        Ok(measurement)
+    }
+
+    /// Opens the measurement in `dir`.
+    ///
+    /// # Errors
+    /// [`MeasurementError::NotOne`], or what is wrong with its rig or plan.
+    pub fn open(dir: &Path) -> Result<Self, MeasurementError> {
+        if !Self::exists(dir) {
+            return Err(MeasurementError::NotOne {
+                path: dir.display().to_string(),
+            });
+        }
+        let rig_path = dir.join("rig.toml");
+        let rig = Rig::load(&rig_path.to_string_lossy())?;
+        let plan = Plan::read(&dir.join("plan.toml"))?;
+        let directions = Directions::new(&rig, plan.request.step_deg)?;
+        let lens = &rig.camera.lens;
+        if directions.measurable().count() != plan.directions || lens.width_px != plan.request.image_size {
+            return Err(MeasurementError::Differs {
+                path: rig_path.display().to_string(),
+                field: "rig",
+                expected: format!(
+                    "{} measurable directions and {} pixels a side",
+                    plan.directions, plan.request.image_size
+                ),
+                found: format!("{} and {}", directions.measurable().count(), lens.width_px),
+            });
+        }
+        Ok(Self {
+            dir: dir.to_owned(),
+            rig,
+            plan,
+            directions,
+        })
+    }
+
+    /// Whether `dir` holds a measurement.
+    #[must_use]
+    pub fn exists(dir: &Path) -> bool {
+        dir.join("plan.toml").is_file()
+    }
+
+    /// Refuses to go on if something else is asked for than what this measurement holds.
+    ///
+    /// # Errors
+    /// [`MeasurementError::Differs`] with the first field that differs.
+    pub fn check_same(&self, request: &Request, rig_name: &str) -> Result<(), MeasurementError> {
+        let held = &self.plan.request;
+        let differs = |field, expected: String, found: String| MeasurementError::Differs {
+            path: self.dir.display().to_string(),
+            field,
+            expected,
+            found,
+        };
+        let text = |value: &dyn std::fmt::Debug| format!("{value:?}");
+        let fields: [(&'static str, String, String); 7] = [
+            ("rig", self.rig.name.clone(), rig_name.to_owned()),
+            ("step", text(&held.step_deg), text(&request.step_deg)),
+            ("image-size", text(&held.image_size), text(&request.image_size)),
+            ("exposure-ms", text(&held.exposure_s), text(&request.exposure_s)),
+            ("sample", text(&held.sample), text(&request.sample)),
+            ("noise", text(&held.noise), text(&request.noise)),
+            ("seed", text(&held.seed), text(&request.seed)),
+        ];
+        match fields.into_iter().find(|(_, held, asked)| held != asked) {
+            Some((field, expected, found)) => Err(differs(field, expected, found)),
+            None => Ok(()),
+        }
+    }
+
+    /// The directory.
+    #[must_use]
+    pub fn dir(&self) -> &Path {
+        &self.dir
+    }
+
+    /// A file of the measurement.
+    #[must_use]
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.dir.join(name)
+    }
+
+    /// Captures what is not stored yet; `progress(exposures)` is told how many are done in all.
+    ///
+    /// # Errors
+    /// [`MeasurementError`]; what was stored before stays.
+    pub fn capture(
+        &self,
+        instrument: &mut Instrument,
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<Tally, MeasurementError> {
+        let raw_path = self.path("raw.zarr");
+        let raw = if raw_path.exists() {
+            RawStore::open(&raw_path)?
+        } else {
+            self.create_raw(&raw_path)?
+        };
+        let exposures = self.plan.exposures(&self.directions);
+        let maker = self.pattern_maker();
+        let stored = raw.whole_segments()?;
+        if stored > 0 {
+            tracing::info!(
+                segments = stored,
+                of = raw.segments(),
+                "segments are stored already"
+            );
+        }
+        let mut tally = Tally::default();
+        let mut result = Ok(());
+        std::thread::scope(|scope| {
+            // One segment is written while the next is captured.
+            let (tx, rx) = sync_channel::<(usize, Segment)>(1);
+            let raw = &raw;
+            let writer = scope.spawn(move || -> Result<(), StoreError> {
+                for (index, segment) in rx {
+                    raw.write_segment(index, &segment)?;
+                }
+                Ok(())
+            });
+            for index in stored..raw.segments() {
+                let range = raw.segment_range(index);
+                progress(range.start);
+                let mut report = |done: usize| progress(range.start + done);
+                match self.capture_segment(
+                    instrument,
+                    &maker,
+                    &exposures[range.clone()],
+                    &mut tally,
+                    &mut report,
+                ) {
+                    Ok(segment) => {
+                        if tx.send((index, segment)).is_err() {
+                            break; // the writer has failed; its error follows
+                        }
+                    }
+                    Err(error) => {
+                        result = Err(error);
+                        break;
+                    }
+                }
+            }
+            drop(tx);
+            let written = writer
+                .join()
+                .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            if let Err(error) = written {
+                result = Err(error.into());
+            }
+        });
+        result?;
+        progress(exposures.len());
+        let mut facts = Map::new();
+        facts.insert("capture".to_owned(), json!(tally));
+        self.note(State::Captured, facts)?;
+        Ok(tally)
+    }
+
+    fn create_raw(&self, path: &Path) -> Result<RawStore, MeasurementError> {
+        let format = self.rig.frame_format();
+        let layout = RawLayout {
+            exposures: self.plan.len(),
+            segment: self.plan.segment,
+            height: format.height_px,
+            width: format.width_px,
+            channels: format.channels,
+            bits: format.bits,
+        };
+        let mut attributes = Map::new();
+        attributes.insert("rig".to_owned(), json!(self.rig.name));
+        attributes.insert(
+            "source".to_owned(),
+            json!(concat!("rcg ", env!("CARGO_PKG_VERSION"))),
+        );
+        Ok(RawStore::create(path, layout, attributes)?)
+    }
+
+    fn pattern_maker(&self) -> PatternMaker {
+        PatternMaker::new(
+            View::projector(&self.rig),
+            self.plan.spot_deg,
+            self.rig.projector.irradiance,
+        )
+    }
+
+    fn capture_segment(
+        &self,
+        instrument: &mut Instrument,
+        maker: &PatternMaker,
+        exposures: &[Exposure],
+        tally: &mut Tally,
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<Segment, MeasurementError> {
+        let lit = self.lit_sets(maker, exposures);
+        let captured = take(instrument, &lit, &self.plan.timing, tally, progress)?;
+        let mut segment = Segment {
+            frames: Vec::new(),
+            records: Vec::with_capacity(exposures.len()),
+        };
+        segment
+            .frames
+            .reserve_exact(exposures.len() * self.rig.frame_format().len());
+        for ((exposure, lit), shot) in exposures.iter().zip(&lit).zip(captured) {
+            segment.frames.extend_from_slice(&shot.dn);
+            segment.records.push(ExposureRecord {
+                incident: exposure.code(),
+                kind: u8::from(*exposure == Exposure::Black),
+                exposure_s: self.plan.exposure_s,
+                trigger_tick: shot.ticks[0].0,
+                strobe_on_tick: shot.ticks[1].0,
+                strobe_off_tick: shot.ticks[2].0,
+                frame_id: shot.frame_id,
+                attempts: shot.attempts,
+                flags: u16::from(shot.flags),
+                lit_solid_angle_sr: lit.as_ref().map_or(0.0, |lit| lit.solid_angle_sr),
+                lit_irradiance: lit.as_ref().map_or(0.0, |lit| lit.irradiance),
+            });
+        }
+        Ok(segment)
+    }
+
+    fn lit_sets(&self, maker: &PatternMaker, exposures: &[Exposure]) -> Vec<Option<LitSet>> {
+        exposures
+            .par_iter()
+            .map(|exposure| match exposure {
+                Exposure::Black => None,
+                Exposure::Incident(index) => maker.lit_set(self.directions.grid.direction(*index)).ok(),
+            })
+            .collect()
+    }
+
+    /// Writes the state and `facts` into `manifest.json`, beside what it holds already.
+    ///
+    /// # Errors
+    /// [`MeasurementError::Io`].
+    pub fn note(&self, state: State, facts: Map<String, Value>) -> Result<(), MeasurementError> {
+        let path = self.path("manifest.json");
+        let old = fs::read(&path)
+            .ok()
+            .and_then(|bytes| serde_json::from_slice::<Map<String, Value>>(&bytes).ok());
+        let mut manifest = old.unwrap_or_default();
+        manifest.insert("state".to_owned(), json!(state));
+        manifest.insert(
+            "program".to_owned(),
+            json!(concat!("rcg ", env!("CARGO_PKG_VERSION"))),
+        );
+        manifest.insert("protocol".to_owned(), json!(rcg_protocol::PROTOCOL_VERSION));
+        manifest.insert("seed".to_owned(), json!(self.plan.request.seed));
+        let mut sums = Map::new();
+        for name in ["rig.toml", "plan.toml"] {
+            let path = self.path(name);
+            let bytes = fs::read(&path).map_err(|source| io(&path, source))?;
+            sums.insert(name.to_owned(), json!(hex(&Sha256::digest(&bytes))));
+        }
+        manifest.insert("sha256".to_owned(), Value::Object(sums));
+        manifest.extend(facts);
+        let text = serde_json::to_string_pretty(&manifest).expect("JSON values can be written");
+        write_whole(&path, text.as_bytes())
+    }
+}
+
+/// Takes one exposure per entry of `lit`, black where it is `None`.
+fn take(
+    instrument: &mut Instrument,
+    lit: &[Option<LitSet>],
+    timing: &Timing,
+    tally: &mut Tally,
+    progress: &mut dyn FnMut(usize),
+) -> Result<Vec<Captured>, CaptureError> {
+    let draw = |exposure: usize, image: &mut crate::pattern::BitPattern| {
+        if let Some(lit) = &lit[exposure] {
+            image.light(&lit.pixels);
+        }
+    };
+    instrument.take(lit.len(), timing, draw, tally, progress)
+}
+
+/// The exposure time in s at which the brightest pixels of a few test exposures nearly fill the camera's range;
+/// at most the rig's default, beyond which the measurement would take longer than the rig is made for.
+///
+/// `rig` has its camera image scaled as it will be measured.
+///
+/// # Errors
+/// [`MeasurementError`].
+pub fn pilot(rig: &Rig, step_deg: f64, instrument: &mut Instrument) -> Result<f64, MeasurementError> {
+    let directions = Directions::new(rig, step_deg)?;
+    let measurable: Vec<usize> = directions.measurable().collect();
+    // A stride that shares no factor with the ring length visits all azimuths.
+    let every = (measurable.len() / PILOT_DIRECTIONS).max(1) | 1;
+    let spot_deg = rig.light.spot_deg.min(step_deg);
+    let maker = PatternMaker::new(View::projector(rig), spot_deg, rig.projector.irradiance);
+    let lit: Vec<Option<LitSet>> = measurable
+        .iter()
+        .step_by(every)
+        .map(|&index| maker.lit_set(directions.grid.direction(index)).ok())
+        .collect();
+    let range = f64::from(rig.saturation_dn()) - rig.camera.dark_dn;
+    let mut exposure_s = rig.camera.exposure_s;
+    for _ in 0..8 {
+        let timing = Timing::new(rig, exposure_s).map_err(PlanError::from)?;
+        let shots = take(instrument, &lit, &timing, &mut Tally::default(), &mut |_| {})?;
+        let mut dn: Vec<u16> = shots.into_iter().flat_map(|shot| shot.dn).collect();
+        let rank = ((dn.len() as f64 * (1.0 - PILOT_CLIPPED)) as usize).min(dn.len().saturating_sub(1));
+        let (_, bright, _) = dn.select_nth_unstable(rank);
+        if *bright < rig.saturation_dn() {
+            let fill = (f64::from(*bright) - rig.camera.dark_dn) / range;
+            return Ok((exposure_s * PILOT_TARGET / fill.max(1e-6)).min(rig.camera.exposure_s));
+        }
+        exposure_s /= 8.0;
+    }
+    Ok(exposure_s)
+}
+
+fn hex(bytes: &[u8]) -> String {
+    use std::fmt::Write as _;
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        write!(text, "{byte:02x}").expect("strings take everything");
+        text
+    })
+}
+
+fn io(path: &Path, source: std::io::Error) -> MeasurementError {
+    MeasurementError::Io {
+        path: path.display().to_string(),
+        source,
+    }
+}
+
+/// Writes a file so that it is whole or not there.
+///
+/// # Errors
+/// [`MeasurementError::Io`].
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), MeasurementError> {
+    let temporary = path.with_extension("tmp");
+    let written = fs::File::create(&temporary)
+        .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
+        .and_then(|()| fs::rename(&temporary, path));
+    written.map_err(|source| {
+        fs::remove_file(&temporary).ok();
+        io(path, source)
+    })
+}

@@ -1,0 +1,38 @@
+//! Geometry of the instrument: which pixel of camera or projector looks in which direction at the sample.
+//!
+//! # Design
+//! | file | holds |
+//! |---|---|
+//! | `ellipsoid` | the mirror: points, normals, reflection, the map from focus to focus |
+//! | `wire` | the strip that the sample holder hides |
+//! | `frame` | sample frame ↔ mirror frame |
+//! | `pinhole` | pixel ↔ ray, with Brown–Conrady distortion |
+//! | `view` | one device in the rig: pixel ↔ direction at the sample, by tracing |
+//! | `inverse` | the pixel that sees a given direction |
+//! | `solid_angle` | solid angle at the sample of a pixel |
+//! | `map` | all pixels of a view at once |
+//! | `unmeasurable` | why there is no direction or no pixel |
+//!
+//! All geometry is `f64`; lengths are metres, angles radians, image positions pixels with the centre of the
+//! first pixel at 0.5. Directions are unit vectors in the sample frame that point away from the surface.
+
+mod ellipsoid;
+mod frame;
+mod inverse;
+mod map;
+mod pinhole;
+mod solid_angle;
+mod unmeasurable;
+mod view;
+mod wire;
+
+pub use ellipsoid::{Ellipsoid, reflect};
+pub use frame::SampleFrame;
+pub use map::DirectionMap;
+pub use pinhole::Pinhole;
+pub use unmeasurable::Unmeasurable;
+pub use view::{Trace, View};
+pub use wire::WireStrip;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,195 @@
+//! One device (camera or projector) in the rig: what each of its pixels sees at the sample.
+//!
+//! # Design
+//! A pixel's ray starts at the optical centre C, leaves the ellipsoid at P, is reflected and meets the sample
+//! plane; the direction at the sample is the reversed reflected ray. With C exactly at F2 every ray meets
+//! F1. With C beside F2 the pixels look at slightly different points of the sample, and the direction is
+//! that of the ray, not that of the line from F1.
+//! Hole, rim and wire are judged where the ray meets the mirror, seen from F1.
+
+use glam::{DMat3, DVec2, DVec3, EulerRot};
+
+use super::{Ellipsoid, Pinhole, SampleFrame, Unmeasurable, WireStrip, reflect};
+use crate::rig::{Lens, Rig};
+
+/// A direction this little below the horizon is rounding of a grazing one.
+const HORIZON: f64 = 1e-12;
+/// A grazing ray this close to the sample plane lies in it, metres.
+const IN_PLANE_M: f64 = 1e-12;
+
+/// Camera or projector of a rig, ready to map pixels to directions and back.
+#[derive(Debug, Clone)]
+pub struct View {
+    pub(super) ellipsoid: Ellipsoid,
+    pub(super) pinhole: Pinhole,
+    frame: SampleFrame,
+    wire: Option<WireStrip>,
+    /// Optical centre, mirror frame, metres.
+    pub(super) centre_m: DVec3,
+    /// Whether the optical centre is exactly at F2.
+    pub(super) at_focus: bool,
+    /// Rotation from the device's frame to the mirror frame.
+    device_to_m: DMat3,
+    sample_radius_m: f64,
+}
+
+/// The way of one pixel's ray.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Trace {
+    /// Direction at the sample, sample frame, unit length, away from the surface.
+    pub direction: DVec3,
+    /// Where the ray meets the sample plane, sample frame, metres; z is 0 but for rounding.
+    pub hit_m: DVec3,
+    /// Where the ray meets the mirror, mirror frame, metres.
+    pub mirror_m: DVec3,
+}
+
+/// A ray's reflection, mirror frame, whatever is in its way.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Reflection {
+    /// Point on the ellipsoid, metres.
+    pub(super) mirror_m: DVec3,
+    /// Unit direction from the sample towards the mirror.
+    pub(super) direction: DVec3,
+}
+
+impl View {
+    /// The rig's camera.
+    pub fn camera(rig: &Rig) -> View {
+        View::of(rig, &rig.camera.lens)
+    }
+
+    /// The rig's projector.
+    pub fn projector(rig: &Rig) -> View {
+        View::of(rig, &rig.projector.lens)
+    }
+
+    fn of(rig: &Rig, lens: &Lens) -> View {
+        let ellipsoid = Ellipsoid::of(rig);
+        let offset_m = DVec3::from_array(lens.offset_m);
+        let [x_rad, y_rad, z_rad] = lens.rotation_deg.map(f64::to_radians);
+        View {
+            ellipsoid,
+            pinhole: Pinhole::of(lens),
+            frame: SampleFrame::of(&rig.sample),
+            wire: rig.wire.as_ref().map(WireStrip::of),
+            centre_m: ellipsoid.f2() + offset_m,
+            at_focus: offset_m == DVec3::ZERO,
+            // R_x · R_y · R_z: the rotation about z acts first.
+            device_to_m: DMat3::from_euler(EulerRot::XYZ, x_rad, y_rad, z_rad),
+            sample_radius_m: rig.sample.radius_m,
+        }
+    }
+
+    /// The device's projection.
+    pub fn pinhole(&self) -> &Pinhole {
+        &self.pinhole
+    }
+
+    /// The mirror.
+    pub fn ellipsoid(&self) -> &Ellipsoid {
+        &self.ellipsoid
+    }
+
+    /// How the sample stands in the mirror.
+    pub fn frame(&self) -> &SampleFrame {
+        &self.frame
+    }
+
+    /// Direction at the sample (sample frame, unit, away from the surface) that the position (`u_px`,
+    /// `v_px`) of the image sees.
+    ///
+    /// # Errors
+    /// The reason why it sees none.
+    pub fn direction(&self, u_px: f64, v_px: f64) -> Result<DVec3, Unmeasurable> {
+        self.trace(u_px, v_px).map(|trace| trace.direction)
+    }
+
+    /// As [`View::direction`], with the points where the ray meets mirror and sample plane.
+    ///
+    /// # Errors
+    /// The reason why the ray does not reach the sample from above.
+    pub fn trace(&self, u_px: f64, v_px: f64) -> Result<Trace, Unmeasurable> {
+        let pixel = DVec2::new(u_px, v_px);
+        if !self.pinhole.contains(pixel) {
+            return Err(Unmeasurable::OutsideImage);
+        }
+        let reflection = self.reflect_pixel(pixel).ok_or(Unmeasurable::OutsideImage)?;
+        self.admit(&reflection)?;
+        self.reach_sample(&reflection)
+    }
+
+    /// Reflection of a position's ray at the whole ellipsoid, obstacles and image border ignored.
+    pub(super) fn reflect_pixel(&self, pixel: DVec2) -> Option<Reflection> {
+        self.reflect_ray(self.pinhole.ray(pixel)?)
+    }
+
+    /// Reflection of a ray of the device's frame at the whole ellipsoid.
+    pub(super) fn reflect_ray(&self, ray: DVec3) -> Option<Reflection> {
+        let along = (self.device_to_m * ray).normalize();
+        let mirror_m = self.ellipsoid.exit_point(self.centre_m, along)?;
+        let reflected = reflect(along, self.ellipsoid.normal(mirror_m));
+        Some(Reflection {
+            mirror_m,
+            direction: -reflected,
+        })
+    }
+
+    /// The vector from the optical centre to `point_m` (mirror frame) in the device's frame.
+    pub(super) fn ray_to(&self, point_m: DVec3) -> DVec3 {
+        self.device_to_m.transpose() * (point_m - self.centre_m)
+    }
+
+    /// The vector `w_m` of the mirror frame in the sample frame.
+    pub(super) fn to_sample(&self, w_m: DVec3) -> DVec3 {
+        self.frame.to_sample(w_m)
+    }
+
+    /// Checks horizon, hole, rim and wire, in this order.
+    pub(super) fn admit(&self, reflection: &Reflection) -> Result<(), Unmeasurable> {
+        if !is_above_horizon(self.to_sample(reflection.direction)) {
+            return Err(Unmeasurable::BelowHorizon);
+        }
+        let from_f1 = (reflection.mirror_m - self.ellipsoid.f1()).normalize();
+        if self.ellipsoid.in_hole(from_f1) {
+            return Err(Unmeasurable::Hole);
+        }
+        if self.ellipsoid.is_beyond_rim(reflection.mirror_m) {
+            return Err(Unmeasurable::BeyondRim);
+        }
+        if self.wire.is_some_and(|wire| wire.hides(from_f1)) {
+            return Err(Unmeasurable::Occluded);
+        }
+        Ok(())
+    }
+
+    /// Follows a reflected ray to the sample plane.
+    pub(super) fn reach_sample(&self, reflection: &Reflection) -> Result<Trace, Unmeasurable> {
+        let direction = self.to_sample(reflection.direction);
+        let from_m = self.to_sample(reflection.mirror_m - self.ellipsoid.f1());
+        let hit_m = if direction.z.abs() > HORIZON {
+            from_m - from_m.z / direction.z * direction
+        } else if from_m.z.abs() <= IN_PLANE_M {
+            // The ray lies in the sample plane: it meets the sample where it passes the origin.
+            from_m - from_m.dot(direction) * direction
+        } else {
+            return Err(Unmeasurable::OffSample);
+        };
+        let on_sample = hit_m.length() <= self.sample_radius_m;
+        let trace = Trace {
+            direction,
+            hit_m,
+            mirror_m: reflection.mirror_m,
+        };
+        if on_sample {
+            Ok(trace)
+        } else {
+            Err(Unmeasurable::OffSample)
+        }
+    }
+}
+
+/// Whether a direction of the sample frame is above the surface or grazing.
+pub(super) fn is_above_horizon(w: DVec3) -> bool {
+    w.z >= -HORIZON
+}

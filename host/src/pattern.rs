@@ -1,0 +1,190 @@
+//! Patterns: which projector pixels light the sample from one direction.
+//!
+//! # Design
+//! The lit set is the pixels nearest to the wanted direction, taken until their solid angle at the sample is
+//! as near as it gets to the wanted one. The number of pixels changes over the hemisphere; the solid angle
+//! stays. What whole pixels leave of error is known exactly, and assembly divides by the solid angle that was
+//! actually lit.
+
+use glam::DVec3;
+
+use crate::optics::{DirectionMap, Unmeasurable, View};
+
+/// A 1-bit image for the projector: rows from the top, 8 pixels per byte, first pixel in the highest bit.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BitPattern {
+    width_px: usize,
+    height_px: usize,
+    stride: usize,
+    bytes: Vec<u8>,
+}
+
+impl BitPattern {
+    /// A black image.
+    #[must_use]
+    pub fn black(width_px: usize, height_px: usize) -> Self {
+        let stride = width_px.div_ceil(8);
+        Self {
+            width_px,
+            height_px,
+            stride,
+            bytes: vec![0; stride * height_px],
+        }
+    }
+
+    /// Size in pixels (width, height).
+    #[must_use]
+    pub const fn size_px(&self) -> (usize, usize) {
+        (self.width_px, self.height_px)
+    }
+
+    /// The packed rows.
+    #[must_use]
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// Makes all pixels black.
+    pub fn clear(&mut self) {
+        self.bytes.fill(0);
+    }
+
+    /// Lights the pixels with these row-major indices.
+    pub fn light(&mut self, pixels: &[u32]) {
+        for &pixel in pixels {
+            let (x, y) = (pixel as usize % self.width_px, pixel as usize / self.width_px);
+            self.bytes[y * self.stride + x / 8] |= 0x80 >> (x % 8);
+        }
+    }
+
+    /// The pattern as a black and white picture.
+    #[must_use]
+    pub fn to_image(&self) -> image::GrayImage {
+        let lit =
+            |x: u32, y: u32| self.bytes[y as usize * self.stride + x as usize / 8] & (0x80 >> (x % 8)) != 0;
+        image::GrayImage::from_fn(self.width_px as u32, self.height_px as u32, |x, y| {
+            image::Luma([if lit(x, y) { 255 } else { 0 }])
+        })
+    }
+
+    /// Row-major indices of the lit pixels, ascending.
+    #[must_use]
+    pub fn lit(&self) -> Vec<u32> {
+        let mut lit = Vec::new();
+        for (y, row) in self.bytes.chunks_exact(self.stride.max(1)).enumerate() {
+            for (byte_index, _) in row.iter().enumerate().filter(|(_, byte)| **byte != 0) {
+                let byte = row[byte_index];
+                for bit in (0..8).filter(|bit| byte & (0x80 >> bit) != 0) {
+                    lit.push((y * self.width_px + byte_index * 8 + bit) as u32);
+                }
+            }
+        }
+        lit
+    }
+}
+
+/// The light of one pattern at the sample.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LitSet {
+    /// Row-major indices of the lit pixels, nearest first.
+    pub pixels: Vec<u32>,
+    /// Their solid angle at the sample in sr.
+    pub solid_angle_sr: f64,
+    /// Σ E·cosθ·Δω over them: irradiance at the sample in units of the projector's relative intensity.
+    pub irradiance: f64,
+    /// Their mean direction, sample frame.
+    pub centroid: DVec3,
+}
+
+/// Makes patterns for one projector.
+#[derive(Debug)]
+pub struct PatternMaker {
+    view: View,
+    map: DirectionMap,
+    spot_sr: f64,
+    intensity: f64,
+}
+
+/// Solid angle in sr of a cone whose full opening is `spot_deg` degrees.
+#[must_use]
+pub fn cone_sr(spot_deg: f64) -> f64 {
+    let half_rad = spot_deg.to_radians() / 2.0;
+    // 2π(1 − cos h) without the cancellation.
+    4.0 * std::f64::consts::PI * (half_rad / 2.0).sin().powi(2)
+}
+
+impl PatternMaker {
+    /// Patterns that light a cone of `spot_deg` degrees through the projector `view`; every pixel has the
+    /// relative intensity `intensity`.
+    #[must_use]
+    pub fn new(view: View, spot_deg: f64, intensity: f64) -> Self {
+        let map = DirectionMap::of(&view);
+        Self {
+            view,
+            map,
+            spot_sr: cone_sr(spot_deg),
+            intensity,
+        }
+    }
+
+    /// Size of the patterns in pixels (width, height).
+    #[must_use]
+    pub const fn size_px(&self) -> (usize, usize) {
+        (self.map.width_px, self.map.height_px)
+    }
+
+    /// The pixels to light for incident direction `w`.
+    ///
+    /// # Errors
+    /// Why the projector does not reach `w`.
+    pub fn lit_set(&self, w: DVec3) -> Result<LitSet, Unmeasurable> {
+        let centre = self.view.pixel(w)?;
+        let (width, height) = self.size_px();
+        let (column, row) = (centre.x as usize, centre.y as usize);
+        let at_centre = row.min(height - 1) * width + column.min(width - 1);
+        self.map.directions[at_centre]?;
+        let pixel_sr = self.map.solid_angles_sr[at_centre].max(self.spot_sr * 1e-6);
+        // The spot is a disc of spot_sr / pixel_sr pixels; half as wide again for distortion, and a border.
+        let radius = 1.5 * (self.spot_sr / pixel_sr / std::f64::consts::PI).sqrt() + 2.0;
+        let range = |c: f64, size: usize| {
+            ((c - radius).floor().max(0.0) as usize)..((c + radius).ceil().max(0.0) as usize).min(size)
+        };
+
+        let mut candidates = Vec::with_capacity((4.0 * radius * radius) as usize + 16);
+        for y in range(centre.y, height) {
+            for x in range(centre.x, width) {
+                let index = y * width + x;
+                if let Ok(direction) = self.map.directions[index] {
+                    // |a−b|² orders like the angle and keeps its digits where the dot product loses them.
+                    candidates.push(((direction - w).length_squared(), index as u32));
+                }
+            }
+        }
+        candidates.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+
+        let mut lit = LitSet {
+            pixels: Vec::new(),
+            solid_angle_sr: 0.0,
+            irradiance: 0.0,
+            centroid: DVec3::ZERO,
+        };
+        for (_, pixel) in candidates {
+            let sr = self.map.solid_angles_sr[pixel as usize];
+            let undershoot = self.spot_sr - lit.solid_angle_sr;
+            if !lit.pixels.is_empty() && sr / 2.0 > undershoot {
+                break; // one pixel more would be farther off than one less
+            }
+            let direction = self.map.directions[pixel as usize].expect("candidates are measurable");
+            lit.pixels.push(pixel);
+            lit.solid_angle_sr += sr;
+            lit.irradiance += self.intensity * direction.z * sr;
+            lit.centroid += direction * sr;
+        }
+        lit.centroid = lit.centroid.normalize_or(w);
+        if lit.pixels.is_empty() {
+            Err(Unmeasurable::OutsideImage)
+        } else {
+            Ok(lit)
+        }
+    }
+}

@@ -1,0 +1,238 @@
+//! The plan: which exposures a measurement takes, and how.
+//!
+//! # Design
+//! A plan is derived from a [`Request`] and a rig, and written to `plan.toml`; every later stage, and a
+//! resumed measurement, reads that file. Exposures are in the order of their incident directions, after a
+//! few with a black pattern. They are taken in *segments*: one segment is one run of the controller, one
+//! load of the projector and one chunk of `raw.zarr`, and what a crash may cost.
+
+use serde::{Deserialize, Serialize};
+
+use crate::incident::{IncidentGrid, StepError};
+use crate::optics::{Unmeasurable, View};
+use crate::rig::Rig;
+use crate::schedule::{ScheduleError, Timing};
+
+/// Exposures with a black pattern at the start of a measurement: dark level and stray light.
+pub const BLACK_EXPOSURES: usize = 16;
+/// A segment holds about this many bytes of frames.
+const SEGMENT_BYTES: usize = 16 << 20;
+/// A segment is at most this long: the table of the controller and the memory of projectors.
+const SEGMENT_MAX: usize = 400;
+
+/// What the user wants measured. Kept in `plan.toml` as it was asked for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Request {
+    /// Degrees between incident directions.
+    pub step_deg: f64,
+    /// Camera image and outgoing grid: this many pixels a side.
+    pub image_size: u32,
+    /// Exposure time in s; `None` lets a pilot capture choose it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub exposure_s: Option<f64>,
+    /// What the virtual rig measures, as in DESIGN §8; `None` for a real instrument.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sample: Option<String>,
+    /// Whether the virtual rig is noisy.
+    pub noise: bool,
+    /// Source of all chance of the virtual rig.
+    pub seed: u64,
+}
+
+/// A plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plan {
+    /// Version of this file's format.
+    pub format: u32,
+    /// What was asked for.
+    pub request: Request,
+    /// Exposure time in s.
+    pub exposure_s: f64,
+    /// Opening of the cone that one pattern lights, in degrees.
+    pub spot_deg: f64,
+    /// Exposures per segment.
+    pub segment: usize,
+    /// Times of one step.
+    pub timing: Timing,
+    /// Indices of the incident directions that are measured are derived from rig and step; this is how many.
+    pub directions: usize,
+}
+
+/// What one exposure is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exposure {
+    /// A black pattern.
+    Black,
+    /// The incident direction of this index.
+    Incident(usize),
+}
+
+impl Exposure {
+    /// Number in files: −1 for black, else the index of the incident direction.
+    #[must_use]
+    pub fn code(self) -> i64 {
+        match self {
+            Self::Black => -1,
+            Self::Incident(index) => index as i64,
+        }
+    }
+}
+
+/// Why there is no plan.
+#[derive(Debug, thiserror::Error)]
+pub enum PlanError {
+    /// The step makes no grid.
+    #[error(transparent)]
+    Step(#[from] StepError),
+    /// The image is too small or too large.
+    #[error("image-size: expected a number of pixels from 8 to 4096, found {0}")]
+    ImageSize(u32),
+    /// The times do not fit together.
+    #[error(transparent)]
+    Schedule(#[from] ScheduleError),
+    /// The projector lights none of the directions.
+    #[error(
+        "rig {rig}: expected incident directions that the projector can light, found none (most often: {reason})"
+    )]
+    NothingToMeasure {
+        /// Name of the rig.
+        rig: String,
+        /// The reason of the first direction.
+        reason: Unmeasurable,
+    },
+    /// The plan file cannot be used.
+    #[error("{path}: {reason}")]
+    File {
+        /// The file.
+        path: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+}
+
+/// The incident directions of a plan.
+#[derive(Clone, Debug)]
+pub struct Directions {
+    /// The whole grid.
+    pub grid: IncidentGrid,
+    /// For each direction of the grid, why it cannot be lit.
+    pub reasons: Vec<Option<Unmeasurable>>,
+}
+
+impl Directions {
+    /// The grid of `step_deg` as the projector of `rig` sees it.
+    ///
+    /// # Errors
+    /// [`StepError`].
+    pub fn new(rig: &Rig, step_deg: f64) -> Result<Self, StepError> {
+        let grid = IncidentGrid::new(step_deg)?;
+        let projector = View::projector(rig);
+        let reasons = (0..grid.len())
+            .map(|index| projector.pixel(grid.direction(index)).err())
+            .collect();
+        Ok(Self { grid, reasons })
+    }
+
+    /// Indices of the directions that can be lit, ascending.
+    pub fn measurable(&self) -> impl Iterator<Item = usize> + '_ {
+        self.reasons
+            .iter()
+            .enumerate()
+            .filter(|(_, reason)| reason.is_none())
+            .map(|(index, _)| index)
+    }
+}
+
+impl Plan {
+    /// A plan for `request` on `rig` with exposures of `exposure_s` seconds.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub fn new(request: Request, rig: &Rig, exposure_s: f64) -> Result<Self, PlanError> {
+        if !(8..=4096).contains(&request.image_size) {
+            return Err(PlanError::ImageSize(request.image_size));
+        }
+        let directions = Directions::new(rig, request.step_deg)?;
+        let count = directions.measurable().count();
+        if count == 0 {
+            let reason = directions.reasons[0].unwrap_or(Unmeasurable::OutsideImage);
+            return Err(PlanError::NothingToMeasure {
+                rig: rig.name.clone(),
+                reason,
+            });
+        }
+        let pixels = request.image_size as usize * request.image_size as usize;
+        let frame_bytes = pixels * rig.camera.channels as usize * 2;
+        let timing = Timing::new(rig, exposure_s)?;
+        // A spot wider than the step would blur what the step is meant to resolve.
+        let spot_deg = rig.light.spot_deg.min(request.step_deg);
+        let segment = (SEGMENT_BYTES / frame_bytes).clamp(8, SEGMENT_MAX);
+        Ok(Self {
+            format: 1,
+            request,
+            exposure_s,
+            spot_deg,
+            segment,
+            timing,
+            directions: count,
+        })
+    }
+
+    /// All exposures in their order.
+    #[must_use]
+    pub fn exposures(&self, directions: &Directions) -> Vec<Exposure> {
+        let black = std::iter::repeat_n(Exposure::Black, BLACK_EXPOSURES);
+        black
+            .chain(directions.measurable().map(Exposure::Incident))
+            .collect()
+    }
+
+    /// Number of exposures.
+    #[must_use]
+    pub const fn len(&self) -> usize {
+        BLACK_EXPOSURES + self.directions
+    }
+
+    /// Never: there are always black exposures.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        false
+    }
+
+    /// Time that the exposures take, in s, without loading.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.len() as f64 * self.timing.period_s
+    }
+
+    /// The plan as TOML.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("a plan is plain data")
+    }
+
+    /// Reads `plan.toml`.
+    ///
+    /// # Errors
+    /// [`PlanError::File`] with the path and what is wrong.
+    pub fn read(path: &std::path::Path) -> Result<Self, PlanError> {
+        let fail = |reason: String| PlanError::File {
+            path: path.display().to_string(),
+            reason,
+        };
+        let text = std::fs::read_to_string(path)
+            .map_err(|e| fail(format!("expected a plan, found no readable file: {e}")))?;
+        let plan: Self = toml::from_str(&text).map_err(|e| fail(one_line(&e)))?;
+        if plan.format != 1 {
+            return Err(fail(format!("format: expected 1, found {}", plan.format)));
+        }
+        Ok(plan)
+    }
+}
+
+/// The message of a TOML error with its line, without the drawing of the place.
+fn one_line(error: &toml::de::Error) -> String {
+    error.message().replace('\n', " ")
+}

@@ -1,0 +1,48 @@
+//! The seam to projectors: patterns that are loaded first and then advanced by the trigger line.
+
+use crate::pattern::BitPattern;
+
+/// What a projector could not do.
+#[derive(Debug, thiserror::Error)]
+pub enum ProjectorError {
+    /// The pattern is not of the projector's native resolution.
+    #[error("projector {projector}: expected a pattern of {}×{} pixels, found {}×{}", native.0, native.1, found.0, found.1)]
+    Resolution {
+        /// The projector.
+        projector: String,
+        /// Its resolution, (width, height).
+        native: (usize, usize),
+        /// The pattern's.
+        found: (usize, usize),
+    },
+    /// No more patterns fit.
+    #[error("projector {projector}: expected at most {limit} patterns at a time, found more")]
+    Full {
+        /// The projector.
+        projector: String,
+        /// How many fit.
+        limit: usize,
+    },
+}
+
+/// A projector that shows black until triggered, then one loaded pattern after the other, each from one
+/// trigger to the next.
+pub trait Projector: Send {
+    /// Resolution in pixels (width, height).
+    fn size_px(&self) -> (usize, usize);
+
+    /// How many patterns can be loaded at a time.
+    fn capacity(&self) -> usize;
+
+    /// Forgets all patterns and shows black.
+    ///
+    /// # Errors
+    /// [`ProjectorError`].
+    fn clear(&mut self) -> Result<(), ProjectorError>;
+
+    /// Loads one more pattern behind those that are loaded.
+    ///
+    /// # Errors
+    /// [`ProjectorError`].
+    fn load(&mut self, pattern: &BitPattern) -> Result<(), ProjectorError>;
+}

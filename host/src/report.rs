@@ -1,0 +1,256 @@
+//! Figures and the page that shows them.
+
+use std::fmt::Write as _;
+use std::fs;
+
+use image::{Rgb, RgbImage};
+
+use crate::brdf::Brdf;
+use crate::evaluate::Evaluation;
+use crate::measure::Summary;
+use crate::measurement::{Measurement, MeasurementError, write_whole};
+use crate::plan::Exposure;
+use crate::reflectance::Reflectance;
+use crate::render::{PictureError, automatic_exposure, save, sheet, sphere, srgb};
+use crate::sample::Sample;
+use crate::store::{RawStore, StoreError};
+
+/// Lights of the sphere pictures: polar angle and azimuth in degrees.
+pub const LIGHTS_DEG: [(f64, f64); 3] = [(45.0, 90.0), (60.0, 0.0), (75.0, 200.0)];
+/// Pixels of one sphere.
+const SPHERE: usize = 256;
+/// Frames on the contact sheet.
+const FRAMES: usize = 4;
+
+/// Why there is no report.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// A store.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// A picture.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+    /// A file.
+    #[error(transparent)]
+    File(#[from] MeasurementError),
+}
+
+/// Draws `figures/` and writes `report.html`.
+///
+/// # Errors
+/// [`ReportError`].
+pub fn report(
+    measurement: &Measurement,
+    brdf: &Brdf,
+    sample: &dyn Sample,
+    summary: &Summary,
+) -> Result<(), ReportError> {
+    let figures = measurement.path("figures");
+    fs::create_dir_all(&figures).map_err(|source| MeasurementError::Io {
+        path: figures.display().to_string(),
+        source,
+    })?;
+    save(&spheres(brdf, sample)?, &figures.join("sphere.png"))?;
+    save(&frames(measurement)?, &figures.join("frames.png"))?;
+    write_whole(&measurement.path("report.html"), page(summary).as_bytes())?;
+    Ok(())
+}
+
+/// Measured spheres above, the sample itself below, one column per light.
+fn spheres(brdf: &Brdf, sample: &dyn Sample) -> Result<RgbImage, StoreError> {
+    let row = |material: &dyn Reflectance| {
+        LIGHTS_DEG
+            .iter()
+            .map(|&light| sphere(material, SPHERE, light))
+            .collect::<Result<Vec<_>, _>>()
+    };
+    let rows = [row(brdf)?, row(&sample)?];
+    let exposure = automatic_exposure(&rows);
+    Ok(sheet(&rows, exposure))
+}
+
+/// Some camera images as they were stored, each stretched to its own range.
+fn frames(measurement: &Measurement) -> Result<RgbImage, StoreError> {
+    let raw = RawStore::open(&measurement.path("raw.zarr"))?;
+    let layout = *raw.layout();
+    let exposures = measurement.plan.exposures(&measurement.directions);
+    let lit: Vec<usize> = (0..exposures.len())
+        .filter(|&i| exposures[i] != Exposure::Black)
+        .collect();
+    let (width, height, channels) = (layout.width, layout.height, layout.channels);
+    let mut image = RgbImage::new((width * FRAMES) as u32, height as u32);
+    for column in 0..FRAMES {
+        // From steep to grazing incidence, at different azimuths.
+        let exposure = lit[(lit.len() - 1) * (2 * column + 1) / (2 * FRAMES)];
+        let segment = raw.read_segment(exposure / layout.segment)?;
+        let frame = &segment.frames[(exposure % layout.segment) * width * height * channels..];
+        let frame = &frame[..width * height * channels];
+        let low = f32::from(frame.iter().copied().min().unwrap_or(0));
+        let high = f32::from(frame.iter().copied().max().unwrap_or(1)).max(low + 1.0);
+        for (place, pixel) in frame.chunks_exact(channels).enumerate() {
+            let level = |channel: usize| srgb((f32::from(pixel[channel % channels]) - low) / (high - low));
+            let (x, y) = ((column * width + place % width) as u32, (place / width) as u32);
+            image.put_pixel(x, y, Rgb([level(0), level(1), level(2)]));
+        }
+    }
+    Ok(image::imageops::resize(
+        &image,
+        (SPHERE * FRAMES) as u32,
+        (SPHERE * height / width) as u32,
+        image::imageops::FilterType::Nearest,
+    ))
+}
+
+/// The summary as lines of (what, figure), for the page and the terminal.
+#[must_use]
+pub fn lines(summary: &Summary) -> Vec<(&'static str, String)> {
+    let mut lines = vec![
+        ("sample", summary.sample.clone()),
+        ("rig", summary.rig.clone()),
+        (
+            "incident directions",
+            format!(
+                "{} on the grid of {}°, {} in reach",
+                summary.incident_directions, summary.step_deg, summary.assembled.directions
+            ),
+        ),
+        (
+            "exposures",
+            format!(
+                "{} of {:.3} ms, {} px; {} on the instrument",
+                summary.exposures,
+                summary.exposure_s * 1e3,
+                summary.image_size,
+                duration(summary.instrument_s)
+            ),
+        ),
+        (
+            "triggers",
+            format!(
+                "{} paired, {} missed, {} frames dropped, {} taken again",
+                summary.capture.paired,
+                summary.capture.missed_triggers,
+                summary.capture.dropped_frames,
+                summary.capture.repeated
+            ),
+        ),
+        (
+            "samples",
+            format!(
+                "{} measured, {} saturated",
+                summary.assembled.measured, summary.assembled.saturated
+            ),
+        ),
+    ];
+    lines.extend(evaluation_lines(&summary.evaluation));
+    lines
+}
+
+/// An evaluation as lines of (what, figure).
+#[must_use]
+pub fn evaluation_lines(evaluation: &Evaluation) -> Vec<(&'static str, String)> {
+    let mut lines = vec![
+        (
+            "coverage",
+            format!("{} of direction pairs with θ ≤ 80°", percent(evaluation.coverage)),
+        ),
+        (
+            "noise",
+            format!(
+                "median standard uncertainty {}",
+                percent(evaluation.median_relative_sigma)
+            ),
+        ),
+    ];
+    if let Some(residual) = evaluation.reciprocity_residual_median {
+        lines.push(("reciprocity", format!("median residual {}", percent(residual))));
+    }
+    if let Some(albedo) = evaluation
+        .albedo
+        .iter()
+        .min_by(|a, b| (a.theta_deg - 45.0).abs().total_cmp(&(b.theta_deg - 45.0).abs()))
+    {
+        lines.push((
+            "directional albedo",
+            format!(
+                "{:.3} at θi = {}° from {} of the hemisphere",
+                albedo.albedo,
+                albedo.theta_deg,
+                percent(albedo.seen)
+            ),
+        ));
+    }
+    if let Some(against) = &evaluation.against_reference {
+        let error = against.relative_error;
+        lines.push((
+            "error",
+            format!(
+                "median {}, 90 % below {}, 99 % below {}; PSNR {:.1} dB",
+                percent(error.median),
+                percent(error.p90),
+                percent(error.p99),
+                against.psnr_db
+            ),
+        ));
+        lines.push((
+            "blur",
+            format!(
+                "light {:.2}°, cells {:.2}°: these alone make a median error of {}, 99 % below {}",
+                against.light_deg,
+                against.cell_deg,
+                percent(against.blur.median),
+                percent(against.blur.p99)
+            ),
+        ));
+    }
+    lines
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.2} %", share * 100.0)
+}
+
+/// A duration in s for people.
+#[must_use]
+pub fn duration(seconds: f64) -> String {
+    match seconds {
+        s if s < 1.0 => format!("{:.1} ms", s * 1e3),
+        s if s < 120.0 => format!("{s:.1} s"),
+        s if s < 7200.0 => format!("{:.1} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    }
+}
+
+fn page(summary: &Summary) -> String {
+    let mut rows = String::new();
+    for (what, figure) in lines(summary) {
+        writeln!(
+            rows,
+            "<tr><th>{}</th><td>{}</td></tr>",
+            escape(what),
+            escape(&figure)
+        )
+        .expect("strings take everything");
+    }
+    format!(
+        "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><title>RCG: {title}</title>\n\
+         <style>body{{font:16px/1.5 system-ui,sans-serif;max-width:60em;margin:2em auto;padding:0 1em}}\
+         th{{text-align:left;padding-right:2em;vertical-align:top;white-space:nowrap}}img{{max-width:100%}}</style>\n\
+         <h1>{title}</h1>\n<table>\n{rows}</table>\n\
+         <h2>Spheres</h2>\n<p>Above as measured, below the sample itself; lights at {lights}. Hatched: directions \
+         that were not measured.</p>\n<img src=\"figures/sphere.png\" alt=\"lit spheres\">\n\
+         <h2>Camera images</h2>\n<p>From steep to grazing incidence, each stretched to its own range.</p>\n\
+         <img src=\"figures/frames.png\" alt=\"camera images\">\n</html>\n",
+        title = escape(&summary.sample),
+        lights = LIGHTS_DEG
+            .map(|(theta, phi)| format!("({theta}°, {phi}°)"))
+            .join(", "),
+    )
+}
+
+fn escape(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+}

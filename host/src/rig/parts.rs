@@ -1,0 +1,133 @@
+//! The parts of a rig as its TOML file names them.
+//!
+//! # Design
+//! Plain data with public fields; the unit is the suffix of the name. Arrays must have exactly the stated
+//! length: serde's own arrays silently drop what is too much in a TOML file.
+
+use serde::de::{Deserializer, Error};
+use serde::{Deserialize, Serialize};
+
+/// The mirror: the part z ≥ `rim_z_m` of x²/a² + y²/a² + z²/b² = 1, less a hole around the vertex (0, 0, b).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mirror {
+    /// Semi-axis a across the mirror's axis, metres.
+    pub a_m: f64,
+    /// Semi-axis b along the mirror's axis, metres; larger than a.
+    pub b_m: f64,
+    /// Height of the rim in the mirror frame, metres; the mirror is what lies above it.
+    pub rim_z_m: f64,
+    /// Half angle of the hole seen from F1, about the mirror's axis, degrees; 0 = no hole.
+    pub hole_deg: f64,
+}
+
+/// How the sample frame stands in the mirror frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sample {
+    /// Angle from the mirror's axis to the sample's normal, towards the mirror's +x, degrees.
+    pub tilt_deg: f64,
+    /// Rotation of the sample's +x about its normal, degrees.
+    pub azimuth_deg: f64,
+    /// A viewing ray that meets the sample plane farther from F1 than this misses the sample, metres.
+    pub radius_m: f64,
+}
+
+/// The straight holder of the sample: a strip in front of the mirror seen from F1.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Wire {
+    /// Direction of the strip about the mirror's axis, from the mirror's +x towards +y, degrees.
+    pub azimuth_deg: f64,
+    /// Half the angular width of the strip seen from F1, degrees.
+    pub half_width_deg: f64,
+}
+
+/// A pinhole with distortion and a pose, the same for camera and projector.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lens {
+    /// Width of the image, pixels.
+    pub width_px: u32,
+    /// Height of the image, pixels.
+    pub height_px: u32,
+    /// Focal length, pixels.
+    pub focal_px: f64,
+    /// Principal point (u, v), pixels; the centre of the first pixel is 0.5.
+    #[serde(deserialize_with = "exactly")]
+    pub centre_px: [f64; 2],
+    /// Brown–Conrady distortion k1, k2, p1, p2, k3, for image coordinates divided by the focal length.
+    #[serde(default, deserialize_with = "exactly")]
+    pub distortion: [f64; 5],
+    /// Optical centre minus F2 in the mirror frame, metres.
+    #[serde(default, deserialize_with = "exactly")]
+    pub offset_m: [f64; 3],
+    /// Rotations about x, y, z of the device from "looks along the mirror's +z, u along +x, v along +y",
+    /// degrees; the one about z acts first, then y, then x.
+    #[serde(default, deserialize_with = "exactly")]
+    pub rotation_deg: [f64; 3],
+}
+
+/// The camera: its lens, sensor and timing.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraPart {
+    /// Colour channels of a frame: 1 or 3.
+    pub channels: u8,
+    /// Bits of a digital number: 8, 10, 12 or 16.
+    pub bits: u8,
+    /// Electrons at saturation of the converter.
+    pub full_well_e: f64,
+    /// Standard deviation of the read-out, electrons.
+    pub read_noise_e: f64,
+    /// Digital number of a pixel without any charge.
+    pub dark_dn: f64,
+    /// Dark current, electrons per second and pixel.
+    pub dark_current_e_per_s: f64,
+    /// Default exposure time, seconds.
+    pub exposure_s: f64,
+    /// From the trigger edge to the start of the exposure, seconds.
+    pub exposure_delay_s: f64,
+    /// The camera is busy for this long after an exposure, seconds.
+    pub readout_s: f64,
+    /// Whether the camera can expose while it reads out.
+    pub overlap: bool,
+    /// Image size, projection and pose.
+    pub lens: Lens,
+}
+
+/// The projector: its lens and timing.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProjectorPart {
+    /// From the trigger edge until the new pattern is stable, seconds.
+    pub settle_s: f64,
+    /// Shortest time between two patterns, seconds.
+    pub min_period_s: f64,
+    /// Relative intensity `E_p` of every pixel.
+    pub irradiance: f64,
+    /// Image size, projection and pose.
+    pub lens: Lens,
+}
+
+/// Strength and size of the light.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Light {
+    /// BRDF in sr⁻¹ that just saturates the camera with the default exposure time and a spot of 1° diameter
+    /// at normal incidence.
+    pub full_scale_f_sr: f64,
+    /// Diameter of the cone that one pattern lights, degrees; its solid angle is the same for all patterns.
+    pub spot_deg: f64,
+}
+
+/// Reads an array of exactly `N` numbers.
+fn exactly<'de, D: Deserializer<'de>, const N: usize>(deserializer: D) -> Result<[f64; N], D::Error> {
+    let numbers = Vec::<f64>::deserialize(deserializer)?;
+    <[f64; N]>::try_from(numbers).map_err(|found| {
+        D::Error::custom(format!(
+            "an array of length {}, expected an array of length {N}",
+            found.len()
+        ))
+    })
+}

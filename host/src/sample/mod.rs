@@ -1,0 +1,152 @@
+//! Known materials: the truth of the virtual rig and the reference of `evaluate`.
+//!
+//! # Design
+//! A frame asks one material for 10⁴–10⁵ outgoing directions under one and the same incident direction.
+//! Therefore evaluation has two steps: [`Sample::incident`] does once everything that depends on ωi only, and
+//! the [`Outgoing`] it returns is cheap, allocates nothing and may be shared between threads.
+//!
+//! All values are the BRDF f in sr⁻¹, without the cosine, in three channels R, G, B. Directions are unit vectors
+//! that point away from the surface, in the sample frame.
+
+mod ggx;
+mod lambert;
+mod rgl;
+mod spec;
+mod tensor_file;
+#[cfg(test)]
+mod tensor_writer;
+mod ward;
+mod warp;
+
+use std::path::{Path, PathBuf};
+
+use glam::DVec3;
+
+pub use ggx::Ggx;
+pub use lambert::Lambert;
+pub use rgl::MeasuredRgl;
+pub use ward::Ward;
+
+/// Directions whose cosine is at or below this count as at the horizon, where f is zero.
+///
+/// A direction at exactly 90° has a cosine of 6·10⁻¹⁷ rather than 0 in `f64`; ten thousand times that leaves room
+/// for a rotation of frames, and is still far below the angle of any pixel.
+pub const HORIZON_COS: f64 = 1e-12;
+
+/// A material with known BRDF f (sr⁻¹, no cosine in it), three channels R, G, B.
+pub trait Sample: Send + Sync + std::fmt::Debug {
+    /// f for one fixed incident direction `wi` (unit vector away from the surface, sample frame).
+    ///
+    /// Prepares everything that depends on `wi` only; call it once per frame, not once per pixel.
+    fn incident(&self, wi: DVec3) -> Box<dyn Outgoing + '_>;
+
+    /// f(`wi`, `wo`) in sr⁻¹ of a single pair of directions.
+    fn f(&self, wi: DVec3, wo: DVec3) -> [f64; 3] {
+        self.incident(wi).f(wo)
+    }
+
+    /// Whether f depends on the azimuths only through their difference.
+    fn is_isotropic(&self) -> bool;
+}
+
+/// A material under one fixed incident direction.
+pub trait Outgoing: Send + Sync {
+    /// f in sr⁻¹ towards the unit vector `wo`; zero if either direction is at or below the horizon.
+    fn f(&self, wo: DVec3) -> [f64; 3];
+}
+
+/// Why a sample could not be made; each is one sentence with what was expected and what was found.
+#[derive(Debug, thiserror::Error)]
+pub enum SampleError {
+    /// The specification of an analytic model is wrong.
+    #[error("sample '{spec}', {field}: expected {expected}, found {found}")]
+    Spec {
+        /// The whole specification as it was given.
+        spec: String,
+        /// The part of it that is wrong.
+        field: String,
+        /// What could stand there.
+        expected: String,
+        /// What stands there.
+        found: String,
+    },
+    /// A measured file cannot be opened or read.
+    #[error("{}: expected a readable file, found: {cause}", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        cause: std::io::Error,
+    },
+    /// A measured file was read but its content is wrong.
+    #[error("{}, {field}: expected {expected}, found {found}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// The part of the file that is wrong.
+        field: String,
+        /// What could stand there.
+        expected: String,
+        /// What stands there.
+        found: String,
+    },
+}
+
+/// The sample that `spec` names.
+///
+/// | `spec` | material |
+/// |---|---|
+/// | `lambert`, `lambert:0.5` | [`Lambert`] of that albedo, by default 0.5 |
+/// | `ward`, `ward:brass`, `ward:rd=0.1,rs=0.33,ax=0.05,ay=0.16` | [`Ward`], by default rolled brass |
+/// | `ggx`, `ggx:satin`, `ggx:plastic`, `ggx:f0=0.9,ax=0.1,ay=0.2,rd=0.05` | [`Ggx`] |
+/// | a path | [`MeasuredRgl`], a `.bsdf` tensor file of the RGL material database |
+///
+/// A preset may be followed by parameters that change it, as in `ward:brass,ax=0.1`; what is not given keeps the
+/// default.
+///
+/// # Errors
+/// [`SampleError::Spec`] for an unknown model, preset or parameter, a bad number or one out of range; for a path
+/// the errors of [`MeasuredRgl::open`].
+pub fn parse(spec: &str) -> Result<Box<dyn Sample>, SampleError> {
+    let (model, arguments) = match spec.split_once(':') {
+        Some((model, arguments)) => (model, Some(arguments)),
+        None => (spec, None),
+    };
+    match model {
+        "lambert" => Ok(Box::new(Lambert::from_arguments(spec, arguments)?)),
+        "ward" => Ok(Box::new(Ward::from_arguments(spec, arguments)?)),
+        "ggx" => Ok(Box::new(Ggx::from_arguments(spec, arguments)?)),
+        _ => {
+            let path = Path::new(spec);
+            let named_bsdf = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("bsdf"));
+            // A file that exists is judged by its content, whatever its name.
+            if named_bsdf || path.is_file() {
+                return Ok(Box::new(MeasuredRgl::open(path)?));
+            }
+            Err(SampleError::Spec {
+                spec: spec.to_owned(),
+                field: "model".to_owned(),
+                expected: "lambert, ward, ggx or the path of a .bsdf file".to_owned(),
+                found: format!("'{model}'"),
+            })
+        }
+    }
+}
+
+/// Whether f is zero by definition because `w` is at or below the horizon (or not a direction at all).
+fn below_horizon(w: DVec3) -> bool {
+    // Written so that a NaN counts as below.
+    !matches!(w.z.partial_cmp(&HORIZON_COS), Some(std::cmp::Ordering::Greater))
+}
+
+/// Any material under an incident direction that is at or below the horizon.
+struct Unlit;
+
+impl Outgoing for Unlit {
+    fn f(&self, _wo: DVec3) -> [f64; 3] {
+        [0.0; 3]
+    }
+}
+
+#[cfg(test)]
+mod tests;

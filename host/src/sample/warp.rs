@@ -1,0 +1,299 @@
+//! Bilinear tables over the unit square, and the warp that a piecewise-bilinear density defines.
+//!
+//! Positions are (x, y) ∈ [0,1]²; x runs along the last axis of a table (its columns), y along the axis before it
+//! (its rows). Values stand at the vertices: column i of n is at x = i/(n−1).
+//!
+//! The warp carries uniform points s to points u distributed like the density p: `s_y` is the marginal cumulative
+//! distribution of the rows up to `u_y`, `s_x` the conditional one up to `u_x` within the row at `u_y`. Along a line of a
+//! bilinear patch p is linear, so both are quadratic inside a cell and known exactly; only u → s is needed here.
+//!
+//! Source: J. Dupuy and W. Jakob, "An adaptive parameterization for efficient material acquisition and
+//! rendering", ACM TOG 37(6), 2018.
+
+/// Cell index and position inside the cell, 0–1, of coordinate `t` on an axis of `vertices` ≥ 2 vertices.
+///
+/// Clamps `t` to [0,1].
+fn cell(t: f64, vertices: usize) -> (usize, f64) {
+    let at = t.clamp(0.0, 1.0) * (vertices - 1) as f64;
+    let index = (at as usize).min(vertices - 2);
+    (index, at - index as f64)
+}
+
+/// a at t = 0, b at t = 1.
+fn lerp(a: f64, b: f64, t: f64) -> f64 {
+    a + t * (b - a)
+}
+
+/// Bilinear interpolation of the four neighbours of a position among `rows` × `columns` vertices.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Patch {
+    /// Index of the vertex at the lower corner, in row-major order.
+    corner: usize,
+    columns: usize,
+    tx: f64,
+    ty: f64,
+}
+
+impl Patch {
+    /// The patch around (x, y), clamped to [0,1]².
+    pub(super) fn at(x: f64, y: f64, rows: usize, columns: usize) -> Self {
+        let (column, tx) = cell(x, columns);
+        let (row, ty) = cell(y, rows);
+        Self {
+            corner: row * columns + column,
+            columns,
+            tx,
+            ty,
+        }
+    }
+
+    /// The two rows of two vertices each that surround the position.
+    fn corners<'a, T>(&self, vertices: &'a [T]) -> (&'a [T], &'a [T]) {
+        let next = self.corner + self.columns;
+        (&vertices[self.corner..self.corner + 2], &vertices[next..next + 2])
+    }
+
+    /// The interpolated value of a one-channel table.
+    pub(super) fn value(&self, vertices: &[f32]) -> f64 {
+        let (low, high) = self.corners(vertices);
+        lerp(
+            lerp(f64::from(low[0]), f64::from(low[1]), self.tx),
+            lerp(f64::from(high[0]), f64::from(high[1]), self.tx),
+            self.ty,
+        )
+    }
+
+    /// The interpolated values of a three-channel table.
+    pub(super) fn values(&self, vertices: &[[f32; 3]]) -> [f64; 3] {
+        let (low, high) = self.corners(vertices);
+        std::array::from_fn(|c| {
+            lerp(
+                lerp(f64::from(low[0][c]), f64::from(low[1][c]), self.tx),
+                lerp(f64::from(high[0][c]), f64::from(high[1][c]), self.tx),
+                self.ty,
+            )
+        })
+    }
+}
+
+/// Integral over the unit square of the bilinear table `values` with `columns` ≥ 2 columns and ≥ 2 rows.
+pub(super) fn integral(values: &[f32], columns: usize) -> f64 {
+    let rows = values.len() / columns;
+    // Trapezoid rule, exact for a bilinear table: vertices on the border count half.
+    let weight = |index: usize, n: usize| if index == 0 || index == n - 1 { 0.5 } else { 1.0 };
+    let sum: f64 = values
+        .chunks_exact(columns)
+        .enumerate()
+        .map(|(j, row)| {
+            let row_sum: f64 = row
+                .iter()
+                .enumerate()
+                .map(|(i, v)| weight(i, columns) * f64::from(*v))
+                .sum();
+            weight(j, rows) * row_sum
+        })
+        .sum();
+    sum / ((rows - 1) as f64 * (columns - 1) as f64)
+}
+
+/// Density and, beside it because both are looked up together, its integral along the row from x = 0.
+#[derive(Debug, Clone, Copy)]
+struct Vertex {
+    density: f64,
+    cumulative: f64,
+}
+
+/// A row of vertices as a whole.
+#[derive(Debug, Clone, Copy)]
+struct Row {
+    /// Integral over the row, x from 0 to 1.
+    total: f64,
+    /// Integral of `total` over y from 0 to this row.
+    cumulative: f64,
+}
+
+/// A piecewise-bilinear density over the unit square with its cumulative distributions.
+#[derive(Debug)]
+pub(super) struct Density {
+    columns: usize,
+    vertices: Vec<Vertex>,
+    rows: Vec<Row>,
+    /// 1/(columns − 1) and 1/(rows − 1).
+    cell_width: f64,
+    cell_height: f64,
+    inv_total: f64,
+}
+
+impl Density {
+    /// From non-negative `densities` at the vertices, row by row, at least 2×2 of them, not all zero.
+    ///
+    /// They need not be normalised.
+    pub(super) fn new(densities: &[f64], columns: usize) -> Self {
+        let cell_width = 1.0 / (columns - 1) as f64;
+        let cell_height = 1.0 / (densities.len() / columns - 1) as f64;
+        let mut vertices = Vec::with_capacity(densities.len());
+        let mut rows: Vec<Row> = Vec::with_capacity(densities.len() / columns);
+        for densities in densities.chunks_exact(columns) {
+            let mut total = 0.0;
+            let mut before = None;
+            for &density in densities {
+                total += before.map_or(0.0, |before| 0.5 * cell_width * (before + density));
+                vertices.push(Vertex {
+                    density,
+                    cumulative: total,
+                });
+                before = Some(density);
+            }
+            let cumulative = rows.last().map_or(0.0, |below| {
+                below.cumulative + 0.5 * cell_height * (below.total + total)
+            });
+            rows.push(Row { total, cumulative });
+        }
+        let total = rows.last().map_or(0.0, |row| row.cumulative);
+        Self {
+            columns,
+            vertices,
+            rows,
+            cell_width,
+            cell_height,
+            inv_total: 1.0 / total,
+        }
+    }
+
+    /// The uniform point (`s_x`, `s_y`) ∈ [0,1]² that the warp carries to (`x`, `y`), clamped to [0,1]².
+    pub(super) fn invert(&self, x: f64, y: f64) -> (f64, f64) {
+        let (column, tx) = cell(x, self.columns);
+        let (row, ty) = cell(y, self.rows.len());
+        let patch = Patch {
+            corner: row * self.columns + column,
+            columns: self.columns,
+            tx,
+            ty,
+        };
+        let (low, high) = patch.corners(&self.vertices);
+        let (below, above) = (self.rows[row], self.rows[row + 1]);
+
+        let left = lerp(low[0].density, high[0].density, ty);
+        let right = lerp(low[1].density, high[1].density, ty);
+        let up_to_cell = lerp(low[0].cumulative, high[0].cumulative, ty);
+        let up_to_x = up_to_cell + self.cell_width * tx * (left + 0.5 * tx * (right - left));
+        let line_total = lerp(below.total, above.total, ty);
+        // An empty line has no distribution; the uniform one is as good as any.
+        let s_x = if line_total > 0.0 { up_to_x / line_total } else { x };
+
+        let up_to_y =
+            below.cumulative + self.cell_height * ty * (below.total + 0.5 * ty * (above.total - below.total));
+        (s_x, up_to_y * self.inv_total)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    impl Density {
+        /// The forward warp, by bisection on the definition of the cumulative distributions: independent of the
+        /// closed form inside a cell.
+        fn sample(&self, s_x: f64, s_y: f64) -> (f64, f64) {
+            let y = bisect(|y| self.invert(0.5, y).1 - s_y);
+            (bisect(|x| self.line(x, y) / self.line(1.0, y) - s_x), y)
+        }
+
+        /// Integral of the density at height y from 0 to x, cell by cell with Simpson's rule.
+        fn line(&self, x: f64, y: f64) -> f64 {
+            let table: Vec<f32> = self.vertices.iter().map(|v| v.density as f32).collect();
+            let p = |x: f64| Patch::at(x, y, self.rows.len(), self.columns).value(&table);
+            let mut sum = 0.0;
+            for i in 0..self.columns - 1 {
+                let (from, to) = (
+                    i as f64 * self.cell_width,
+                    ((i + 1) as f64 * self.cell_width).min(x),
+                );
+                if to > from {
+                    sum += (to - from) / 6.0 * (p(from) + 4.0 * p(0.5 * (from + to)) + p(to));
+                }
+            }
+            sum
+        }
+    }
+
+    fn bisect(g: impl Fn(f64) -> f64) -> f64 {
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            *(if g(middle) < 0.0 { &mut low } else { &mut high }) = middle;
+        }
+        0.5 * (low + high)
+    }
+
+    proptest! {
+        #[test]
+        fn invert_undoes_sample(
+            // Multiples of 1/8, exact in f32.
+            table in prop::collection::vec((1_u8..80).prop_map(|v| f64::from(v) / 8.0), 4 * 5),
+            s_x in 0.0..1.0, s_y in 0.0..1.0,
+        ) {
+            let density = Density::new(&table, 5);
+            let (x, y) = density.sample(s_x, s_y);
+            let (found_x, found_y) = density.invert(x, y);
+            prop_assert!((found_x - s_x).abs() < 1e-9 && (found_y - s_y).abs() < 1e-9);
+        }
+
+        #[test]
+        fn invert_is_the_share_of_the_density(x in 0.0..=1.0, y in 0.0..=1.0) {
+            // p(x, y) = (1 + 2x)(2 + y), bilinear: s_x = (x + x²)/2, s_y = (2y + y²/2)/2.5.
+            let table: Vec<f64> = (0..3)
+                .flat_map(|j| (0..4).map(move |i| (1.0 + 2.0 * f64::from(i) / 3.0) * (2.0 + f64::from(j) / 2.0)))
+                .collect();
+            let (s_x, s_y) = Density::new(&table, 4).invert(x, y);
+            prop_assert!((s_x - 0.5 * x * (1.0 + x)).abs() < 1e-12);
+            prop_assert!((s_y - (2.0 * y + y * y / 2.0) / 2.5).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn an_even_density_is_the_identity() {
+        let density = Density::new(&[1.0; 4], 2);
+        for (x, y) in [(0.0, 0.0), (0.3, 0.8), (1.0, 1.0)] {
+            let (s_x, s_y) = density.invert(x, y);
+            assert!((s_x - x).abs() < 1e-15 && (s_y - y).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn empty_lines_and_positions_outside_stay_finite() {
+        let density = Density::new(&[0.0, 0.0, 0.0, 0.0, 1.0, 1.0], 2);
+        assert_eq!(density.invert(0.25, 0.2), (0.25, 0.0));
+        assert_eq!(density.invert(7.0, 7.0), (1.0, 1.0));
+        // A position that is not a number must not panic, whatever comes out.
+        let _ = density.invert(-1.0, f64::NAN);
+    }
+
+    #[test]
+    fn integral_of_a_table() {
+        // (1 + 2x)(2 + y) again: 2 · 2.5.
+        let table = [2.0, 4.0, 6.0, 3.0, 6.0, 9.0];
+        assert!((integral(&table, 3) - 5.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn patches_interpolate_and_meet_the_vertices() {
+        let table = [
+            [0.0, 1.0, 2.0],
+            [1.0, 1.0, 2.0],
+            [10.0, 1.0, 4.0],
+            [11.0, 1.0, 4.0],
+        ];
+        for (x, y, expected) in [(0.25, 0.5, [5.25, 1.0, 3.0]), (1.0, 1.0, [11.0, 1.0, 4.0])] {
+            let found = Patch::at(x, y, 2, 2).values(&table);
+            assert!(
+                found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12),
+                "{found:?}"
+            );
+        }
+        let single: Vec<f32> = table.iter().map(|v| v[0]).collect();
+        assert!((Patch::at(0.25, 0.5, 2, 2).value(&single) - 5.25).abs() < 1e-12);
+    }
+}

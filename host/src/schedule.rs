@@ -1,0 +1,101 @@
+//! Times of one step, in seconds for people and in ticks for the controller.
+
+use rcg_protocol::{Extent, Micros, Pace, Polarity, Program, Pulse, Start, Step, Ticks};
+use serde::{Deserialize, Serialize};
+
+use crate::rig::Rig;
+
+/// Length of the PROJ pulse: inputs of projectors want a few microseconds.
+const PROJ_PULSE_S: f64 = 5e-6;
+
+/// Times of one step in s from its start.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Timing {
+    /// Length of the PROJ pulse, which begins the step.
+    pub proj_width_s: f64,
+    /// Leading edge of the CAM pulse.
+    pub cam_at_s: f64,
+    /// Length of the CAM pulse: the exposure time.
+    pub cam_width_s: f64,
+    /// Length of the step.
+    pub period_s: f64,
+}
+
+/// What bounds the pace of a measurement.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Bound {
+    /// Settling, exposing and reading out take longest.
+    Camera,
+    /// The projector shows patterns no faster.
+    Projector,
+}
+
+/// Times that do not fit together.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("exposure time in s: expected a number from 1e-6 to 60, found {exposure_s}")]
+pub struct ScheduleError {
+    /// What was asked for.
+    pub exposure_s: f64,
+}
+
+impl Timing {
+    /// The fastest step of `rig` with exposures of `exposure_s` seconds: the pattern settles, then the camera
+    /// is triggered; the next pattern comes when the exposure is over, or when the camera is ready if it
+    /// cannot expose while it reads out.
+    ///
+    /// # Errors
+    /// [`ScheduleError`] for an exposure time out of range.
+    pub fn new(rig: &Rig, exposure_s: f64) -> Result<Self, ScheduleError> {
+        if !(1e-6..=60.0).contains(&exposure_s) {
+            return Err(ScheduleError { exposure_s });
+        }
+        let cam_at_s = rig.projector.settle_s;
+        Ok(Self {
+            proj_width_s: PROJ_PULSE_S.min(cam_at_s.max(1e-6)),
+            cam_at_s,
+            cam_width_s: exposure_s,
+            period_s: rig.step_period_s(exposure_s),
+        })
+    }
+
+    /// What bounds the pace on `rig`.
+    #[must_use]
+    pub fn bound(&self, rig: &Rig) -> Bound {
+        if self.period_s > rig.projector.min_period_s * 1.000_001 {
+            Bound::Camera
+        } else {
+            Bound::Projector
+        }
+    }
+
+    /// The step in ticks of a clock of `clock_hz`; times are rounded to the nearest tick, the period up.
+    #[must_use]
+    pub fn step(&self, clock_hz: u32) -> Step {
+        let ticks = |s: f64| (s * f64::from(clock_hz)).round() as u64;
+        let period = (self.period_s * f64::from(clock_hz) - 1e-6).ceil() as u64;
+        Step {
+            proj: Pulse::new(0, ticks(self.proj_width_s)),
+            cam: Pulse::new(ticks(self.cam_at_s), ticks(self.cam_width_s)),
+            // The engine wants a few ticks between the last edge and the end.
+            period: Ticks(period.max(ticks(self.cam_at_s) + ticks(self.cam_width_s) + 8)),
+        }
+    }
+
+    /// A run of `exposures` such steps.
+    #[must_use]
+    pub fn program(exposures: u32) -> Program {
+        Program {
+            extent: Extent::Table {
+                steps: 1,
+                cycles: exposures,
+            },
+            start: Start::AtOnce,
+            pace: Pace::FreeRunning,
+            polarity: Polarity::default(),
+            sync_timeout: Micros(0),
+            dead_man: Micros::DEFAULT_DEAD_MAN,
+        }
+    }
+}

@@ -1,0 +1,385 @@
+//! One array of a file: chunks along the first axis only, each with a CRC-32C.
+//!
+//! # Design
+//! Chunks are named `c.<index>.0…` in the array's own folder: no folder per chunk, one file creation
+//! per write. A chunk's length is known beforehand; a torn file is refused by its length before it
+//! is read.
+//!
+//! zarrs is told to use one thread per chunk: callers write and read several chunks at a time.
+
+use std::borrow::Cow;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use serde_json::{Map, Value};
+use zarrs::array::codec::{BytesCodec, Crc32cCodec};
+use zarrs::array::{
+    Array, ArrayBuilder, ArrayMetadataOptions, ChunkKeySeparator, CodecOptions, Element, ElementOwned,
+};
+use zarrs::storage::{ReadableStorageTraits as _, StoreKey};
+
+use super::atomic::AtomicStore;
+use super::error::StoreError;
+use super::group::metadata_key;
+use super::header::Header;
+
+/// Bytes of the largest chunk that is accepted; more is a mistake in the layout or in a file.
+const LARGEST_CHUNK: usize = 1 << 32;
+/// Bytes of the CRC-32C at the end of a chunk.
+const CHECKSUM: usize = 4;
+
+/// Type of an array's elements.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum ElementType {
+    U8,
+    U16,
+    U64,
+    I64,
+    F16,
+    F32,
+    F64,
+}
+
+impl ElementType {
+    /// The name in `zarr.json`.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::U8 => "uint8",
+            Self::U16 => "uint16",
+            Self::U64 => "uint64",
+            Self::I64 => "int64",
+            Self::F16 => "float16",
+            Self::F32 => "float32",
+            Self::F64 => "float64",
+        }
+    }
+
+    /// Bytes per element.
+    const fn size(self) -> usize {
+        match self {
+            Self::U8 => 1,
+            Self::U16 | Self::F16 => 2,
+            Self::F32 => 4,
+            Self::U64 | Self::I64 | Self::F64 => 8,
+        }
+    }
+}
+
+/// What an array is, apart from its content.
+#[derive(Clone, Debug)]
+pub(super) struct ArraySpec<'a> {
+    pub(super) name: &'a str,
+    pub(super) element: ElementType,
+    /// Length of each axis.
+    pub(super) shape: Vec<usize>,
+    /// Length of a chunk along the first axis; along the others a chunk is whole.
+    pub(super) chunk: usize,
+    pub(super) dims: &'a [&'a str],
+}
+
+impl ArraySpec<'_> {
+    /// Checks the sizes that a caller gave for a file at `path`.
+    pub(super) fn check(&self, path: &Path) -> Result<(), StoreError> {
+        self.sizes().map(|_| ()).map_err(|found| {
+            StoreError::argument(path, format!("layout of `{}`", self.name), SANE_SHAPE, found)
+        })
+    }
+
+    fn chunk_shape(&self) -> Vec<u64> {
+        let whole = self.shape.iter().skip(1);
+        std::iter::once(&self.chunk)
+            .chain(whole)
+            .map(|&length| length as u64)
+            .collect()
+    }
+
+    /// Elements of one index along the first axis and bytes of a chunk, or what is wrong.
+    fn sizes(&self) -> Result<(usize, usize), String> {
+        let product = |lengths: &[usize]| {
+            lengths
+                .iter()
+                .try_fold(1usize, |product, &length| product.checked_mul(length))
+        };
+        let row = self.shape.get(1..).and_then(product).filter(|&row| row > 0);
+        let bytes = row.and_then(|row| product(&[row, self.chunk, self.element.size()]));
+        match (row, bytes) {
+            (Some(row), Some(bytes)) if bytes > 0 && bytes <= LARGEST_CHUNK && self.shape[0] > 0 => {
+                Ok((row, bytes))
+            }
+            _ => Err(format!("shape {:?} in chunks of {}", self.shape, self.chunk)),
+        }
+    }
+}
+
+/// What every array's shape has to be, for messages.
+const SANE_SHAPE: &str = "no empty axis and chunks of at most 4 GiB";
+
+/// An open array.
+#[derive(Debug)]
+pub(super) struct ZarrArray {
+    array: Array<AtomicStore>,
+    store: Arc<AtomicStore>,
+    name: String,
+    /// Length of the first axis.
+    rows: usize,
+    /// Rows per chunk.
+    chunk: usize,
+    /// Elements per row.
+    row: usize,
+    /// Bytes of a chunk's file.
+    file_bytes: usize,
+    options: CodecOptions,
+}
+
+impl ZarrArray {
+    /// Makes the array with these attributes and writes its metadata.
+    pub(super) fn create(
+        store: &Arc<AtomicStore>,
+        spec: &ArraySpec<'_>,
+        attributes: Map<String, Value>,
+    ) -> Result<Self, StoreError> {
+        spec.sizes()
+            .map_err(|found| StoreError::argument(store.root(), spec.name, SANE_SHAPE, found))?;
+        let path = store.path_of(&metadata_key(spec.name));
+        let shape: Vec<u64> = spec.shape.iter().map(|&length| length as u64).collect();
+        let array = ArrayBuilder::new(shape, spec.chunk_shape(), spec.element.name(), 0u8)
+            .chunk_key_encoding_default_separator(ChunkKeySeparator::Dot)
+            .array_to_bytes_codec(Arc::new(BytesCodec::little()))
+            .bytes_to_bytes_codecs(vec![Arc::new(Crc32cCodec::new())])
+            .dimension_names(Some(spec.dims.iter().copied()))
+            .attributes(attributes)
+            .build(Arc::clone(store), &format!("/{}", spec.name))
+            .map_err(|error| StoreError::array(&path, error))?
+            .with_metadata_options(ArrayMetadataOptions::default().with_include_zarrs_metadata(false));
+        array
+            .store_metadata()
+            .map_err(|error| StoreError::storage(&path, "write", error))?;
+        Self::wrap(array, store, spec)
+    }
+
+    /// Opens the array if its metadata are those of `spec`; `header` was read from it.
+    pub(super) fn open(
+        store: &Arc<AtomicStore>,
+        spec: &ArraySpec<'_>,
+        header: &Header,
+    ) -> Result<Self, StoreError> {
+        let expect = |field: &str, expected: String, found: String| {
+            if expected == found {
+                Ok(())
+            } else {
+                Err(StoreError::metadata(&header.path, field, expected, found))
+            }
+        };
+        expect(
+            "shape",
+            format!("{:?}", spec.shape),
+            format!("{:?}", header.shape),
+        )?;
+        expect(
+            "data_type",
+            spec.element.name().to_owned(),
+            header.data_type.clone(),
+        )?;
+        expect(
+            "dimension_names",
+            format!("{:?}", spec.dims),
+            format!("{:?}", header.dims),
+        )?;
+        expect(
+            "chunk_grid.configuration.chunk_shape",
+            format!("{:?}", spec.chunk_shape()),
+            format!("{:?}", header.chunk_shape),
+        )?;
+        spec.sizes()
+            .map_err(|found| StoreError::metadata(&header.path, "shape", SANE_SHAPE, found))?;
+        let array = Array::open(Arc::clone(store), &format!("/{}", spec.name))
+            .map_err(|error| StoreError::array(&header.path, error))?;
+        Self::wrap(array, store, spec)
+    }
+
+    fn wrap(
+        array: Array<AtomicStore>,
+        store: &Arc<AtomicStore>,
+        spec: &ArraySpec<'_>,
+    ) -> Result<Self, StoreError> {
+        let (row, bytes) = spec
+            .sizes()
+            .map_err(|found| StoreError::argument(store.root(), spec.name, SANE_SHAPE, found))?;
+        Ok(Self {
+            array,
+            store: Arc::clone(store),
+            name: spec.name.to_owned(),
+            rows: spec.shape[0],
+            chunk: spec.chunk,
+            row,
+            file_bytes: bytes + CHECKSUM,
+            // An absent chunk means "not written": one of zeros has to be stored, not left out.
+            options: CodecOptions::default()
+                .with_concurrent_target(1)
+                .with_validate_checksums(true)
+                .with_store_empty_chunks(true),
+        })
+    }
+
+    pub(super) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The metadata as JSON, for the group's copy.
+    pub(super) fn metadata(&self) -> Value {
+        let options = ArrayMetadataOptions::default().with_include_zarrs_metadata(false);
+        serde_json::to_value(self.array.metadata_opt(&options)).unwrap_or_default()
+    }
+
+    /// Number of chunks, the last perhaps partial.
+    pub(super) fn chunks(&self) -> usize {
+        self.rows.div_ceil(self.chunk)
+    }
+
+    /// The rows in chunk `index`; empty beyond the last chunk.
+    pub(super) fn range(&self, index: usize) -> Range<usize> {
+        let start = index.saturating_mul(self.chunk).min(self.rows);
+        start..start.saturating_add(self.chunk).min(self.rows)
+    }
+
+    /// Elements in chunk `index` that belong to the array (the rest of a partial chunk is padding).
+    pub(super) fn len(&self, index: usize) -> usize {
+        self.range(index).len() * self.row
+    }
+
+    fn indices(&self, index: usize) -> Vec<u64> {
+        let mut indices = vec![0; self.array.dimensionality()];
+        indices[0] = index as u64;
+        indices
+    }
+
+    fn key(&self, index: usize) -> StoreKey {
+        self.array.chunk_key(&self.indices(index))
+    }
+
+    /// The file of chunk `index`.
+    pub(super) fn path_of(&self, index: usize) -> PathBuf {
+        self.store.path_of(&self.key(index))
+    }
+
+    fn check_index(&self, index: usize) -> Result<(), StoreError> {
+        if index < self.chunks() {
+            return Ok(());
+        }
+        let expected = format!("an index below {}", self.chunks());
+        Err(StoreError::argument(
+            self.store.root(),
+            format!("chunk of `{}`", self.name),
+            expected,
+            index.to_string(),
+        ))
+    }
+
+    /// Whether chunk `index` was written.
+    pub(super) fn is_present(&self, index: usize) -> bool {
+        index < self.chunks() && self.path_of(index).is_file()
+    }
+
+    /// Checks that `len` elements are what chunk `index` takes.
+    pub(super) fn check_len(&self, index: usize, len: usize) -> Result<(), StoreError> {
+        self.check_index(index)?;
+        if len == self.len(index) {
+            return Ok(());
+        }
+        let expected = format!("{} elements", self.len(index));
+        let what = format!("data for chunk {index} of `{}`", self.name);
+        Err(StoreError::argument(
+            self.store.root(),
+            what,
+            expected,
+            format!("{len} elements"),
+        ))
+    }
+
+    /// Writes chunk `index`: its rows in order, without padding.
+    pub(super) fn write<T: Element + Copy + Default>(
+        &self,
+        index: usize,
+        rows: &[T],
+    ) -> Result<(), StoreError> {
+        self.check_len(index, rows.len())?;
+        let full = self.chunk * self.row;
+        let rows = if rows.len() == full {
+            Cow::Borrowed(rows)
+        } else {
+            let mut padded = rows.to_vec();
+            padded.resize(full, T::default());
+            Cow::Owned(padded)
+        };
+        self.array
+            .store_chunk_opt(&self.indices(index), rows.as_ref(), &self.options)
+            .map_err(|error| StoreError::chunk(&self.path_of(index), &self.name, index, "write", error))
+    }
+
+    /// Reads chunk `index` without its padding, or `None` if it was never written.
+    pub(super) fn read<T: ElementOwned>(&self, index: usize) -> Result<Option<Vec<T>>, StoreError> {
+        self.check_index(index)?;
+        let path = self.path_of(index);
+        let found = self.store.size_key(&self.key(index));
+        match found.map_err(|error| StoreError::storage(&path, "inspect", error))? {
+            None => return Ok(None),
+            Some(bytes) if bytes == self.file_bytes as u64 => {}
+            Some(bytes) => {
+                return Err(StoreError::Chunk {
+                    path,
+                    array: self.name.clone(),
+                    chunk: index,
+                    expected: format!("{} bytes", self.file_bytes),
+                    found: format!("{bytes} bytes"),
+                });
+            }
+        }
+        let mut rows = self
+            .array
+            .retrieve_chunk_if_exists_opt::<Vec<T>>(&self.indices(index), &self.options)
+            .map_err(|error| StoreError::chunk(&path, &self.name, index, "read", error))?;
+        if let Some(rows) = &mut rows {
+            rows.truncate(self.len(index));
+        }
+        Ok(rows)
+    }
+
+    /// Reads chunk `index`, which has to exist.
+    pub(super) fn read_present<T: ElementOwned>(&self, index: usize) -> Result<Vec<T>, StoreError> {
+        self.read(index)?.ok_or_else(|| StoreError::Chunk {
+            path: self.path_of(index),
+            array: self.name.clone(),
+            chunk: index,
+            expected: "a file".into(),
+            found: "none".into(),
+        })
+    }
+
+    /// Removes chunk `index` if it exists.
+    pub(super) fn erase(&self, index: usize) -> Result<(), StoreError> {
+        self.array
+            .erase_chunk(&self.indices(index))
+            .map_err(|error| StoreError::storage(&self.path_of(index), "remove", error))
+    }
+}
+
+/// The attributes `units` and `long_name`, which every array has.
+pub(super) fn described(units: &str, long_name: &str) -> Map<String, Value> {
+    let mut attributes = Map::new();
+    attributes.insert("units".into(), units.into());
+    attributes.insert("long_name".into(), long_name.into());
+    attributes
+}
+
+/// Adds the names of the codes in an array of codes (CF conventions 1.11, §3.5, `flag_values`).
+pub(super) fn add_codes(attributes: &mut Map<String, Value>, codes: &[(u8, &str)]) {
+    if codes.is_empty() {
+        return;
+    }
+    let values: Vec<u8> = codes.iter().map(|&(code, _)| code).collect();
+    // One word per code: blanks separate the words.
+    let words: Vec<String> = codes.iter().map(|(_, word)| word.replace(' ', "_")).collect();
+    attributes.insert("flag_values".into(), values.into());
+    attributes.insert("flag_meanings".into(), words.join(" ").into());
+}

@@ -1,0 +1,310 @@
+//! `brdf.zarr`: f, its standard uncertainty and its provenance, for every pair of directions.
+//!
+//! # Design
+//! | array | axes | type | unit |
+//! |---|---|---|---|
+//! | `f` | incident, y, x, channel | f32 | sr⁻¹, without the cosine |
+//! | `sigma` | incident, y, x, channel | f16 | sr⁻¹, standard uncertainty (k = 1) |
+//! | `provenance` | incident, y, x | u8 | codes of [`Provenance`] |
+//!
+//! `y`, `x` are the outgoing disk grid. Incident directions, reasons and whatever else describes the
+//! axes come as [`SmallArray`]s and are coordinates for xarray.
+//! A chunk is one or more whole incident directions; an absent one is all missing.
+//! The writer works in `<name>.partial` and renames it when it is done: a result under its final
+//! name is whole. Several threads may write and read different chunks at a time.
+//!
+//! # Tradeoffs
+//! Half floats for the uncertainty have 11 significant bits, more than an uncertainty deserves, and
+//! reach from 6·10⁻⁸ to 65504 sr⁻¹. Provenance is nearly constant and would compress to nothing, but
+//! it is a twentieth of the file, and without a codec it needs no C library.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use half::f16;
+use serde_json::{Map, Value};
+
+use super::array::{ArraySpec, ElementType, ZarrArray, add_codes, described};
+use super::atomic::AtomicStore;
+use super::error::StoreError;
+use super::group;
+use super::header::Header;
+use super::small_array::{self, SmallArray, SmallData};
+use crate::provenance::Provenance;
+
+/// Name of the format in the group's attributes.
+const FORMAT: &str = "brdf";
+/// Names of the three arrays.
+const F: &str = "f";
+const SIGMA: &str = "sigma";
+const PROVENANCE: &str = "provenance";
+/// Axes of `f` and `sigma`; `provenance` has all but the last.
+const DIMS: &[&str] = &["incident", "y", "x", "channel"];
+
+/// Size of a `brdf.zarr`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BrdfLayout {
+    /// Incident directions.
+    pub incident: usize,
+    /// Cells along each axis of the outgoing disk grid.
+    pub grid: usize,
+    /// Colour channels.
+    pub channels: usize,
+    /// Incident directions per chunk.
+    pub chunk: usize,
+}
+
+impl BrdfLayout {
+    fn spec(&self, name: &'static str, element: ElementType, rank: usize) -> ArraySpec<'static> {
+        let shape = [self.incident, self.grid, self.grid, self.channels];
+        ArraySpec {
+            name,
+            element,
+            shape: shape[..rank].to_vec(),
+            chunk: self.chunk,
+            dims: &DIMS[..rank],
+        }
+    }
+
+    fn f(&self) -> ArraySpec<'static> {
+        self.spec(F, ElementType::F32, 4)
+    }
+
+    fn sigma(&self) -> ArraySpec<'static> {
+        self.spec(SIGMA, ElementType::F16, 4)
+    }
+
+    fn provenance(&self) -> ArraySpec<'static> {
+        self.spec(PROVENANCE, ElementType::U8, 3)
+    }
+
+    /// Length of each axis by name.
+    fn lengths(&self) -> BTreeMap<String, usize> {
+        let lengths = [self.incident, self.grid, self.grid, self.channels];
+        DIMS.iter().map(|&dim| dim.to_owned()).zip(lengths).collect()
+    }
+}
+
+/// The values of one chunk: consecutive incident directions, row-major.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BrdfRows {
+    /// f in sr⁻¹ without the cosine, axes incident, y, x, channel.
+    pub f: Vec<f32>,
+    /// Standard uncertainty (k = 1) of f in sr⁻¹, same axes.
+    pub sigma: Vec<f16>,
+    /// Codes of [`Provenance`], axes incident, y, x.
+    pub provenance: Vec<u8>,
+}
+
+/// A `brdf.zarr` that is being made.
+#[derive(Debug)]
+pub struct BrdfWriter {
+    path: PathBuf,
+    partial: PathBuf,
+    overwrite: bool,
+    layout: BrdfLayout,
+    f: ZarrArray,
+    sigma: ZarrArray,
+    provenance: ZarrArray,
+}
+
+impl BrdfWriter {
+    /// Begins the file that will be `path` once it is finished, with the coordinates `extra`
+    /// and these attributes of the group (`rcg_…` names are the store's own).
+    ///
+    /// An older unfinished file is removed. With `overwrite` an existing `brdf.zarr` is replaced
+    /// when the new one is finished; a folder of another kind never is.
+    ///
+    /// # Errors
+    /// [`StoreError::AlreadyExists`] without `overwrite`; [`StoreError::NotAGroup`] with it, if
+    /// `path` is something else; [`StoreError::Argument`] for a layout with an empty axis or
+    /// arrays that do not fit it; [`StoreError::Io`] or [`StoreError::DiskFull`].
+    pub fn create(
+        path: &Path,
+        layout: BrdfLayout,
+        extra: &[SmallArray<'_>],
+        attributes: Map<String, Value>,
+        overwrite: bool,
+    ) -> Result<Self, StoreError> {
+        layout.f().check(path)?;
+        small_array::check(path, extra, layout.lengths(), &[F, SIGMA, PROVENANCE])?;
+        let partial = group::start(path, FORMAT, overwrite)?;
+        let store = Arc::new(AtomicStore::new(&partial)?);
+
+        let mut about_f = described("sr-1", "BRDF, without the cosine");
+        about_f.insert(
+            "ancillary_variables".into(),
+            format!("{SIGMA} {PROVENANCE}").into(),
+        );
+        if !extra.is_empty() {
+            let names: Vec<&str> = extra.iter().map(|array| array.name).collect();
+            about_f.insert("coordinates".into(), names.join(" ").into());
+        }
+        let f = ZarrArray::create(&store, &layout.f(), about_f)?;
+        let about_sigma = described("sr-1", "standard uncertainty (k=1) of the BRDF");
+        let sigma = ZarrArray::create(&store, &layout.sigma(), about_sigma)?;
+        let mut about_provenance = described("1", "provenance of the BRDF");
+        add_codes(
+            &mut about_provenance,
+            &Provenance::ALL.map(|origin| (origin.code(), origin.name())),
+        );
+        let provenance = ZarrArray::create(&store, &layout.provenance(), about_provenance)?;
+        let small = extra.iter().map(|array| small_array::write(&store, array));
+        let small = small.collect::<Result<Vec<_>, _>>()?;
+
+        let arrays = [&f, &sigma, &provenance].into_iter().chain(&small);
+        let metadata = arrays
+            .map(|array| (array.name().to_owned(), array.metadata()))
+            .collect();
+        group::write(&store, &group::attributes_of(FORMAT, attributes), &metadata)?;
+        Ok(Self {
+            path: path.to_path_buf(),
+            partial,
+            overwrite,
+            layout,
+            f,
+            sigma,
+            provenance,
+        })
+    }
+
+    /// The size of the file.
+    pub fn layout(&self) -> &BrdfLayout {
+        &self.layout
+    }
+
+    /// Writes chunk `index`; in any order, from any thread, each chunk by one thread at a time.
+    ///
+    /// # Errors
+    /// [`StoreError::Argument`] if there is no such chunk or a length is not that of its incident
+    /// directions; [`StoreError::Io`] or [`StoreError::DiskFull`].
+    pub fn write_chunk(&self, index: usize, rows: &BrdfRows) -> Result<(), StoreError> {
+        self.f.check_len(index, rows.f.len())?;
+        self.sigma.check_len(index, rows.sigma.len())?;
+        self.provenance.check_len(index, rows.provenance.len())?;
+        self.provenance.write(index, &rows.provenance)?;
+        self.sigma.write(index, &rows.sigma)?;
+        self.f.write(index, &rows.f)
+    }
+
+    /// Gives the file its final name. Chunks that were not written are missing values.
+    ///
+    /// # Errors
+    /// [`StoreError::AlreadyExists`] if the path was taken meanwhile; [`StoreError::Io`].
+    pub fn finish(self) -> Result<(), StoreError> {
+        group::publish(&self.partial, &self.path, FORMAT, self.overwrite)
+    }
+}
+
+/// An open `brdf.zarr`.
+#[derive(Debug)]
+pub struct BrdfReader {
+    store: Arc<AtomicStore>,
+    layout: BrdfLayout,
+    attributes: Map<String, Value>,
+    f: ZarrArray,
+    sigma: ZarrArray,
+    provenance: ZarrArray,
+}
+
+impl BrdfReader {
+    /// Opens a file; its layout comes from its metadata.
+    ///
+    /// # Errors
+    /// [`StoreError::NotAGroup`], [`StoreError::ArrayMissing`], [`StoreError::Metadata`] or
+    /// [`StoreError::Io`].
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        let attributes = group::read_attributes(path, FORMAT)?;
+        let store = Arc::new(AtomicStore::new(path)?);
+        let header = Header::read(&store, F, Some(4))?;
+        let (shape, chunk) = (&header.shape, header.chunk_shape[0]);
+        let layout = BrdfLayout {
+            incident: shape[0],
+            grid: shape[1],
+            channels: shape[3],
+            chunk,
+        };
+        let f = ZarrArray::open(&store, &layout.f(), &header)?;
+        let sigma = ZarrArray::open(&store, &layout.sigma(), &Header::read(&store, SIGMA, Some(4))?)?;
+        let header = Header::read(&store, PROVENANCE, Some(3))?;
+        let provenance = ZarrArray::open(&store, &layout.provenance(), &header)?;
+        Ok(Self {
+            store,
+            layout,
+            attributes,
+            f,
+            sigma,
+            provenance,
+        })
+    }
+
+    /// The size of the file.
+    pub fn layout(&self) -> &BrdfLayout {
+        &self.layout
+    }
+
+    /// All attributes of the group.
+    pub fn attributes(&self) -> &Map<String, Value> {
+        &self.attributes
+    }
+
+    /// Number of chunks, the last perhaps shorter.
+    pub fn chunks(&self) -> usize {
+        self.f.chunks()
+    }
+
+    /// The incident directions of chunk `index`; empty beyond the last chunk.
+    pub fn chunk_range(&self, index: usize) -> std::ops::Range<usize> {
+        self.f.range(index)
+    }
+
+    /// Whether chunk `index` was written.
+    pub fn chunk_is_present(&self, index: usize) -> bool {
+        self.f.is_present(index)
+    }
+
+    /// The values of the small array `name`, row-major.
+    ///
+    /// # Errors
+    /// [`StoreError::ArrayMissing`], [`StoreError::Metadata`], [`StoreError::Checksum`],
+    /// [`StoreError::Chunk`] or [`StoreError::Io`].
+    pub fn small(&self, name: &str) -> Result<SmallData, StoreError> {
+        small_array::read(&self.store, name)
+    }
+
+    /// Reads chunk `index`; if it was never written, zeros that are [`Provenance::Missing`].
+    ///
+    /// # Errors
+    /// [`StoreError::Checksum`] or [`StoreError::Chunk`] if a part of it is damaged or only some of
+    /// its arrays are there; [`StoreError::Argument`] if there is no such chunk; [`StoreError::Io`].
+    pub fn read_chunk(&self, index: usize) -> Result<BrdfRows, StoreError> {
+        let arrays = [&self.f, &self.sigma, &self.provenance];
+        if index < self.chunks() && !arrays.iter().any(|array| array.is_present(index)) {
+            return Ok(BrdfRows {
+                f: vec![0.0; self.f.len(index)],
+                sigma: vec![f16::ZERO; self.sigma.len(index)],
+                provenance: vec![Provenance::Missing.code(); self.provenance.len(index)],
+            });
+        }
+        Ok(BrdfRows {
+            f: self.f.read_present(index)?,
+            sigma: self.sigma.read_present(index)?,
+            provenance: self.provenance.read_present(index)?,
+        })
+    }
+
+    /// Reads f of chunk `index` in sr⁻¹, axes incident, y, x, channel; zeros if it was never written.
+    ///
+    /// # Errors
+    /// As [`Self::read_chunk`], for this array alone.
+    pub fn read_f_only(&self, index: usize) -> Result<Vec<f32>, StoreError> {
+        Ok(self
+            .f
+            .read(index)?
+            .unwrap_or_else(|| vec![0.0; self.f.len(index)]))
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,418 @@
+use std::fs;
+
+use serde_json::json;
+
+use super::*;
+
+const LAYOUT: BrdfLayout = BrdfLayout {
+    incident: 7,
+    grid: 4,
+    channels: 3,
+    chunk: 3,
+};
+const CHUNKS: usize = 3;
+
+/// Rows whose every value differs from its neighbours'.
+fn rows(index: usize) -> BrdfRows {
+    let directions = (index * 3..(index * 3 + 3).min(7)).len();
+    let cells = directions * 4 * 4;
+    BrdfRows {
+        f: (0..cells * 3)
+            .map(|i| (i + 1000 * index) as f32 * 0.125 + 0.1)
+            .collect(),
+        sigma: (0..cells * 3)
+            .map(|i| f16::from_bits((i + 37 * index) as u16))
+            .collect(),
+        provenance: (0..cells).map(|i| ((i + index) % 6) as u8).collect(),
+    }
+}
+
+fn create(path: &Path, overwrite: bool) -> Result<BrdfWriter, StoreError> {
+    BrdfWriter::create(path, LAYOUT, &[], Map::new(), overwrite)
+}
+
+fn whole_file(folder: &tempfile::TempDir) -> PathBuf {
+    let path = folder.path().join("brdf.zarr");
+    let writer = create(&path, false).unwrap();
+    (0..CHUNKS).for_each(|index| writer.write_chunk(index, &rows(index)).unwrap());
+    writer.finish().unwrap();
+    path
+}
+
+fn theta<'a>(values: Vec<f64>) -> SmallArray<'a> {
+    SmallArray {
+        name: "incident_theta",
+        dims: &["incident"],
+        shape: vec![values.len()],
+        data: SmallData::F64(values),
+        units: "degree",
+        long_name: "polar angle of the incident direction",
+        codes: &[],
+    }
+}
+
+fn reasons<'a>(values: Vec<u8>, shape: Vec<usize>) -> SmallArray<'a> {
+    SmallArray {
+        name: "outgoing_reason",
+        dims: &["y", "x"],
+        shape,
+        data: SmallData::U8(values),
+        units: "1",
+        long_name: "why an outgoing direction is not measurable",
+        codes: &[(0, "measurable"), (1, "hole"), (2, "beyond rim")],
+    }
+}
+
+#[test]
+fn what_is_written_from_several_threads_is_read_and_an_absent_chunk_is_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("brdf.zarr");
+    let mut attributes = Map::new();
+    attributes.insert("cosine".into(), json!("none"));
+    let writer = BrdfWriter::create(&path, LAYOUT, &[], attributes, false).unwrap();
+    std::thread::scope(|scope| {
+        for index in [2, 0] {
+            let writer = &writer;
+            scope.spawn(move || writer.write_chunk(index, &rows(index)).unwrap());
+        }
+    });
+    writer.finish().unwrap();
+
+    let reader = BrdfReader::open(&path).unwrap();
+    assert_eq!(reader.layout(), &LAYOUT);
+    assert_eq!(reader.attributes()["cosine"], "none");
+    assert_eq!(reader.chunks(), CHUNKS);
+    assert_eq!(reader.chunk_range(2), 6..7);
+    for index in [0, 2] {
+        assert!(reader.chunk_is_present(index));
+        assert_eq!(reader.read_chunk(index).unwrap(), rows(index));
+        assert_eq!(reader.read_f_only(index).unwrap(), rows(index).f);
+    }
+    assert!(!reader.chunk_is_present(1));
+    let absent = reader.read_chunk(1).unwrap();
+    assert_eq!(absent.f, vec![0.0; 3 * 16 * 3]);
+    assert_eq!(absent.sigma, vec![f16::ZERO; 3 * 16 * 3]);
+    assert_eq!(absent.provenance, vec![Provenance::Missing.code(); 3 * 16]);
+    assert_eq!(reader.read_f_only(1).unwrap(), absent.f);
+
+    assert!(!reader.chunk_is_present(CHUNKS) && !reader.chunk_is_present(usize::MAX));
+    assert!(matches!(
+        reader.read_chunk(CHUNKS),
+        Err(StoreError::Argument { .. })
+    ));
+    assert!(matches!(
+        reader.read_f_only(usize::MAX),
+        Err(StoreError::Argument { .. })
+    ));
+}
+
+#[test]
+fn a_chunk_of_zeros_is_present_all_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("brdf.zarr");
+    let writer = create(&path, false).unwrap();
+    let mut black = rows(0);
+    black.f.fill(0.0);
+    black.sigma.fill(f16::ZERO);
+    black.provenance.fill(Provenance::Missing.code());
+    writer.write_chunk(0, &black).unwrap();
+    writer.finish().unwrap();
+    assert!(BrdfReader::open(&path).unwrap().chunk_is_present(0));
+}
+
+#[test]
+fn an_unfinished_result_is_not_visible_and_no_obstacle() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("brdf.zarr");
+    let writer = create(&path, false).unwrap();
+    writer.write_chunk(0, &rows(0)).unwrap();
+    assert!(!path.exists());
+    assert!(matches!(
+        BrdfReader::open(&path),
+        Err(StoreError::NotAGroup { .. })
+    ));
+    drop(writer);
+    assert!(!path.exists());
+
+    // The next writer starts from nothing, not from the leftovers.
+    create(&path, false).unwrap().finish().unwrap();
+    let reader = BrdfReader::open(&path).unwrap();
+    assert!(!reader.chunk_is_present(0));
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn a_result_is_replaced_only_on_demand_and_only_when_the_new_one_is_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = whole_file(&folder);
+    assert!(matches!(
+        create(&path, false),
+        Err(StoreError::AlreadyExists { .. })
+    ));
+
+    let writer = create(&path, true).unwrap();
+    assert_eq!(BrdfReader::open(&path).unwrap().read_chunk(0).unwrap(), rows(0));
+    writer
+        .write_chunk(
+            0,
+            &BrdfRows {
+                f: rows(1).f,
+                ..rows(0)
+            },
+        )
+        .unwrap();
+    writer.finish().unwrap();
+    let reader = BrdfReader::open(&path).unwrap();
+    assert_eq!(reader.read_f_only(0).unwrap(), rows(1).f);
+    assert!(!reader.chunk_is_present(1));
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
+
+    // Two at a time: the one that did not ask to overwrite fails at the end.
+    let other = folder.path().join("other.zarr");
+    let late = create(&other, false).unwrap();
+    fs::rename(&path, &other).unwrap();
+    assert!(matches!(late.finish(), Err(StoreError::AlreadyExists { .. })));
+    assert!(BrdfReader::open(&other).is_ok());
+}
+
+#[test]
+fn a_folder_of_another_kind_is_never_overwritten() {
+    let folder = tempfile::tempdir().unwrap();
+    let thesis = folder.path().join("thesis");
+    fs::create_dir(&thesis).unwrap();
+    fs::write(thesis.join("chapter-1"), b"years of work").unwrap();
+    assert!(matches!(create(&thesis, true), Err(StoreError::NotAGroup { .. })));
+    assert!(thesis.join("chapter-1").exists());
+}
+
+#[test]
+fn small_arrays_are_read_as_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("brdf.zarr");
+    let angles: Vec<f64> = (0..7).map(|i| f64::from(i) * 12.3).collect();
+    let codes: Vec<u8> = (0..16).map(|i| i % 3).collect();
+    let extra = [theta(angles.clone()), reasons(codes.clone(), vec![4, 4])];
+    BrdfWriter::create(&path, LAYOUT, &extra, Map::new(), false)
+        .unwrap()
+        .finish()
+        .unwrap();
+
+    let reader = BrdfReader::open(&path).unwrap();
+    assert_eq!(reader.small("incident_theta").unwrap(), SmallData::F64(angles));
+    assert_eq!(reader.small("outgoing_reason").unwrap().as_u8(), Some(&codes[..]));
+    for name in ["incident_phi", "", "../brdf.zarr/incident_theta", "c/0"] {
+        assert!(
+            matches!(reader.small(name), Err(StoreError::ArrayMissing { .. })),
+            "{name}"
+        );
+    }
+    assert!(matches!(reader.small(F), Err(StoreError::Metadata { .. })));
+}
+
+#[test]
+fn small_arrays_that_do_not_fit_are_refused_before_anything_is_made() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("brdf.zarr");
+    let good = || theta(vec![0.0; 7]);
+    let bad: [Vec<SmallArray<'_>>; 9] = [
+        vec![SmallArray { name: "f", ..good() }],
+        vec![SmallArray {
+            name: "../f",
+            ..good()
+        }],
+        vec![SmallArray { name: "", ..good() }],
+        vec![good(), good()],
+        vec![theta(vec![0.0; 6])],
+        vec![SmallArray {
+            data: SmallData::F64(vec![0.0; 3]),
+            ..good()
+        }],
+        vec![SmallArray {
+            dims: &["incident", "y"],
+            ..good()
+        }],
+        vec![SmallArray {
+            codes: &[(0, "none")],
+            ..good()
+        }],
+        vec![reasons(vec![], vec![usize::MAX, usize::MAX])],
+    ];
+    for extra in bad {
+        let error = BrdfWriter::create(&path, LAYOUT, &extra, Map::new(), false)
+            .map(|_| ())
+            .unwrap_err();
+        assert!(matches!(error, StoreError::Argument { .. }), "{error}");
+    }
+    for layout in [
+        BrdfLayout { grid: 0, ..LAYOUT },
+        BrdfLayout {
+            chunk: usize::MAX,
+            ..LAYOUT
+        },
+    ] {
+        let error = BrdfWriter::create(&path, layout, &[], Map::new(), false)
+            .map(|_| ())
+            .unwrap_err();
+        assert!(matches!(error, StoreError::Argument { .. }), "{error}");
+    }
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn rows_of_the_wrong_length_are_refused_and_write_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("brdf.zarr");
+    let writer = create(&path, false).unwrap();
+    let mut bad = [rows(0), rows(0), rows(0)];
+    bad[0].f.pop();
+    bad[1].sigma.push(f16::ONE);
+    bad[2].provenance.pop();
+    for rows in &bad {
+        assert!(matches!(
+            writer.write_chunk(0, rows),
+            Err(StoreError::Argument { .. })
+        ));
+    }
+    assert!(matches!(
+        writer.write_chunk(2, &rows(0)),
+        Err(StoreError::Argument { .. })
+    ));
+    assert!(matches!(
+        writer.write_chunk(3, &rows(0)),
+        Err(StoreError::Argument { .. })
+    ));
+    writer.finish().unwrap();
+    assert!((0..CHUNKS).all(|index| !BrdfReader::open(&path).unwrap().chunk_is_present(index)));
+}
+
+#[test]
+fn damage_names_the_array_and_the_chunk() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = whole_file(&folder);
+    for (file, array) in [
+        ("f/c.1.0.0.0", F),
+        ("sigma/c.1.0.0.0", SIGMA),
+        ("provenance/c.1.0.0", PROVENANCE),
+    ] {
+        let whole = fs::read(path.join(file)).unwrap();
+        let reader = BrdfReader::open(&path).unwrap();
+
+        let mut flipped = whole.clone();
+        flipped[whole.len() / 3] ^= 1;
+        fs::write(path.join(file), flipped).unwrap();
+        let error = reader.read_chunk(1).unwrap_err();
+        assert!(
+            matches!(&error, StoreError::Checksum { array: a, chunk: 1, .. } if a == array),
+            "{error}"
+        );
+
+        fs::write(path.join(file), &whole[..whole.len() / 2]).unwrap();
+        let error = reader.read_chunk(1).unwrap_err();
+        assert!(
+            matches!(&error, StoreError::Chunk { array: a, chunk: 1, .. } if a == array),
+            "{error}"
+        );
+
+        fs::remove_file(path.join(file)).unwrap();
+        let error = reader.read_chunk(1).unwrap_err();
+        assert!(
+            matches!(&error, StoreError::Chunk { array: a, chunk: 1, .. } if a == array),
+            "{error}"
+        );
+
+        fs::write(path.join(file), whole).unwrap();
+        assert_eq!(reader.read_chunk(1).unwrap(), rows(1));
+    }
+}
+
+#[test]
+fn hostile_metadata_are_refused_with_the_field() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = whole_file(&folder);
+    let cases = [
+        ("f", "/shape", json!([7, 4, 5, 3])),
+        ("f", "/shape", json!([7, u64::MAX, u64::MAX, 3])),
+        ("f", "/data_type", json!("float16")),
+        ("sigma", "/shape", json!([7, 4, 4, 2])),
+        ("sigma", "/data_type", json!("float32")),
+        ("provenance", "/shape", json!([7, 4, 4, 3])),
+        (
+            "provenance",
+            "/chunk_grid/configuration/chunk_shape",
+            json!([2, 4, 4]),
+        ),
+        ("provenance", "/codecs", json!([{"name": "bytes"}])),
+    ];
+    for (array, pointer, value) in cases {
+        let file = path.join(array).join("zarr.json");
+        let whole = fs::read(&file).unwrap();
+        let mut metadata: Value = serde_json::from_slice(&whole).unwrap();
+        *metadata.pointer_mut(pointer).unwrap() = value.clone();
+        fs::write(&file, metadata.to_string()).unwrap();
+        let error = BrdfReader::open(&path).map(|_| ()).unwrap_err();
+        assert!(
+            matches!(error, StoreError::Metadata { .. }),
+            "{pointer} = {value}: {error}"
+        );
+        fs::write(&file, whole).unwrap();
+    }
+    fs::remove_file(path.join("sigma/zarr.json")).unwrap();
+    assert!(matches!(
+        BrdfReader::open(&path),
+        Err(StoreError::ArrayMissing { .. })
+    ));
+}
+
+#[test]
+fn other_programs_find_names_units_and_codes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("brdf.zarr");
+    let extra = [theta(vec![0.0; 7]), reasons(vec![0; 16], vec![4, 4])];
+    BrdfWriter::create(&path, LAYOUT, &extra, Map::new(), false)
+        .unwrap()
+        .finish()
+        .unwrap();
+    let read = |file: &str| -> Value { serde_json::from_slice(&fs::read(path.join(file)).unwrap()).unwrap() };
+    let group = read("zarr.json");
+    for (array, units) in [
+        ("f", "sr-1"),
+        ("sigma", "sr-1"),
+        ("provenance", "1"),
+        ("incident_theta", "degree"),
+    ] {
+        let metadata = read(&format!("{array}/zarr.json"));
+        assert_eq!(metadata["attributes"]["units"], units);
+        assert!(metadata["attributes"]["long_name"].is_string());
+        let names = metadata["dimension_names"].as_array().unwrap();
+        assert_eq!(names.len(), metadata["shape"].as_array().unwrap().len());
+        // The group's copy and the array's own metadata say the same.
+        assert_eq!(group["consolidated_metadata"]["metadata"][array], metadata);
+    }
+    let provenance = &read("provenance/zarr.json")["attributes"];
+    assert_eq!(provenance["flag_values"], json!([0, 1, 2, 3, 4, 5]));
+    assert_eq!(
+        provenance["flag_meanings"],
+        "missing measured merged reciprocal interpolated modelled"
+    );
+    let reason = &read("outgoing_reason/zarr.json")["attributes"];
+    assert_eq!(reason["flag_meanings"], "measurable hole beyond_rim");
+    assert_eq!(
+        read("f/zarr.json")["attributes"]["coordinates"],
+        "incident_theta outgoing_reason"
+    );
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_full_disk_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("brdf.zarr");
+    let writer = create(&path, false).unwrap();
+    for n in 0..100 {
+        let link = format!("brdf.zarr.partial/f/c.0.0.0.0.tmp-{}-{n}", std::process::id());
+        std::os::unix::fs::symlink("/dev/full", folder.path().join(link)).unwrap();
+    }
+    let error = writer.write_chunk(0, &rows(0)).unwrap_err();
+    assert!(matches!(error, StoreError::DiskFull { .. }), "{error}");
+    assert!(!writer.f.is_present(0));
+}

@@ -1,0 +1,323 @@
+//! `raw.zarr`: the frames as the camera gave them and the record of each exposure, append-only.
+//!
+//! # Design
+//! A *segment* is a fixed number of consecutive exposures: one chunk along the exposure axis, and
+//! what a crash may lose. Its records are written first and its frames last, each file atomically:
+//! the frames' chunk is the commit marker. A segment that is written again first loses its marker.
+//! [`RawStore::whole_segments`] reads everything up to the first gap, so a capture that was killed
+//! goes on at a segment for which nothing is half true.
+//!
+//! | array | axes | type |
+//! |---|---|---|
+//! | `frames` | exposure, y, x, channel | u8 up to 8 bits, else u16 |
+//! | one per field of [`ExposureRecord`] | exposure | see [`super::exposure_record`] |
+//!
+//! # Tradeoffs
+//! One process writes. The store does not lock its folder against a second one.
+
+use std::ops::Range;
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use serde_json::{Map, Value};
+
+use super::array::{ArraySpec, ElementType, ZarrArray, described};
+use super::atomic::AtomicStore;
+use super::error::StoreError;
+use super::exposure_record::{ExposureRecord, RecordColumns};
+use super::group;
+use super::header::Header;
+
+/// Name of the format in the group's attributes.
+const FORMAT: &str = "raw";
+/// Name and axes of the array of frames.
+const FRAMES: &str = "frames";
+const FRAME_DIMS: &[&str] = &["exposure", "y", "x", "channel"];
+/// Attribute of the frames: how many of a sample's bits carry data.
+const BITS: &str = "significant_bits";
+
+/// Size of a `raw.zarr`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RawLayout {
+    /// Exposures of the schedule.
+    pub exposures: usize,
+    /// Exposures per chunk: what a crash may lose.
+    pub segment: usize,
+    /// Rows of a frame.
+    pub height: usize,
+    /// Columns of a frame.
+    pub width: usize,
+    /// Samples per pixel.
+    pub channels: usize,
+    /// Significant bits of a sample, 1–16.
+    pub bits: u8,
+}
+
+impl RawLayout {
+    fn frames(&self) -> ArraySpec<'static> {
+        ArraySpec {
+            name: FRAMES,
+            element: if self.bits <= 8 {
+                ElementType::U8
+            } else {
+                ElementType::U16
+            },
+            shape: vec![self.exposures, self.height, self.width, self.channels],
+            chunk: self.segment,
+            dims: FRAME_DIMS,
+        }
+    }
+
+    /// The largest sample.
+    fn largest_sample(&self) -> u16 {
+        u16::MAX >> (16 - u32::from(self.bits.clamp(1, 16)))
+    }
+}
+
+/// One segment's exposures in order.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Segment {
+    /// Digital numbers, axes exposure, y, x, channel, row-major.
+    pub frames: Vec<u16>,
+    /// One record per exposure.
+    pub records: Vec<ExposureRecord>,
+}
+
+/// What the writer knows about the content.
+#[derive(Debug)]
+struct Progress {
+    /// Length of the whole prefix, once it is known.
+    next: Option<usize>,
+    /// Whether the leftovers of killed writers are gone.
+    swept: bool,
+}
+
+/// An open `raw.zarr`.
+#[derive(Debug)]
+pub struct RawStore {
+    store: Arc<AtomicStore>,
+    layout: RawLayout,
+    attributes: Map<String, Value>,
+    frames: ZarrArray,
+    records: RecordColumns,
+    progress: Mutex<Progress>,
+}
+
+impl RawStore {
+    /// Makes an empty file with these attributes of the group (`rcg_…` names are the store's own).
+    ///
+    /// # Errors
+    /// [`StoreError::AlreadyExists`]; [`StoreError::Argument`] for a layout with an empty axis, bits
+    /// outside 1–16 or a segment above 4 GiB; [`StoreError::Io`] or [`StoreError::DiskFull`].
+    pub fn create(
+        path: &Path,
+        layout: RawLayout,
+        attributes: Map<String, Value>,
+    ) -> Result<Self, StoreError> {
+        if !(1..=16).contains(&layout.bits) {
+            return Err(StoreError::argument(
+                path,
+                "bits",
+                "1 to 16",
+                layout.bits.to_string(),
+            ));
+        }
+        layout.frames().check(path)?;
+        let partial = group::start(path, FORMAT, false)?;
+        let store = Arc::new(AtomicStore::new(&partial)?);
+        let mut about_frames = described("1", "raw camera frames, digital numbers");
+        about_frames.insert(BITS.into(), layout.bits.into());
+        let frames = ZarrArray::create(&store, &layout.frames(), about_frames)?;
+        let records = RecordColumns::create(&store, layout.exposures, layout.segment)?;
+        let arrays = std::iter::once(&frames).chain(records.arrays());
+        let metadata = arrays
+            .map(|array| (array.name().to_owned(), array.metadata()))
+            .collect();
+        group::write(&store, &group::attributes_of(FORMAT, attributes), &metadata)?;
+        group::publish(&partial, path, FORMAT, false)?;
+        Self::open(path)
+    }
+
+    /// Opens a file; its layout comes from its metadata.
+    ///
+    /// # Errors
+    /// [`StoreError::NotAGroup`], [`StoreError::ArrayMissing`], [`StoreError::Metadata`] or
+    /// [`StoreError::Io`].
+    pub fn open(path: &Path) -> Result<Self, StoreError> {
+        let attributes = group::read_attributes(path, FORMAT)?;
+        let store = Arc::new(AtomicStore::new(path)?);
+        let header = Header::read(&store, FRAMES, Some(FRAME_DIMS.len()))?;
+        let bits = header.attributes.get(BITS);
+        let Some(bits) = bits
+            .and_then(Value::as_u64)
+            .and_then(|n| u8::try_from(n).ok())
+            .filter(|n| (1..=16).contains(n))
+        else {
+            let found = bits.map_or_else(|| "nothing".to_owned(), group::short);
+            return Err(StoreError::metadata(
+                &header.path,
+                format!("attributes.{BITS}"),
+                "1 to 16",
+                found,
+            ));
+        };
+        let (shape, segment) = (&header.shape, header.chunk_shape[0]);
+        let layout = RawLayout {
+            exposures: shape[0],
+            segment,
+            height: shape[1],
+            width: shape[2],
+            channels: shape[3],
+            bits,
+        };
+        let frames = ZarrArray::open(&store, &layout.frames(), &header)?;
+        let records = RecordColumns::open(&store, layout.exposures, layout.segment)?;
+        let progress = Mutex::new(Progress {
+            next: None,
+            swept: false,
+        });
+        Ok(Self {
+            store,
+            layout,
+            attributes,
+            frames,
+            records,
+            progress,
+        })
+    }
+
+    /// The size of the file.
+    pub fn layout(&self) -> &RawLayout {
+        &self.layout
+    }
+
+    /// All attributes of the group.
+    pub fn attributes(&self) -> &Map<String, Value> {
+        &self.attributes
+    }
+
+    /// Number of segments, the last perhaps shorter.
+    pub fn segments(&self) -> usize {
+        self.frames.chunks()
+    }
+
+    /// The exposures of segment `index`; empty beyond the last segment.
+    pub fn segment_range(&self, index: usize) -> Range<usize> {
+        self.frames.range(index)
+    }
+
+    /// Number of segments from the first on that are whole: every chunk there and undamaged.
+    ///
+    /// Reads them all. What lies behind the first damaged or missing segment does not count.
+    ///
+    /// # Errors
+    /// [`StoreError::Io`] if a file that exists cannot be read.
+    pub fn whole_segments(&self) -> Result<usize, StoreError> {
+        let whole = self.count_whole_segments()?;
+        self.progress.lock().unwrap_or_else(PoisonError::into_inner).next = Some(whole);
+        Ok(whole)
+    }
+
+    fn count_whole_segments(&self) -> Result<usize, StoreError> {
+        for index in 0..self.segments() {
+            // The marker first: beyond the last segment it is missing, and nothing needs to be read.
+            if !self.frames.is_present(index) {
+                return Ok(index);
+            }
+            match self.read_segment(index) {
+                Ok(_) => {}
+                Err(StoreError::Checksum { .. } | StoreError::Chunk { .. }) => return Ok(index),
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(self.segments())
+    }
+
+    /// Writes segment `index`, which must be the next one or, again, the one written last.
+    ///
+    /// # Errors
+    /// [`StoreError::Argument`] if it is another segment, if the lengths are not those of
+    /// [`Self::segment_range`], or if a sample has more bits than the layout says: nothing is
+    /// written then. [`StoreError::DiskFull`] or [`StoreError::Io`]: the segment is not whole and
+    /// can be written again.
+    pub fn write_segment(&self, index: usize, segment: &Segment) -> Result<(), StoreError> {
+        self.frames.check_len(index, segment.frames.len())?;
+        let root = self.store.root();
+        let (expected, found) = (self.segment_range(index).len(), segment.records.len());
+        if found != expected {
+            let what = format!("records of segment {index}");
+            return Err(StoreError::argument(
+                root,
+                what,
+                expected.to_string(),
+                found.to_string(),
+            ));
+        }
+        let (largest, allowed) = (segment.frames.iter().copied().max(), self.layout.largest_sample());
+        if let Some(sample) = largest.filter(|&sample| sample > allowed) {
+            let expected = format!("at most {allowed} ({} bits)", self.layout.bits);
+            return Err(StoreError::argument(
+                root,
+                format!("samples of segment {index}"),
+                expected,
+                sample.to_string(),
+            ));
+        }
+
+        let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
+        let next = match progress.next {
+            Some(next) => next,
+            None => self.count_whole_segments()?,
+        };
+        progress.next = Some(next);
+        if index != next && index.checked_add(1) != Some(next) {
+            let expected = format!("{next}, the next one");
+            return Err(StoreError::argument(
+                root,
+                "index of the segment to write",
+                expected,
+                index.to_string(),
+            ));
+        }
+        if !progress.swept {
+            self.store.remove_temporaries()?;
+            progress.swept = true;
+        }
+        progress.next = Some(index);
+        self.frames.erase(index)?;
+        self.records.write(index, &segment.records)?;
+        if self.layout.bits <= 8 {
+            // Checked above: every sample fits.
+            let samples: Vec<u8> = segment.frames.iter().map(|&sample| sample as u8).collect();
+            self.frames.write(index, &samples)?;
+        } else {
+            self.frames.write(index, &segment.frames)?;
+        }
+        progress.next = Some(index + 1);
+        Ok(())
+    }
+
+    /// Reads segment `index`.
+    ///
+    /// # Errors
+    /// [`StoreError::Checksum`] or [`StoreError::Chunk`] if a part of it is damaged or missing;
+    /// [`StoreError::Argument`] if there is no such segment; [`StoreError::Io`].
+    pub fn read_segment(&self, index: usize) -> Result<Segment, StoreError> {
+        let frames = if self.layout.bits <= 8 {
+            self.frames
+                .read_present::<u8>(index)?
+                .into_iter()
+                .map(u16::from)
+                .collect()
+        } else {
+            self.frames.read_present(index)?
+        };
+        Ok(Segment {
+            frames,
+            records: self.records.read(index)?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,487 @@
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::PathBuf;
+
+use serde_json::json;
+
+use super::*;
+
+const LAYOUT: RawLayout = RawLayout {
+    exposures: 10,
+    segment: 4,
+    height: 3,
+    width: 5,
+    channels: 2,
+    bits: 12,
+};
+
+/// A segment whose every value differs from its neighbours'.
+fn segment(layout: &RawLayout, range: Range<usize>, seed: u64) -> Segment {
+    let per_frame = layout.height * layout.width * layout.channels;
+    let frames = (range.start * per_frame..range.end * per_frame)
+        .map(|i| ((i as u64 * 7 + seed) % (u64::from(layout.largest_sample()) + 1)) as u16)
+        .collect();
+    let records = range
+        .map(|i| {
+            let n = i as u64 + seed;
+            ExposureRecord {
+                incident: n.cast_signed() - 1,
+                kind: (n % 3) as u8,
+                exposure_s: 0.001 * n as f64,
+                trigger_tick: n << 40,
+                strobe_on_tick: (n << 40) + 1,
+                strobe_off_tick: (n << 40) + 2,
+                frame_id: u64::MAX - n,
+                attempts: n as u8 + 1,
+                flags: n as u16 * 257,
+                lit_solid_angle_sr: 0.1 / (n as f64 + 1.0),
+                lit_irradiance: -1.5 * n as f64,
+            }
+        })
+        .collect();
+    Segment { frames, records }
+}
+
+fn new_store(folder: &tempfile::TempDir, layout: RawLayout) -> (PathBuf, RawStore) {
+    let path = folder.path().join("raw.zarr");
+    let store = RawStore::create(&path, layout, Map::new()).unwrap();
+    (path, store)
+}
+
+fn write_all(store: &RawStore, from: usize) {
+    for index in from..store.segments() {
+        store
+            .write_segment(index, &segment(store.layout(), store.segment_range(index), 0))
+            .unwrap();
+    }
+}
+
+fn whole_store(folder: &tempfile::TempDir) -> (PathBuf, RawStore) {
+    let (path, store) = new_store(folder, LAYOUT);
+    write_all(&store, 0);
+    (path, store)
+}
+
+/// Every file below `root` with its content.
+fn tree(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut files = BTreeMap::new();
+    let mut folders = vec![root.to_path_buf()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                files.insert(
+                    path.strip_prefix(root).unwrap().to_path_buf(),
+                    fs::read(&path).unwrap(),
+                );
+            }
+        }
+    }
+    files
+}
+
+#[test]
+fn what_is_written_is_read_for_every_depth_and_a_partial_last_segment() {
+    for bits in [1, 8, 9, 12, 16] {
+        for exposures in [1, 3, 4, 10, 12] {
+            let folder = tempfile::tempdir().unwrap();
+            let layout = RawLayout {
+                exposures,
+                bits,
+                ..LAYOUT
+            };
+            let mut attributes = Map::new();
+            attributes.insert("sample".into(), json!({"name": "brass", "seed": 7}));
+            let path = folder.path().join("raw.zarr");
+            let written = RawStore::create(&path, layout, attributes).unwrap();
+            write_all(&written, 0);
+
+            let read = RawStore::open(&path).unwrap();
+            assert_eq!(read.layout(), &layout);
+            assert_eq!(read.attributes(), written.attributes());
+            assert_eq!(read.attributes()["sample"]["name"], "brass");
+            assert_eq!(read.segments(), exposures.div_ceil(4));
+            assert_eq!(read.whole_segments().unwrap(), read.segments());
+            for index in 0..read.segments() {
+                let range = read.segment_range(index);
+                assert_eq!(
+                    read.read_segment(index).unwrap(),
+                    segment(&layout, range, 0),
+                    "{bits} {index}"
+                );
+            }
+            assert!(read.segment_range(read.segments()).is_empty());
+            assert!(matches!(
+                read.read_segment(read.segments()),
+                Err(StoreError::Argument { .. })
+            ));
+            assert!(matches!(
+                read.read_segment(usize::MAX),
+                Err(StoreError::Argument { .. })
+            ));
+        }
+    }
+}
+
+#[test]
+fn a_killed_capture_goes_on_and_ends_in_the_same_bytes() {
+    let undisturbed = tempfile::tempdir().unwrap();
+    let (expected, _) = whole_store(&undisturbed);
+
+    let folder = tempfile::tempdir().unwrap();
+    let (path, store) = new_store(&folder, LAYOUT);
+    store.write_segment(0, &segment(&LAYOUT, 0..4, 0)).unwrap();
+    // Killed in segment 1: some records are there, another is half written, the frames too.
+    store
+        .records
+        .write(1, &segment(&LAYOUT, 4..8, 99).records)
+        .unwrap();
+    fs::remove_file(path.join("lit_irradiance/c.1")).unwrap();
+    fs::write(path.join("lit_irradiance/c.1.tmp-12345-7"), b"hal").unwrap();
+    fs::write(path.join("frames/c.1.0.0.0.tmp-12345-8"), b"half a frame").unwrap();
+    drop(store);
+
+    let resumed = RawStore::open(&path).unwrap();
+    assert_eq!(resumed.whole_segments().unwrap(), 1);
+    write_all(&resumed, 1);
+    assert_eq!(resumed.whole_segments().unwrap(), 3);
+    assert_eq!(tree(&path), tree(&expected));
+}
+
+#[test]
+fn a_flipped_byte_anywhere_ends_the_whole_prefix_and_is_named() {
+    for (file, array) in [
+        ("frames/c.1.0.0.0", "frames"),
+        ("trigger_tick/c.1", "trigger_tick"),
+        ("kind/c.1", "kind"),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, _) = whole_store(&folder);
+        let whole = fs::read(path.join(file)).unwrap();
+        for position in [0, whole.len() / 2, whole.len() - 1] {
+            let mut damaged = whole.clone();
+            damaged[position] ^= 0x10;
+            fs::write(path.join(file), damaged).unwrap();
+            let store = RawStore::open(&path).unwrap();
+            assert_eq!(store.whole_segments().unwrap(), 1, "{file} {position}");
+            let error = store.read_segment(1).unwrap_err();
+            assert!(
+                matches!(&error, StoreError::Checksum { chunk: 1, array: a, .. } if a == array),
+                "{error}"
+            );
+            let told = error.to_string();
+            assert!(
+                told.contains(file) && told.contains("chunk 1") && told.contains(array),
+                "{told}"
+            );
+        }
+        // Written again, the store is whole again: what lies behind was never damaged.
+        let store = RawStore::open(&path).unwrap();
+        store.write_segment(1, &segment(&LAYOUT, 4..8, 0)).unwrap();
+        assert_eq!(store.whole_segments().unwrap(), 3);
+    }
+}
+
+#[test]
+fn torn_emptied_and_missing_chunks_end_the_whole_prefix() {
+    for file in ["frames/c.1.0.0.0", "frame_id/c.1", "flags/c.1"] {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, _) = whole_store(&folder);
+        let whole = fs::read(path.join(file)).unwrap();
+        let longer = [&whole[..], &[0]].concat();
+        // Four zero bytes are a right CRC-32C of nothing.
+        for torn in [&whole[..whole.len() - 1], &whole[..3], &[], &[0; 4], &longer[..]] {
+            fs::write(path.join(file), torn).unwrap();
+            let store = RawStore::open(&path).unwrap();
+            assert_eq!(store.whole_segments().unwrap(), 1);
+            let error = store.read_segment(1).unwrap_err();
+            assert!(matches!(error, StoreError::Chunk { chunk: 1, .. }), "{error}");
+            assert!(
+                error.to_string().contains(&format!("found {} bytes", torn.len())),
+                "{error}"
+            );
+        }
+        fs::remove_file(path.join(file)).unwrap();
+        let store = RawStore::open(&path).unwrap();
+        assert_eq!(store.whole_segments().unwrap(), 1);
+        assert!(matches!(
+            store.read_segment(1),
+            Err(StoreError::Chunk { chunk: 1, .. })
+        ));
+        assert!(store.read_segment(2).is_ok());
+    }
+}
+
+#[test]
+fn only_the_next_segment_or_the_last_one_again_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, store) = new_store(&folder, LAYOUT);
+    let refused = |store: &RawStore, index: usize| {
+        let range = store.segment_range(index);
+        matches!(
+            store.write_segment(index, &segment(&LAYOUT, range, 1)),
+            Err(StoreError::Argument { what, .. }) if what.contains("index")
+        )
+    };
+    assert!(refused(&store, 1));
+    store.write_segment(0, &segment(&LAYOUT, 0..4, 0)).unwrap();
+    store.write_segment(0, &segment(&LAYOUT, 0..4, 5)).unwrap();
+    assert_eq!(store.read_segment(0).unwrap(), segment(&LAYOUT, 0..4, 5));
+    store.write_segment(1, &segment(&LAYOUT, 4..8, 0)).unwrap();
+    assert!(refused(&store, 0));
+
+    let reopened = RawStore::open(&path).unwrap();
+    assert!(refused(&reopened, 0));
+    reopened.write_segment(2, &segment(&LAYOUT, 8..10, 0)).unwrap();
+    assert!(refused(&reopened, 0));
+    assert_eq!(reopened.whole_segments().unwrap(), 3);
+}
+
+#[test]
+fn data_that_do_not_fit_are_refused_and_change_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, store) = new_store(&folder, LAYOUT);
+    let before = tree(&path);
+    let good = segment(&LAYOUT, 0..4, 0);
+    let mut short_frames = good.clone();
+    short_frames.frames.pop();
+    let mut short_records = good.clone();
+    short_records.records.pop();
+    let mut too_bright = good.clone();
+    too_bright.frames[17] = 4096;
+    for (index, bad) in [
+        (0, &short_frames),
+        (0, &short_records),
+        (0, &too_bright),
+        (2, &good),
+        (3, &good),
+    ] {
+        let error = store.write_segment(index, bad).unwrap_err();
+        assert!(matches!(error, StoreError::Argument { .. }), "{error}");
+    }
+    assert_eq!(tree(&path), before);
+    store.write_segment(0, &good).unwrap();
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_disk_that_fills_up_is_told_and_never_mixes_old_and_new() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, store) = new_store(&folder, LAYOUT);
+    store.write_segment(0, &segment(&LAYOUT, 0..4, 0)).unwrap();
+    // Every temporary of this file leads to the device that is always full.
+    let fill = |file: &str| -> Vec<PathBuf> {
+        let link = |n| path.join(format!("{file}.tmp-{}-{n}", std::process::id()));
+        let links: Vec<PathBuf> = (0..100).map(link).collect();
+        for link in &links {
+            std::os::unix::fs::symlink("/dev/full", link).unwrap();
+        }
+        links
+    };
+    let free = |links: Vec<PathBuf>| links.iter().for_each(|link| drop(fs::remove_file(link)));
+
+    let links = fill("frames/c.1.0.0.0");
+    let error = store.write_segment(1, &segment(&LAYOUT, 4..8, 0)).unwrap_err();
+    assert!(
+        matches!(&error, StoreError::DiskFull { path, .. } if path.ends_with("frames/c.1.0.0.0")),
+        "{error}"
+    );
+    assert_eq!(store.whole_segments().unwrap(), 1);
+    free(links);
+    store.write_segment(1, &segment(&LAYOUT, 4..8, 0)).unwrap();
+
+    // Segment 1 is written again and fails midway: it must not count with new records and old frames.
+    let links = fill("flags/c.1");
+    let error = store.write_segment(1, &segment(&LAYOUT, 4..8, 3)).unwrap_err();
+    assert!(matches!(error, StoreError::DiskFull { .. }), "{error}");
+    assert_eq!(RawStore::open(&path).unwrap().whole_segments().unwrap(), 1);
+    free(links);
+    store.write_segment(1, &segment(&LAYOUT, 4..8, 3)).unwrap();
+    assert_eq!(store.read_segment(1).unwrap(), segment(&LAYOUT, 4..8, 3));
+    assert_eq!(store.whole_segments().unwrap(), 2);
+}
+
+#[test]
+fn create_refuses_what_exists_and_layouts_that_cannot_be() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, _) = whole_store(&folder);
+    let before = tree(&path);
+    assert!(matches!(
+        RawStore::create(&path, LAYOUT, Map::new()),
+        Err(StoreError::AlreadyExists { .. })
+    ));
+    assert_eq!(tree(&path), before);
+
+    let path = folder.path().join("other.zarr");
+    for layout in [
+        RawLayout {
+            exposures: 0,
+            ..LAYOUT
+        },
+        RawLayout { segment: 0, ..LAYOUT },
+        RawLayout { width: 0, ..LAYOUT },
+        RawLayout { bits: 0, ..LAYOUT },
+        RawLayout { bits: 17, ..LAYOUT },
+        RawLayout {
+            height: usize::MAX,
+            ..LAYOUT
+        },
+        RawLayout {
+            segment: usize::MAX,
+            ..LAYOUT
+        },
+        RawLayout {
+            height: 1 << 20,
+            width: 1 << 20,
+            ..LAYOUT
+        },
+    ] {
+        let error = RawStore::create(&path, layout, Map::new()).unwrap_err();
+        assert!(matches!(error, StoreError::Argument { .. }), "{error}");
+        assert!(!path.exists());
+    }
+    // What a create that was killed has left is no obstacle.
+    fs::create_dir_all(folder.path().join("other.zarr.partial/frames")).unwrap();
+    RawStore::create(&path, LAYOUT, Map::new()).unwrap();
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+    // A trailing slash names the same file.
+    let error = RawStore::create(&folder.path().join("other.zarr/"), LAYOUT, Map::new()).unwrap_err();
+    assert!(matches!(error, StoreError::AlreadyExists { .. }), "{error}");
+    RawStore::create(&folder.path().join("third.zarr/"), LAYOUT, Map::new()).unwrap();
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3);
+    assert!(RawStore::create(&folder.path().join(".."), LAYOUT, Map::new()).is_err());
+}
+
+#[test]
+fn what_is_no_raw_file_is_told_in_one_sentence_with_its_path() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join("empty")).unwrap();
+    fs::write(folder.path().join("file"), b"x").unwrap();
+    for (name, found) in [
+        ("absent", "nothing"),
+        ("empty", "without zarr.json"),
+        ("file", "no folder"),
+    ] {
+        let error = RawStore::open(&folder.path().join(name)).unwrap_err();
+        assert!(matches!(error, StoreError::NotAGroup { .. }));
+        let told = error.to_string();
+        assert!(
+            told.contains(name) && told.contains(found) && !told.contains('\n'),
+            "{told}"
+        );
+    }
+}
+
+/// Opens a copy of a whole store of which the JSON value at `pointer` in `file` is replaced.
+fn open_with(file: &str, pointer: &str, value: &Value) -> Result<RawStore, StoreError> {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, _) = whole_store(&folder);
+    let mut metadata: Value = serde_json::from_slice(&fs::read(path.join(file)).unwrap()).unwrap();
+    *metadata.pointer_mut(pointer).unwrap() = value.clone();
+    fs::write(path.join(file), metadata.to_string()).unwrap();
+    RawStore::open(&path)
+}
+
+#[test]
+fn hostile_metadata_are_refused_with_the_field() {
+    let huge = u64::MAX;
+    let cases = [
+        ("zarr.json", "/zarr_format", json!(2)),
+        ("zarr.json", "/node_type", json!("array")),
+        ("zarr.json", "/attributes/rcg_format_version", json!(99)),
+        ("frames/zarr.json", "/shape", json!([10, 3, 5])),
+        ("frames/zarr.json", "/shape", json!([10, 3, -5, 2])),
+        ("frames/zarr.json", "/shape", json!([huge, huge, huge, huge])),
+        ("frames/zarr.json", "/shape", json!([0, 3, 5, 2])),
+        ("frames/zarr.json", "/shape", json!("all")),
+        ("frames/zarr.json", "/shape", json!([])),
+        (
+            "frames/zarr.json",
+            "/chunk_grid/configuration/chunk_shape",
+            json!([0, 3, 5, 2]),
+        ),
+        (
+            "frames/zarr.json",
+            "/chunk_grid/configuration/chunk_shape",
+            json!([4, 3, 5, 1]),
+        ),
+        (
+            "frames/zarr.json",
+            "/chunk_grid/configuration/chunk_shape",
+            json!([huge, 3, 5, 2]),
+        ),
+        (
+            "frames/zarr.json",
+            "/chunk_grid/configuration/chunk_shape",
+            json!([1u64 << 40, 3, 5, 2]),
+        ),
+        ("frames/zarr.json", "/chunk_grid/name", json!("rectilinear")),
+        ("frames/zarr.json", "/chunk_key_encoding/name", json!("nonsense")),
+        ("frames/zarr.json", "/data_type", json!("float64")),
+        ("frames/zarr.json", "/data_type", json!({"name": "r16"})),
+        ("frames/zarr.json", "/codecs", json!([])),
+        ("frames/zarr.json", "/codecs/1/name", json!("zstd")),
+        (
+            "frames/zarr.json",
+            "/codecs/0/configuration",
+            json!({"endian": "middle"}),
+        ),
+        ("frames/zarr.json", "/fill_value", json!("NaN")),
+        (
+            "frames/zarr.json",
+            "/dimension_names",
+            json!(["exposure", "x", "y", "channel"]),
+        ),
+        ("frames/zarr.json", "/dimension_names", Value::Null),
+        ("frames/zarr.json", "/attributes/significant_bits", json!(0)),
+        (
+            "frames/zarr.json",
+            "/attributes/significant_bits",
+            json!("twelve"),
+        ),
+        ("frames/zarr.json", "/attributes/significant_bits", json!(8)),
+        ("kind/zarr.json", "/shape", json!([11])),
+        (
+            "kind/zarr.json",
+            "/chunk_grid/configuration/chunk_shape",
+            json!([5]),
+        ),
+        ("kind/zarr.json", "/data_type", json!("uint16")),
+    ];
+    for (file, pointer, value) in cases {
+        let error = open_with(file, pointer, &value).map(|_| ()).unwrap_err();
+        let told = error.to_string();
+        assert!(
+            matches!(error, StoreError::Metadata { .. }),
+            "{pointer} = {value}: {told}"
+        );
+        assert!(told.contains(file) && !told.contains('\n'), "{told}");
+    }
+    // The law needs its converse: what is untouched opens.
+    open_with("frames/zarr.json", "/zarr_format", &json!(3)).unwrap();
+}
+
+#[test]
+fn metadata_that_are_no_json_or_gone_are_told() {
+    for bytes in [&b""[..], b"{", b"[1, 2]", b"\xff\xfe", b"{\"zarr_format\":3}"] {
+        for file in ["zarr.json", "frames/zarr.json", "attempts/zarr.json"] {
+            let folder = tempfile::tempdir().unwrap();
+            let (path, _) = whole_store(&folder);
+            fs::write(path.join(file), bytes).unwrap();
+            let error = RawStore::open(&path).unwrap_err();
+            assert!(matches!(error, StoreError::Metadata { .. }), "{error}");
+        }
+    }
+    for array in ["frames", "strobe_off_tick"] {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, _) = whole_store(&folder);
+        fs::remove_file(path.join(array).join("zarr.json")).unwrap();
+        let error = RawStore::open(&path).unwrap_err();
+        assert!(
+            matches!(&error, StoreError::ArrayMissing { array: a, .. } if a == array),
+            "{error}"
+        );
+    }
+}

@@ -1,0 +1,201 @@
+//! The simulated controller: the firmware's own library in virtual time, as a link.
+//!
+//! # Design
+//! Bytes go through the firmware's decoder and session; its engine commands play the firmware's own words,
+//! edge by edge, into the stage. Virtual time moves only while the host waits for bytes, so a run proceeds
+//! exactly as fast as the host takes it in, and nothing piles up.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use rcg_firmware::pulse::{Edge, Played, Reader, WordFormat};
+use rcg_firmware::session::{Action, Engine, Session};
+use rcg_protocol::{Decoder, MAX_FRAME, Pace, Polarity, Start, Ticks, ToDevice, encode};
+
+use super::SharedStage;
+use super::stage::StrobeEdge;
+use crate::link::{Link, LinkError};
+
+/// Clock of the simulated controller, that of a Pico.
+pub const CLOCK_HZ: u32 = 125_000_000;
+
+/// The controller polls its time-outs this often.
+const POLL: Ticks = Ticks(CLOCK_HZ as u64 / 1000);
+
+/// The run that is being played. Times of the reader count from its start.
+struct Run {
+    reader: Reader,
+    started: Ticks,
+    steps: u64,
+    strobes: VecDeque<StrobeEdge>,
+}
+
+/// A link to the simulated controller.
+pub struct VirtualController {
+    stage: SharedStage,
+    session: Session,
+    decoder: Decoder,
+    now: Ticks,
+    primed: Option<Reader>,
+    run: Option<Run>,
+    to_host: VecDeque<u8>,
+}
+
+impl VirtualController {
+    pub(super) fn new(stage: SharedStage, seed: u32) -> Self {
+        Self {
+            stage,
+            session: Session::new(CLOCK_HZ, seed),
+            decoder: Decoder::new(),
+            now: Ticks::ZERO,
+            primed: None,
+            run: None,
+            to_host: VecDeque::new(),
+        }
+    }
+
+    /// Does what the session wants done.
+    fn act(&mut self) {
+        while let Some(action) = self.session.action() {
+            match action {
+                Action::Send(message) => {
+                    let mut buffer = [0; MAX_FRAME];
+                    let frame = encode(&message, &mut buffer).expect("MAX_FRAME holds every message");
+                    self.to_host.extend(frame.iter());
+                }
+                Action::Engine(Engine::Prime) => {
+                    let format = self.session.sequencer().format();
+                    let format =
+                        format.unwrap_or_else(|| WordFormat::new(Pace::FreeRunning, Polarity::default()));
+                    self.primed = Some(Reader::new(format, Ticks::ZERO));
+                }
+                Action::Engine(Engine::Go(start)) => self.go(start),
+                Action::Engine(Engine::Halt) => self.halt(),
+            }
+        }
+    }
+
+    fn go(&mut self, start: Start) {
+        let Some(reader) = self.primed.take() else { return };
+        if start == Start::OnSync {
+            self.now = to_ticks(self.stage.lock().next_sync_s(to_s(self.now)));
+        }
+        self.run = Some(Run {
+            reader,
+            started: self.now,
+            steps: 0,
+            strobes: VecDeque::new(),
+        });
+        self.session.begun(self.now);
+    }
+
+    fn halt(&mut self) {
+        self.primed = None;
+        if let Some(mut run) = self.run.take() {
+            let mut stage = self.stage.lock();
+            let at = self.now.saturating_sub(run.started).max(run.reader.now());
+            run.reader.halt(at, |edge| {
+                stage.edge(edge, to_s(run.started + edge.at));
+            });
+        }
+    }
+
+    /// Plays one step, or ends the run.
+    fn play(&mut self) {
+        let Some(mut run) = self.run.take() else { return };
+        let Some(fetched) = self.session.next_step() else {
+            // A stream waits for steps only as long as its last one plays.
+            self.report_strobes(&mut run, f64::INFINITY);
+            self.session.drained(self.now.saturating_sub(run.started));
+            return;
+        };
+        let mut synced = None;
+        for &word in &fetched.words {
+            let stage = &self.stage;
+            let started = run.started;
+            let strobes = &mut run.strobes;
+            let next_sync = |from: Ticks| {
+                let edge = to_ticks(stage.lock().next_sync_s(to_s(started + from)));
+                synced = Some(edge.saturating_sub(started));
+                synced
+            };
+            let emit = |edge: Edge| {
+                strobes.extend(stage.lock().edge(edge, to_s(started + edge.at)));
+            };
+            if run.reader.play(word, next_sync, emit) == Played::NoSync {
+                self.session.sync_missing(run.reader.now());
+                self.run = Some(run);
+                return;
+            }
+        }
+        if let Some(edge) = synced {
+            self.session.step_synced(edge);
+        }
+        self.now = run.started + run.reader.now();
+        run.steps += 1;
+        let now_s = to_s(self.now);
+        self.report_strobes(&mut run, now_s);
+        self.session.fired(run.steps, run.reader.now());
+        self.run = Some(run);
+    }
+
+    /// Tells the session of the strobe edges up to `until_s`.
+    fn report_strobes(&mut self, run: &mut Run, until_s: f64) {
+        while run.strobes.front().is_some_and(|edge| edge.at_s <= until_s) {
+            let Some(edge) = run.strobes.pop_front() else {
+                break;
+            };
+            let at = to_ticks(edge.at_s);
+            self.now = self.now.max(at);
+            self.session.strobe(edge.active, at.saturating_sub(run.started));
+        }
+    }
+}
+
+fn to_s(ticks: Ticks) -> f64 {
+    ticks.0 as f64 / f64::from(CLOCK_HZ)
+}
+
+fn to_ticks(at_s: f64) -> Ticks {
+    Ticks((at_s * f64::from(CLOCK_HZ)).round() as u64)
+}
+
+impl Link for VirtualController {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        for &byte in bytes {
+            match self.decoder.push::<ToDevice>(byte) {
+                Some(Ok(message)) => self.session.request(self.now, message),
+                Some(Err(_)) => self.session.corrupt_frame(),
+                None => {}
+            }
+            self.act();
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, LinkError> {
+        let deadline = self.now + to_ticks(timeout.as_secs_f64());
+        while self.to_host.is_empty() && self.now < deadline {
+            if self.run.is_some() {
+                self.play();
+            } else {
+                self.now = (self.now + POLL).min(deadline);
+            }
+            self.session.poll(self.now);
+            self.act();
+        }
+        let count = self.to_host.len().min(buffer.len());
+        for (to, byte) in buffer.iter_mut().zip(self.to_host.drain(..count)) {
+            *to = byte;
+        }
+        Ok(count)
+    }
+
+    fn now(&self) -> Duration {
+        Duration::from_secs_f64(to_s(self.now))
+    }
+
+    fn peer(&self) -> &'static str {
+        "sim"
+    }
+}

@@ -1,0 +1,184 @@
+//! The virtual rig: mirror, sample, projector and camera that a controller's *edges* drive.
+//!
+//! # Design
+//! It knows nothing of the schedule. A PROJ edge advances the pattern, which holds from the end of its
+//! settling time on; a CAM pulse exposes for as long as it lasts, after the camera's delay; each image is
+//! the sum over all patterns that were visible during the exposure, weighted by how long. So wrong timing
+//! smears patterns into each other as it would in the lab.
+//!
+//! - [`stage`]: edges → which pattern was lit for how long in which exposure
+//! - [`light`]: lit pixels → light at the sample
+//! - [`scene`]: light and sample → charge of every camera pixel
+//! - [`sensor`]: charge → digital numbers, with noise
+//! - [`controller`]: the firmware's own library in virtual time
+//!
+//! Everything is a function of the rig, the sample and a seed: the same measurement, even if it was
+//! interrupted and resumed, gives the same bits.
+
+mod controller;
+mod light;
+mod scene;
+mod sensor;
+mod stage;
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use rayon::prelude::*;
+
+use crate::camera::{Camera, CameraError, Frame, FrameFormat};
+use crate::pattern::BitPattern;
+use crate::projector::{Projector, ProjectorError};
+use crate::rig::Rig;
+use crate::sample::Sample;
+
+pub use controller::{CLOCK_HZ, VirtualController};
+pub use sensor::Noise;
+pub use stage::Mischief;
+
+use scene::Scene;
+use stage::{Shot, Stage};
+
+/// How the virtual rig behaves beyond what its rig file says.
+#[derive(Clone, Copy, Debug)]
+pub struct Behaviour {
+    /// Shot and read noise.
+    pub noise: Noise,
+    /// Source of all chance.
+    pub seed: u64,
+    /// What goes wrong on purpose.
+    pub mischief: Mischief,
+}
+
+/// The three simulated ends of one rig.
+pub struct VirtualRig {
+    /// To be opened by a [`Device`](crate::device::Device).
+    pub controller: VirtualController,
+    /// Its camera.
+    pub camera: VirtualCamera,
+    /// Its projector.
+    pub projector: VirtualProjector,
+}
+
+impl VirtualRig {
+    /// A rig that is truly as `rig` says, with `sample` in it.
+    #[must_use]
+    pub fn new(rig: &Rig, sample: Arc<dyn Sample>, behaviour: Behaviour) -> Self {
+        let scene = Arc::new(Scene::new(rig, sample));
+        let stage = SharedStage(Arc::new(Mutex::new(Stage::new(rig, behaviour))));
+        Self {
+            controller: VirtualController::new(stage.clone(), behaviour.seed as u32),
+            camera: VirtualCamera {
+                stage: stage.clone(),
+                scene: scene.clone(),
+                behaviour,
+                ready: Vec::new().into_iter(),
+            },
+            projector: VirtualProjector { stage, scene },
+        }
+    }
+}
+
+impl VirtualController {
+    /// A controller whose camera and projector nobody looks at, for work on the trigger box alone.
+    #[must_use]
+    pub fn alone(rig: &Rig) -> Self {
+        let behaviour = Behaviour {
+            noise: Noise::Off,
+            seed: 0,
+            mischief: Mischief::default(),
+        };
+        Self::new(SharedStage(Arc::new(Mutex::new(Stage::new(rig, behaviour)))), 0)
+    }
+}
+
+/// The stage as camera, projector and controller share it.
+#[derive(Clone)]
+struct SharedStage(Arc<Mutex<Stage>>);
+
+impl SharedStage {
+    fn lock(&self) -> MutexGuard<'_, Stage> {
+        // A panic elsewhere leaves the stage as it was between two edges.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The simulated camera. Images are computed when they are fetched, on all cores.
+pub struct VirtualCamera {
+    stage: SharedStage,
+    scene: Arc<Scene>,
+    behaviour: Behaviour,
+    ready: std::vec::IntoIter<Frame>,
+}
+
+impl Camera for VirtualCamera {
+    fn format(&self) -> FrameFormat {
+        self.scene.format()
+    }
+
+    fn arm(&mut self) -> Result<(), CameraError> {
+        self.ready = Vec::new().into_iter();
+        self.stage.lock().arm_camera();
+        Ok(())
+    }
+
+    fn next_frame(&mut self, _timeout: Duration) -> Result<Option<Frame>, CameraError> {
+        if self.ready.len() == 0 {
+            let shots: Vec<Shot> = self.stage.lock().take_shots();
+            let frames: Vec<Frame> = shots
+                .into_par_iter()
+                .map(|shot| {
+                    let charge_e = self.scene.charge_e(&shot);
+                    let noise = self.behaviour.noise;
+                    let dn = self
+                        .scene
+                        .sensor()
+                        .digitise(&charge_e, shot.exposure_s, noise, shot.seed);
+                    Frame {
+                        id: shot.id,
+                        timestamp_s: shot.timestamp_s,
+                        dn,
+                    }
+                })
+                .collect();
+            self.ready = frames.into_iter();
+        }
+        Ok(self.ready.next())
+    }
+}
+
+/// The simulated projector.
+pub struct VirtualProjector {
+    stage: SharedStage,
+    scene: Arc<Scene>,
+}
+
+impl Projector for VirtualProjector {
+    fn size_px(&self) -> (usize, usize) {
+        self.scene.projector_size_px()
+    }
+
+    fn capacity(&self) -> usize {
+        4096
+    }
+
+    fn clear(&mut self) -> Result<(), ProjectorError> {
+        self.stage.lock().clear_patterns();
+        Ok(())
+    }
+
+    fn load(&mut self, pattern: &BitPattern) -> Result<(), ProjectorError> {
+        let (native, found) = (self.size_px(), pattern.size_px());
+        if native != found {
+            return Err(ProjectorError::Resolution {
+                projector: "virtual".to_owned(),
+                native,
+                found,
+            });
+        }
+        let lit = pattern.lit();
+        let light = self.scene.light(&lit);
+        self.stage.lock().load_pattern(&lit, light);
+        Ok(())
+    }
+}
