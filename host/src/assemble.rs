@@ -13,7 +13,9 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::mpsc::sync_channel;
 
+use glam::Vec4;
 use half::f16;
+use half::slice::HalfFloatSliceExt as _;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
@@ -27,7 +29,7 @@ use crate::store::{BrdfLayout, BrdfRows, BrdfWriter, RawStore, Segment, SmallArr
 /// Incident directions per chunk of `brdf.zarr`.
 pub const CHUNK: usize = 32;
 /// Chunks that are computed at a time.
-const BATCH: usize = 8;
+const BATCH: usize = 32;
 
 /// What assembly found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
@@ -42,7 +44,8 @@ pub struct Assembled {
     pub saturated: u64,
 }
 
-/// How one cell of the disk is made from camera pixels.
+/// How one cell of the disk is made from camera pixels. A pixel that takes no part has weight 0 and repeats one
+/// that does, so that nothing unwanted (a saturated pixel) can slip in.
 #[derive(Clone, Copy, Debug)]
 struct Taps {
     cell: u32,
@@ -56,34 +59,43 @@ struct Resampling {
     taps: Vec<Taps>,
     /// Per cell, why there is nothing to take; `None` where there is.
     reasons: Vec<Option<Unmeasurable>>,
+    /// Per cell, the solid angle in sr of the camera pixel there; 0 where there is none.
+    pixel_sr: Vec<f64>,
 }
 
 impl Resampling {
     fn new(camera: &View, disk: Disk) -> Self {
         let map = DirectionMap::of(camera);
         let mut taps = Vec::new();
+        let mut pixel_sr = vec![0.0; disk.len()];
         let reasons = (0..disk.len())
             .map(|cell| {
                 let w = disk.direction(cell).ok_or(Unmeasurable::BelowHorizon);
                 match w.and_then(|w| tap(camera, &map, w)) {
-                    Ok((pixel, weight)) => {
+                    Ok((pixel, weight, sr)) => {
                         taps.push(Taps {
                             cell: cell as u32,
                             pixel,
                             weight,
                         });
+                        pixel_sr[cell] = sr;
                         None
                     }
                     Err(reason) => Some(reason),
                 }
             })
             .collect();
-        Self { taps, reasons }
+        Self {
+            taps,
+            reasons,
+            pixel_sr,
+        }
     }
 }
 
-/// The pixels around direction `w` that see the sample, with weights that sum to 1.
-fn tap(camera: &View, map: &DirectionMap, w: glam::DVec3) -> Result<([u32; 4], [f32; 4]), Unmeasurable> {
+/// The pixels around direction `w` that see the sample, with weights that sum to 1, and the solid angle of the
+/// nearest in sr.
+fn tap(camera: &View, map: &DirectionMap, w: glam::DVec3) -> Result<([u32; 4], [f32; 4], f64), Unmeasurable> {
     let around = bilinear(camera.pixel(w)?, map.width_px, map.height_px);
     let mut seen = 0.0;
     let mut blind = (0.0, Unmeasurable::OutsideImage);
@@ -97,12 +109,22 @@ fn tap(camera: &View, map: &DirectionMap, w: glam::DVec3) -> Result<([u32; 4], [
     if seen < 0.5 {
         return Err(blind.1);
     }
-    let pixel = around.map(|(pixel, _)| pixel as u32);
-    let weight = around.map(|(pixel, weight)| match map.directions[pixel] {
-        Ok(_) => (weight / seen) as f32,
-        Err(_) => 0.0,
+    let is_seen = |pixel: usize| map.directions[pixel].is_ok();
+    let heaviest = around
+        .iter()
+        .filter(|tap| is_seen(tap.0))
+        .max_by(|a, b| a.1.total_cmp(&b.1));
+    let stand_in = heaviest.map_or(around[0].0, |tap| tap.0);
+    let pixel = around.map(|(pixel, weight)| if is_seen(pixel) && weight > 0.0 { pixel } else { stand_in } as u32);
+    let weight = around.map(|(pixel, weight)| {
+        if is_seen(pixel) {
+            (weight / seen) as f32
+        } else {
+            0.0
+        }
     });
-    Ok((pixel, weight))
+    let sr = map.solid_angles_sr[stand_in];
+    Ok((pixel, weight, sr))
 }
 
 /// Numbers that turn a frame into f, the same for all frames.
@@ -149,68 +171,76 @@ impl Radiometry {
     }
 }
 
-/// Scratch of one worker.
+/// What one worker keeps from chunk to chunk.
 #[derive(Default)]
 struct Work {
-    signal: Vec<f32>,
+    /// Dark-corrected signal of each pixel in DN, its channels in the lanes; NaN where it saturated.
+    signal: Vec<Vec4>,
+    /// Standard uncertainties of a row, before they are halved in width.
     sigma: Vec<f32>,
+    rows: BrdfRows,
 }
 
-/// One frame onto the disk: writes f, sigma and provenance of one incident direction. Returns how many cells
-/// were measured and how many saturated.
-fn project(
+/// One frame onto the disk: writes f, sigma and provenance of one incident direction, at the cells that have
+/// taps. Returns how many of them were measured and how many saturated.
+fn project<const CHANNELS: usize>(
     frame: &[u16],
-    channels: usize,
-    factor: f64,
+    factor: f32,
     radiometry: &Radiometry,
     resampling: &Resampling,
-    work: &mut Work,
-    out: (&mut [f32], &mut [f16], &mut [u8]),
+    (signal, sigma): (&mut Vec<Vec4>, &mut [f32]),
+    (out_f, out_sigma, out_provenance): (&mut [f32], &mut [f16], &mut [u8]),
 ) -> (u64, u64) {
-    let (out_f, out_sigma, out_provenance) = out;
-    work.signal.clear();
-    // A saturated pixel becomes NaN here, so that it spoils every cell that it takes part in, and no other.
-    work.signal
-        .extend(frame.iter().zip(&radiometry.dark).map(|(&dn, &dark)| {
-            if dn >= radiometry.saturation {
-                f32::NAN
-            } else {
-                f32::from(dn) - dark
-            }
-        }));
-    work.sigma.clear();
-    work.sigma.resize(out_sigma.len(), 0.0);
-    let factor = factor as f32;
+    signal.clear();
+    signal.extend(
+        frame
+            .chunks_exact(CHANNELS)
+            .zip(radiometry.dark.chunks_exact(CHANNELS))
+            .map(|(dn, dark)| {
+                let mut lanes = [0.0; 4];
+                for channel in 0..CHANNELS {
+                    // A saturated pixel spoils every cell that it takes part in, and no other.
+                    let saturated = dn[channel] >= radiometry.saturation;
+                    lanes[channel] = if saturated {
+                        f32::NAN
+                    } else {
+                        f32::from(dn[channel]) - dark[channel]
+                    };
+                }
+                Vec4::from_array(lanes)
+            }),
+    );
     let (mut measured, mut saturated) = (0, 0);
     for taps in &resampling.taps {
         let cell = taps.cell as usize;
-        let squares = taps.weight.iter().map(|w| w * w).sum::<f32>();
-        let mut clear = true;
-        for channel in 0..channels {
-            let mut sum = 0.0;
-            let mut variance = squares * radiometry.dark_variance;
-            for (&pixel, &weight) in taps.pixel.iter().zip(&taps.weight) {
-                if weight > 0.0 {
-                    let signal = work.signal[pixel as usize * channels + channel];
-                    sum += weight * signal;
-                    variance += weight * weight * signal.max(0.0) * radiometry.shot_per_dn;
-                }
-            }
-            clear &= !sum.is_nan();
-            out_f[cell * channels + channel] = sum * factor;
-            // Rounded up into the range of f16, whose largest number stands for "useless".
-            work.sigma[cell * channels + channel] = (variance.sqrt() * factor).min(65_504.0);
+        let mut sum = Vec4::ZERO;
+        let mut variance = Vec4::ZERO;
+        for (&pixel, &weight) in taps.pixel.iter().zip(&taps.weight) {
+            let signal = signal[pixel as usize];
+            let shot = signal.max(Vec4::ZERO) * radiometry.shot_per_dn;
+            sum += signal * weight;
+            variance += (shot + radiometry.dark_variance) * (weight * weight);
         }
-        if clear {
-            out_provenance[cell] = Provenance::Measured.code();
-            measured += 1;
+        let clear = !sum.is_nan();
+        let (f, uncertainty) = if clear {
+            // The largest number of f16 stands for "useless".
+            let root = Vec4::from_array(variance.to_array().map(f32::sqrt));
+            (sum * factor, (root * factor).min(Vec4::splat(65_504.0)))
         } else {
-            out_f[cell * channels..][..channels].fill(0.0);
-            work.sigma[cell * channels..][..channels].fill(0.0);
-            saturated += 1;
-        }
+            (Vec4::ZERO, Vec4::ZERO)
+        };
+        let at = cell * CHANNELS;
+        out_f[at..at + CHANNELS].copy_from_slice(&f.to_array()[..CHANNELS]);
+        sigma[at..at + CHANNELS].copy_from_slice(&uncertainty.to_array()[..CHANNELS]);
+        out_provenance[cell] = if clear {
+            Provenance::Measured.code()
+        } else {
+            Provenance::Missing.code()
+        };
+        measured += u64::from(clear);
+        saturated += u64::from(!clear);
     }
-    half::slice::HalfFloatSliceExt::convert_from_f32_slice(out_sigma, &work.sigma);
+    out_sigma.convert_from_f32_slice(sigma);
     (measured, saturated)
 }
 
@@ -333,7 +363,7 @@ pub fn assemble(
                     if places[range.clone()].iter().all(Option::is_none) {
                         return Ok(Assembled::default()); // an absent chunk means missing
                     }
-                    let (rows, counts) = chunk_rows(
+                    let counts = chunk_rows(
                         &places[range],
                         &window,
                         channels,
@@ -342,7 +372,7 @@ pub fn assemble(
                         &resampling,
                         work,
                     );
-                    writer.write_chunk(chunk, &rows)?;
+                    writer.write_chunk(chunk, &work.rows)?;
                     Ok(counts)
                 })
                 .collect::<Result<Vec<Assembled>, StoreError>>()?;
@@ -360,7 +390,7 @@ pub fn assemble(
     Ok(total)
 }
 
-/// The rows of one chunk: `places` says in which segment and where each incident direction was captured.
+/// Fills the rows of one chunk: `places` says in which segment and where each incident direction was captured.
 fn chunk_rows(
     places: &[Option<(usize, usize)>],
     window: &BTreeMap<usize, Segment>,
@@ -369,37 +399,48 @@ fn chunk_rows(
     radiometry: &Radiometry,
     resampling: &Resampling,
     work: &mut Work,
-) -> (BrdfRows, Assembled) {
+) -> Assembled {
     let row = disk.len() * channels;
     let pixels = radiometry.dark.len();
-    let mut rows = BrdfRows {
-        f: vec![0.0; places.len() * row],
-        sigma: vec![f16::ZERO; places.len() * row],
-        provenance: vec![Provenance::Missing.code(); places.len() * disk.len()],
-    };
+    let Work { signal, sigma, rows } = work;
+    // Cells without taps are never written, so what the last chunk left there is zero.
+    sigma.resize(row, 0.0);
+    rows.f.resize(places.len() * row, 0.0);
+    rows.sigma.resize(places.len() * row, f16::ZERO);
+    rows.provenance
+        .resize(places.len() * disk.len(), Provenance::Missing.code());
     let mut counts = Assembled::default();
     let outs = rows
         .f
         .chunks_exact_mut(row)
         .zip(rows.sigma.chunks_exact_mut(row))
         .zip(rows.provenance.chunks_exact_mut(disk.len()));
-    for (place, ((f, sigma), provenance)) in places.iter().zip(outs) {
-        let Some((segment, at)) = *place else { continue };
+    for (place, ((f, row_sigma), provenance)) in places.iter().zip(outs) {
+        let Some((segment, at)) = *place else {
+            f.fill(0.0);
+            row_sigma.fill(f16::ZERO);
+            provenance.fill(Provenance::Missing.code());
+            continue;
+        };
         let segment = &window[&segment];
         let record = &segment.records[at];
         let frame = &segment.frames[at * pixels..][..pixels];
-        let factor = radiometry.scale / (record.exposure_s * record.lit_irradiance);
-        let out = (f, sigma, provenance);
-        let (measured, saturated) = project(frame, channels, factor, radiometry, resampling, work, out);
+        let factor = (radiometry.scale / (record.exposure_s * record.lit_irradiance)) as f32;
+        let scratch = (&mut *signal, sigma.as_mut_slice());
+        let out = (f, row_sigma, provenance);
+        let (measured, saturated) = match channels {
+            1 => project::<1>(frame, factor, radiometry, resampling, scratch, out),
+            _ => project::<3>(frame, factor, radiometry, resampling, scratch, out),
+        };
         counts.directions += 1;
         counts.frames += 1;
         counts.measured += measured;
         counts.saturated += saturated;
     }
-    (rows, counts)
+    counts
 }
 
-fn coordinates(directions: &Directions, disk: Disk, resampling: &Resampling) -> [SmallArray<'static>; 4] {
+fn coordinates(directions: &Directions, disk: Disk, resampling: &Resampling) -> [SmallArray<'static>; 5] {
     let grid = directions.grid;
     let angle = |pick: fn((f64, f64)) -> f64| (0..grid.len()).map(|i| pick(grid.angles_deg(i))).collect();
     let codes = |reasons: &[Option<Unmeasurable>]| {
@@ -449,6 +490,14 @@ fn coordinates(directions: &Directions, disk: Disk, resampling: &Resampling) -> 
             SmallData::U8(codes(&resampling.reasons)),
             "1",
             "why the outgoing direction cannot be seen; 0 = it can",
+        ),
+        small(
+            "outgoing_pixel",
+            &["y", "x"],
+            vec![disk.size(), disk.size()],
+            SmallData::F64(resampling.pixel_sr.clone()),
+            "sr",
+            "solid angle of the camera pixel that sees the outgoing direction",
         ),
     ]
 }

@@ -68,6 +68,7 @@ pub struct Brdf {
     disk: Disk,
     incident: Vec<Option<Unmeasurable>>,
     outgoing: Vec<Option<Unmeasurable>>,
+    pixel_sr: Vec<f64>,
 }
 
 /// A part of the answer to a query: one row of the table with its weight.
@@ -137,6 +138,13 @@ impl Brdf {
         };
         let incident = reasons("incident_reason", grid.len())?;
         let outgoing = reasons("outgoing_reason", disk.len())?;
+        let pixel_sr = match reader.small("outgoing_pixel")?.as_f64() {
+            Some(pixels) if pixels.len() == disk.len() => pixels.to_vec(),
+            _ => {
+                let expected = format!("{} solid angles of type float64", disk.len());
+                return Err(content("outgoing_pixel", expected, "something else".to_owned()));
+            }
+        };
         Ok(Self {
             path: path.to_owned(),
             reader,
@@ -144,6 +152,7 @@ impl Brdf {
             disk,
             incident,
             outgoing,
+            pixel_sr,
         })
     }
 
@@ -187,6 +196,12 @@ impl Brdf {
     #[must_use]
     pub fn outgoing_reason(&self, index: usize) -> Option<Unmeasurable> {
         self.outgoing[index]
+    }
+
+    /// Solid angle in sr of the camera pixel that sees cell `index`; 0 if none does.
+    #[must_use]
+    pub fn pixel_sr(&self, index: usize) -> f64 {
+        self.pixel_sr[index]
     }
 
     /// Number of chunks of whole incident directions.

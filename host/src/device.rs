@@ -262,6 +262,14 @@ impl<L: Link> Device<L> {
     /// # Errors
     /// [`DeviceError`]; nothing was added then.
     pub fn append(&mut self, first: u64, steps: &[Step], last: bool) -> Result<u32, DeviceError> {
+        if steps.len() > STEPS_PER_APPEND {
+            let peer = self.link.peer().to_owned();
+            return Err(DeviceError::TooLong {
+                peer,
+                limit: STEPS_PER_APPEND as u32,
+                found: steps.len(),
+            });
+        }
         let steps = steps.iter().copied().collect();
         self.ask_room(&Request::Append { first, steps, last })
     }
@@ -362,7 +370,11 @@ impl<L: Link> Device<L> {
         )
         .expect("MAX_FRAME holds every message");
         let began = self.link.now();
-        for _ in 0..self.patience.attempts.max(1) {
+        for attempt in 0..self.patience.attempts.max(1) {
+            if attempt > 0 {
+                // If the delimiter before was lost, the retry must not be glued to what went before it.
+                self.link.send(&[0])?;
+            }
             self.link.send(frame)?;
             let deadline = self.link.now() + self.patience.timeout;
             while self.link.now() < deadline {

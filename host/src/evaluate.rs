@@ -4,7 +4,7 @@
 //! Everything streams over the file once. Quantiles come from a histogram of log error, 200 bins a decade,
 //! so a median is right to 1.2 % of itself and memory does not grow with the measurement.
 //!
-//! The blur that finite light and finite cells must cause is computed from the reference and reported beside
+//! The blur that finite light and finite pixels must cause is computed from the reference and reported beside
 //! the error: on a sharp lobe it is most of it, and it is not a fault of the measurement.
 
 use std::f64::consts::PI;
@@ -69,12 +69,12 @@ pub struct Comparison {
     pub relative_error: Quantiles,
     /// Peak signal-to-noise ratio in dB of f·cosθi, clipped to 1.
     pub psnr_db: f64,
-    /// Relative difference that finite light and cells alone must make.
+    /// Relative difference that finite light and pixels alone must make.
     pub blur: Quantiles,
     /// Opening of the lit cone in degrees.
     pub light_deg: f64,
-    /// Width of an outgoing cell in degrees.
-    pub cell_deg: f64,
+    /// Width of a camera pixel in degrees, root mean square over the hemisphere.
+    pub pixel_deg: f64,
 }
 
 /// Quantiles of a distribution.
@@ -227,7 +227,7 @@ pub fn evaluate(
         psnr_db: -10.0 * (total.squares / total.compared.max(1) as f64).max(1e-30).log10(),
         blur: blur(brdf, sample, &cells),
         light_deg: light_deg(brdf),
-        cell_deg: brdf.disk().cell_sr().sqrt().to_degrees(),
+        pixel_deg: pixel_deg(brdf, &cells),
     });
     Ok(Evaluation {
         measured_samples: total.measured,
@@ -249,6 +249,12 @@ fn light_deg(brdf: &Brdf) -> f64 {
         .get("spot_deg")
         .and_then(serde_json::Value::as_f64)
         .unwrap_or(0.0)
+}
+
+fn pixel_deg(brdf: &Brdf, cells: &[Option<DVec3>]) -> f64 {
+    let seen = || (0..cells.len()).filter(|&cell| cells[cell].is_some());
+    let total_sr: f64 = seen().map(|cell| brdf.pixel_sr(cell)).sum();
+    (total_sr / seen().count().max(1) as f64).sqrt().to_degrees()
 }
 
 fn part(
@@ -358,13 +364,12 @@ fn reciprocity(brdf: &Brdf) -> Result<(Option<f64>, usize), StoreError> {
     Ok((residuals.get(residuals.len() / 2).copied(), residuals.len()))
 }
 
-/// Relative difference between the reference averaged over the lit cone and the cell, and itself.
+/// Relative difference between the reference averaged over the lit cone and the pixels, and itself.
 ///
-/// The cone is a disc of diameter d, of standard deviation d/4 along each axis; the cell a square of side s,
-/// of s/√12, and the resampling by linear interpolation blurs about as much again.
+/// The cone is a disc of diameter d, of standard deviation d/4 along each axis. A pixel is a square of side s, of
+/// s/√12, and linear interpolation between pixels adds s/√6: together s/2.
 fn blur(brdf: &Brdf, sample: &dyn Sample, cells: &[Option<DVec3>]) -> Quantiles {
     let light_rad = light_deg(brdf).to_radians() / 4.0;
-    let cell_rad = brdf.disk().cell_sr().sqrt() / 6.0_f64.sqrt();
     let channels = brdf.channels();
     let measured: Vec<usize> = (0..brdf.grid().len())
         .filter(|&index| brdf.incident_reason(index).is_none() && is_judged(brdf.grid().direction(index)))
@@ -378,8 +383,11 @@ fn blur(brdf: &Brdf, sample: &dyn Sample, cells: &[Option<DVec3>]) -> Quantiles 
             let wi = brdf.grid().direction(index);
             let sharp = sample.incident(wi);
             let lobes = around(wi, light_rad).map(|wi| sample.incident(wi));
-            for &wo in cells.iter().flatten().filter(|wo| is_judged(**wo)) {
-                let places = around(wo, cell_rad);
+            for (cell, wo) in cells.iter().enumerate() {
+                let Some(wo) = wo.filter(|wo| is_judged(*wo)) else {
+                    continue;
+                };
+                let places = around(wo, brdf.pixel_sr(cell).sqrt() / 2.0);
                 let mut mean = [0.0; 3];
                 // The half fraction of the 2⁴ combinations, as the virtual rig takes it.
                 for (lobe, pair) in lobes.iter().zip([[0, 3], [1, 2], [1, 2], [0, 3]]) {

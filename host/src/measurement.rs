@@ -16,8 +16,9 @@ use serde_json::{Map, Value, json};
 use sha2::{Digest as _, Sha256};
 
 use crate::capture::{CaptureError, Captured, Instrument, Tally};
+use crate::evaluate::JUDGED_THETA_DEG;
 use crate::incident::StepError;
-use crate::optics::View;
+use crate::optics::{DirectionMap, View};
 use crate::pattern::{LitSet, PatternMaker};
 use crate::plan::{Directions, Exposure, Plan, PlanError, Request};
 use crate::rig::{Rig, RigError};
@@ -443,7 +444,8 @@ fn take(
 /// [`MeasurementError`].
 pub fn pilot(rig: &Rig, step_deg: f64, instrument: &mut Instrument) -> Result<f64, MeasurementError> {
     let directions = Directions::new(rig, step_deg)?;
-    let measurable: Vec<usize> = directions.measurable().collect();
+    let lit = |index: &usize| directions.grid.direction(*index).z >= JUDGED_THETA_DEG.to_radians().cos();
+    let measurable: Vec<usize> = directions.measurable().filter(lit).collect();
     // A stride that shares no factor with the ring length visits all azimuths.
     let every = (measurable.len() / PILOT_DIRECTIONS).max(1) | 1;
     let spot_deg = rig.light.spot_deg.min(step_deg);
@@ -454,11 +456,31 @@ pub fn pilot(rig: &Rig, step_deg: f64, instrument: &mut Instrument) -> Result<f6
         .map(|&index| maker.lit_set(directions.grid.direction(index)).ok())
         .collect();
     let range = f64::from(rig.saturation_dn()) - rig.camera.dark_dn;
+    // Near the horizon f grows without bound; those few pixels may clip rather than darken all others.
+    let lowest = JUDGED_THETA_DEG.to_radians().cos();
+    let channels = rig.camera.channels as usize;
+    let judged: Vec<bool> = DirectionMap::of(&View::camera(rig))
+        .directions
+        .into_iter()
+        .flat_map(|w| std::iter::repeat_n(w.is_ok_and(|w| w.z >= lowest), channels))
+        .collect();
     let mut exposure_s = rig.camera.exposure_s;
     for _ in 0..8 {
         let timing = Timing::new(rig, exposure_s).map_err(PlanError::from)?;
         let shots = take(instrument, &lit, &timing, &mut Tally::default(), &mut |_| {})?;
-        let mut dn: Vec<u16> = shots.into_iter().flat_map(|shot| shot.dn).collect();
+        let mut dn: Vec<u16> = Vec::new();
+        for shot in shots {
+            dn.extend(
+                shot.dn
+                    .iter()
+                    .zip(&judged)
+                    .filter(|(_, judged)| **judged)
+                    .map(|(dn, _)| dn),
+            );
+        }
+        if dn.is_empty() {
+            return Ok(exposure_s); // nothing to go by
+        }
         let rank = ((dn.len() as f64 * (1.0 - PILOT_CLIPPED)) as usize).min(dn.len().saturating_sub(1));
         let (_, bright, _) = dn.select_nth_unstable(rank);
         if *bright < rig.saturation_dn() {

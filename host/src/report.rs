@@ -196,9 +196,9 @@ pub fn evaluation_lines(evaluation: &Evaluation) -> Vec<(&'static str, String)> 
         lines.push((
             "blur",
             format!(
-                "light {:.2}°, cells {:.2}°: these alone make a median error of {}, 99 % below {}",
+                "light {:.2}°, pixels {:.2}°: these alone make a median error of {}, 99 % below {}",
                 against.light_deg,
-                against.cell_deg,
+                against.pixel_deg,
                 percent(against.blur.median),
                 percent(against.blur.p99)
             ),

@@ -1,1 +1,23 @@
-//! x
+//! What the tests across the crates need: serial links that fail, and controllers at their other end.
+//!
+//! # Design
+//! Everything lives in virtual time, which passes only while a client waits, and every fault is drawn from
+//! a seed: a test of ten seconds' patience takes a millisecond, and what failed once fails again.
+//!
+//! - [`line`]: one direction of a link, with what can go wrong on it
+//! - [`world`]: the clock, the lines, the peer; and [`MockLink`], a client's end of it
+//! - [`books`]: the laws that hold after whatever has happened
+//! - [`controller`]: the firmware's own logic as a peer, with a journal of what it really did
+//! - [`strangers`]: peers that are no controller of this version
+
+#![forbid(unsafe_code)]
+
+pub mod books;
+pub mod controller;
+pub mod line;
+pub mod strangers;
+pub mod world;
+
+pub use controller::{Controller, TICK_NS};
+pub use line::Faults;
+pub use world::{MockLink, Peer};

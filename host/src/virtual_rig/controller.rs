@@ -104,7 +104,12 @@ impl VirtualController {
     fn play(&mut self) {
         let Some(mut run) = self.run.take() else { return };
         let Some(fetched) = self.session.next_step() else {
-            // A stream waits for steps only as long as its last one plays.
+            // The engine rests after its last word, as if one more of resting levels followed.
+            let end = run.reader.now();
+            let (stage, started, strobes) = (&self.stage, run.started, &mut run.strobes);
+            run.reader.halt(end, |edge| {
+                strobes.extend(stage.lock().edge(edge, to_s(started + edge.at)))
+            });
             self.report_strobes(&mut run, f64::INFINITY);
             self.session.drained(self.now.saturating_sub(run.started));
             return;

@@ -1,0 +1,6 @@
+//! Laws of the session: every request is executed at most once, and everything is counted.
+
+mod bench;
+mod conversation;
+mod endings;
+mod telemetry;

@@ -1,0 +1,154 @@
+//! Law: whatever is at the other end, `connect` ends in time with an error that says what is wrong.
+
+use std::time::Duration;
+
+use rcg::device::{Device, DeviceError};
+use rcg::link::Link;
+use rcg_protocol::{PROTOCOL_VERSION, SCHEMA_HASH};
+use rcg_tests::books::{PATIENCE, in_time};
+use rcg_tests::strangers::{Echo, Noise, OtherVersion, Silent};
+use rcg_tests::{Controller, Faults, MockLink, Peer};
+
+/// Connects to `peer` and returns the error, and the time that it took.
+fn refused<P: Peer + std::fmt::Debug>(peer: P, seed: u64) -> (DeviceError, Duration) {
+    let link = MockLink::new(peer, Faults::NONE, Faults::NONE, seed);
+    let watch = link.another(Faults::NONE, Faults::NONE, seed);
+    let error = Device::connect(link, 1, PATIENCE).expect_err("no controller is there");
+    (error, watch.now())
+}
+
+fn assert_timeout((error, took): (DeviceError, Duration)) {
+    let most = PATIENCE.timeout * PATIENCE.attempts;
+    match &error {
+        DeviceError::Timeout {
+            request: "hello",
+            attempts: 8,
+            waited_s,
+            ..
+        } => {
+            assert!((waited_s - most.as_secs_f64()).abs() < 0.001);
+        }
+        other => panic!("{other}"),
+    }
+    assert_eq!(
+        error.to_string(),
+        "port mock: expected an answer to `hello`, found none after 8 attempts in 0.4 s"
+    );
+    assert!(took <= most, "took {took:?}");
+}
+
+#[test]
+fn a_silent_peer_is_a_timeout() {
+    assert_timeout(refused(Silent, 0));
+}
+
+#[test]
+fn noise_is_a_timeout() {
+    for seed in 0..50 {
+        assert_timeout(refused(Noise::new(seed), seed));
+    }
+}
+
+#[test]
+fn an_echo_is_a_timeout() {
+    assert_timeout(refused(Echo::default(), 0));
+}
+
+#[test]
+fn another_protocol_version_or_schema_is_named_and_asked_nothing_else() {
+    for (version, schema) in [
+        (2, SCHEMA_HASH),
+        (PROTOCOL_VERSION, !SCHEMA_HASH),
+        (2, 1),
+        (u16::MAX, 0),
+    ] {
+        let link = MockLink::new(OtherVersion::new(version, schema), Faults::NONE, Faults::NONE, 0);
+        let watch = link.another(Faults::NONE, Faults::NONE, 0);
+        let error = Device::connect(link, 1, PATIENCE).expect_err("it is of another version");
+        match &error {
+            DeviceError::OtherVersion {
+                version: v,
+                schema: s,
+                ..
+            } => assert_eq!((*v, *s), (version, schema)),
+            other => panic!("{other}"),
+        }
+        let text = error.to_string();
+        assert!(
+            text.contains(&format!("version {version} (schema {schema:016x})")),
+            "{text}"
+        );
+        assert_eq!(watch.peer_mut(|peer| peer.misunderstood), 0);
+    }
+    // The same peer with our version and schema gets past that: the test tells one from the other.
+    let (error, _) = refused(OtherVersion::new(PROTOCOL_VERSION, SCHEMA_HASH), 0);
+    assert!(
+        matches!(
+            error,
+            DeviceError::Timeout {
+                request: "describe",
+                ..
+            }
+        ),
+        "{error}"
+    );
+}
+
+#[test]
+fn another_version_over_any_line_is_named_or_times_out() {
+    let mut named = 0;
+    for seed in 0..200 {
+        let link = MockLink::new(
+            OtherVersion::new(2, 3),
+            Faults::any(seed),
+            Faults::any(!seed),
+            seed,
+        );
+        match Device::connect(link, 1, PATIENCE) {
+            Err(DeviceError::OtherVersion {
+                version: 2,
+                schema: 3,
+                ..
+            }) => named += 1,
+            Err(DeviceError::Timeout { request: "hello", .. }) => {}
+            other => panic!("seed {seed}: {other:?}"),
+        }
+    }
+    assert!(named > 150);
+}
+
+#[test]
+fn a_controller_that_falls_silent_is_a_timeout_for_every_request() {
+    let link = MockLink::new(Controller::new(&[]), Faults::NONE, Faults::NONE, 0);
+    let mut client = Device::connect(link, 1, PATIENCE).unwrap();
+    let deaf = Faults {
+        lose_chunk: 1.0,
+        ..Faults::NONE
+    };
+    for (down, up) in [(deaf, Faults::NONE), (Faults::NONE, deaf)] {
+        client.link().set_faults(down, up);
+        let expect = |name: &str, error: DeviceError| match error {
+            DeviceError::Timeout { request, .. } => assert_eq!(request, name),
+            other => panic!("{other}"),
+        };
+        expect("ping", in_time(&mut client, 1, |c| c.ping(1)).unwrap_err());
+        expect("status", in_time(&mut client, 1, Device::status).unwrap_err());
+        expect("arm", in_time(&mut client, 1, Device::arm).unwrap_err());
+        expect("start", in_time(&mut client, 1, Device::start).unwrap_err());
+        expect("stop", in_time(&mut client, 1, Device::stop).unwrap_err());
+        expect("abort", in_time(&mut client, 1, Device::abort).unwrap_err());
+        expect("clear", in_time(&mut client, 1, Device::clear).unwrap_err());
+        expect(
+            "hello",
+            in_time(&mut client, 1, |c| c.open_session(9)).unwrap_err(),
+        );
+        let began = client.link().now();
+        assert_eq!(client.next_event(Duration::from_millis(70)).unwrap(), None);
+        assert_eq!(
+            client.link().now().saturating_sub(began),
+            Duration::from_millis(70)
+        );
+    }
+    client.link().set_faults(Faults::NONE, Faults::NONE);
+    client.open_session(10).unwrap();
+}
