@@ -1,0 +1,36 @@
+//! The whole chain, `measure --step 1 --image-size 96` with `ward:brass`: 32,400 lit exposures on `rcg-2`,
+//! which has no hole. Takes minutes and 7 GB of disk.
+
+use std::time::Duration;
+
+use divan::{Bencher, counter::ItemsCount};
+use rcg::measure::{complete, prepare};
+use rcg::plan::Request;
+use rcg::progress::Silent;
+use rcg::rig::Rig;
+use rcg::virtual_rig::Mischief;
+
+fn main() {
+    divan::main();
+}
+
+#[divan::bench(sample_count = 1, sample_size = 1, args = [3.0, 1.0])]
+fn measure(bencher: Bencher, step_deg: f64) {
+    let rig = Rig::load("rcg-2").expect("a preset");
+    let request = Request {
+        step_deg,
+        image_size: 96,
+        exposure_s: None,
+        sample: Some("ward:brass".to_owned()),
+        noise: true,
+        seed: 1,
+    };
+    let directions = (90.0 / step_deg * 360.0 / step_deg) as u32;
+    bencher.counter(ItemsCount::new(directions)).bench_local(|| {
+        let dir = tempfile::tempdir().expect("a place for files");
+        let out = dir.path().join("m");
+        let mischief = Mischief::default();
+        let m = prepare(&out, &rig, request.clone(), mischief, &Silent).expect("plans");
+        complete(&m, mischief, &|| Duration::ZERO, &Silent).expect("measures")
+    });
+}
