@@ -81,17 +81,31 @@ bind_interrupts!(
 #[derive(Clone, Copy)]
 pub(crate) struct Clock {
     hz: u32,
+    per_us: u32,
 }
 
 impl Clock {
+    /// A clock of `hz`, a multiple of 1 MHz.
+    const fn new(hz: u32) -> Self {
+        Self {
+            hz,
+            per_us: hz / 1_000_000,
+        }
+    }
+
     /// Ticks per second.
     pub(crate) const fn hz(self) -> u32 {
         self.hz
     }
 
+    /// `us` microseconds.
+    pub(crate) fn micros(self, us: u32) -> Ticks {
+        Ticks(u64::from(us * self.per_us))
+    }
+
     /// Now.
     pub(crate) fn now(self) -> Ticks {
-        Ticks(Instant::now().as_micros() * u64::from(self.hz / 1_000_000))
+        Ticks(Instant::now().as_micros() * u64::from(self.per_us))
     }
 }
 
@@ -139,7 +153,7 @@ impl Board {
         let p = embassy_rp::init(embassy_rp::config::Config::default());
         force_outputs_low();
 
-        let clock = Clock { hz: clk_sys_freq() };
+        let clock = Clock::new(clk_sys_freq());
         let mut watchdog = Watchdog::new(p.WATCHDOG);
         let reset = watchdog.reset_reason();
         watchdog.start(WATCHDOG);

@@ -134,15 +134,20 @@ impl Controller {
     /// Carries out what the session commands the engine.
     fn obey(&mut self) {
         while let Some(command) = self.session.engine_action() {
-            match command {
-                Command::Prime => {
-                    if let Some(program) = self.session.sequencer().program() {
-                        self.engine.prime(program);
-                    }
+            self.carry_out(command);
+        }
+    }
+
+    #[inline(never)] // rare, and large on the stack
+    fn carry_out(&mut self, command: Command) {
+        match command {
+            Command::Prime => {
+                if let Some(program) = self.session.sequencer().program() {
+                    self.engine.prime(program);
                 }
-                Command::Go(start) => self.engine.go(start, &mut self.session),
-                Command::Halt => self.engine.halt(),
             }
+            Command::Go(start) => self.engine.go(start, &mut self.session),
+            Command::Halt => self.engine.halt(),
         }
     }
 

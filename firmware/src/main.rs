@@ -54,9 +54,10 @@ async fn main(spawner: embassy_executor::Spawner) {
 
         let (state, fault) = controller::state();
         if state != shown {
-            match fault {
-                Some(fault) => defmt::warn!("{} → {}: {}", shown, state, fault),
-                None => defmt::info!("{} → {}", shown, state),
+            if let Some(fault) = fault {
+                defmt::warn!("{} → {}: {}", shown, state, fault);
+            } else {
+                defmt::info!("{} → {}", shown, state);
             }
             shown = state;
         }

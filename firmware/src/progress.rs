@@ -25,9 +25,6 @@ pub const MAX_AHEAD: usize = 250;
 
 const _: () = assert!(MAX_AHEAD < crate::witness::MAX_PENDING);
 
-/// A paced step looks for SYNC this long after the step before it: first low, one tick later high.
-const LOOKS_AFTER: Ticks = Ticks(WAIT_LEAD + 1);
-
 /// A step that is on its way.
 #[derive(Clone, Copy, Debug)]
 struct Ahead {
@@ -117,7 +114,7 @@ impl Progress {
     /// A SYNC edge came. Returns whether it begins a step.
     pub fn sync(&mut self, edge: Ticks) -> bool {
         let first = self.fired == 0 && self.known == Ticks::ZERO;
-        if !first && edge < self.known + LOOKS_AFTER {
+        if !first && edge < self.known + Ticks(WAIT_LEAD) {
             return false;
         }
         let Some(next) = self.ahead.iter_mut().find(|step| step.ends.is_none()) else {
@@ -192,7 +189,7 @@ mod tests {
         let end = SYNC_LATENCY + 100;
         assert!(!progress.sync(Ticks(50)));
         assert!(
-            !progress.sync(Ticks(end + WAIT_LEAD)),
+            !progress.sync(Ticks(end + WAIT_LEAD - 1)),
             "before the PIO has seen SYNC at rest"
         );
         assert_eq!(
@@ -202,7 +199,7 @@ mod tests {
         );
         assert_eq!(progress.awaits_sync_since(Ticks(end)), Some(Ticks(end)));
         assert_eq!(progress.fired(6, LATE), 1, "the second has not begun");
-        assert!(progress.sync(Ticks(end + WAIT_LEAD + 1)));
+        assert!(progress.sync(Ticks(end + WAIT_LEAD)));
         assert!(!progress.sync(LATE), "there is no third step");
         assert_eq!(progress.awaits_sync_since(LATE), None);
         assert_eq!(progress.fired(6, LATE), 2);

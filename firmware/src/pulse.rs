@@ -24,8 +24,9 @@ use rcg_protocol::{Fault, Level, Line, Pace, Polarity, Pulse, Step, Ticks};
 pub const FREE_OVERHEAD: u32 = 3;
 /// Ticks that a paced word of count 0 lasts: three `out`, `jmp !y`, one `jmp x--`.
 pub const PACED_OVERHEAD: u32 = 5;
-/// Ticks of a paced wait word before it begins to look at SYNC: three `out` and `jmp !y`.
-pub const WAIT_LEAD: u64 = 4;
+/// Ticks of a paced wait word before a SYNC edge can begin the step: three `out`, `jmp !y`, and the `wait 0`
+/// that must have seen the line at rest in the tick before the edge.
+pub const WAIT_LEAD: u64 = 5;
 /// Ticks from the SYNC edge, as the state machine sees it, to the first level of the step.
 ///
 /// `wait 1` ends in the tick of the edge, `jmp x--` takes the next, `out pins` acts in the one after.

@@ -40,6 +40,8 @@ pub struct Fetched {
     pub begins: Ticks,
     /// Leading edge of CAM from the start of the step.
     pub trigger: Option<Ticks>,
+    /// Length of the step.
+    pub period: Ticks,
 }
 
 impl Default for Sequencer {
@@ -182,7 +184,7 @@ impl Sequencer {
     /// Adds steps: all of them or, if one is bad, none.
     ///
     /// # Errors
-    /// [`Fault::Refused`], [`Fault::StepsOutOfOrder`], [`Fault::TooManySteps`], [`Fault::StreamFull`], or
+    /// [`Fault::Refused`], [`Fault::EmptySchedule`], [`Fault::StepsOutOfOrder`], [`Fault::TooManySteps`], [`Fault::StreamFull`], or
     /// what [`WordFormat::encode`] finds wrong with a step.
     pub fn append(&mut self, first: u64, steps: &[Step], last: bool) -> Result<(), Fault> {
         self.check(Command::Append)?;
@@ -199,6 +201,9 @@ impl Sequencer {
                 found: first,
             });
         }
+        if last && steps.is_empty() && expected == 0 {
+            return Err(Fault::EmptySchedule);
+        }
         if let Extent::Table { steps: limit, .. } = program.extent
             && expected + steps.len() as u64 > u64::from(limit)
         {
@@ -211,7 +216,13 @@ impl Sequencer {
                 .and_then(|words| self.store.push(&words))
             {
                 self.store.retract(index - expected);
-                return Err(fault);
+                return Err(match fault {
+                    // The steps before it have been given back, so they fit too.
+                    Fault::StreamFull { .. } => Fault::StreamFull {
+                        free: self.store.free_steps(),
+                    },
+                    other => other,
+                });
             }
         }
         let appended = self.store.appended();
@@ -315,6 +326,7 @@ impl Sequencer {
             words,
             begins: self.horizon,
             trigger,
+            period,
         };
         self.fetched += 1;
         self.horizon += period;

@@ -133,21 +133,23 @@ impl Session {
     /// A request came.
     pub fn request(&mut self, now: Ticks, message: ToDevice) {
         self.counters.frames += 1;
-        self.last_heard = now;
         let ToDevice {
             session,
             seq,
             request,
         } = message;
         if let Request::Hello { nonce } = request {
+            self.last_heard = now;
             self.hello(seq, nonce);
             return;
         }
+        // A former host that still talks does not keep the run of the present one alive.
         if session != self.id || self.nonce.is_none() {
             self.counters.stale += 1;
             self.respond(session, seq, Err(Fault::StaleSession));
             return;
         }
+        self.last_heard = now;
         match self.last {
             Some((last, result)) if last == seq => {
                 self.counters.repeated += 1;

@@ -100,12 +100,10 @@ async fn usb_out(mut sender: Sender<'static, UsbDriver>) {
         if !LISTENED_TO.load(Ordering::Relaxed) {
             continue;
         }
-        match with_timeout(PATIENCE, write(&mut sender, frame(&message, &mut buffer))).await {
-            Ok(Ok(())) => {}
-            Ok(Err(_)) | Err(_) => {
-                LISTENED_TO.store(false, Ordering::Relaxed);
-                defmt::warn!("USB: nobody reads");
-            }
+        let sent = with_timeout(PATIENCE, write(&mut sender, frame(&message, &mut buffer))).await;
+        if !matches!(sent, Ok(Ok(()))) {
+            LISTENED_TO.store(false, Ordering::Relaxed);
+            defmt::warn!("USB: nobody reads");
         }
     }
 }

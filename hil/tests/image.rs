@@ -20,16 +20,14 @@ fn elf() -> Option<(PathBuf, Vec<u8>)> {
         },
         PathBuf::from,
     );
-    match std::fs::read(&path) {
-        Ok(bytes) => Some((path, bytes)),
-        Err(_) => {
-            println!(
-                "skipped: no firmware image at {}; `cargo fw` builds it",
-                path.display()
-            );
-            None
-        }
+    if let Ok(bytes) = std::fs::read(&path) {
+        return Some((path, bytes));
     }
+    println!(
+        "skipped: no firmware image at {}; `cargo fw` builds it",
+        path.display()
+    );
+    None
 }
 
 /// The bytes that would stand in flash at `at`.

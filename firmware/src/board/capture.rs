@@ -36,6 +36,7 @@ const RING_BITS: u8 = (RING_WORDS * 4).ilog2() as u8;
 const MOST_EDGES: u32 = (1 << 28) - 1;
 
 /// `mov x, ~null`: the counter begins at its largest value.
+#[allow(clippy::unusual_byte_groupings)] // the fields of the instruction
 const COUNTER_FULL: u16 = 0b101_00000_001_01_011;
 
 /// Aligned to its size, as the DMA wraps by masking address bits.
@@ -56,6 +57,7 @@ pub(crate) struct Capture<const SM: usize> {
     active_low: bool,
     clock: EdgeClock,
     taken: u32,
+    lost: bool,
     next: Option<Sighting>,
     ring: Ring,
 }
@@ -87,6 +89,7 @@ impl<const SM: usize> Capture<SM> {
             active_low: false,
             clock: EdgeClock::new(false),
             taken: 0,
+            lost: false,
             next: None,
             ring: Ring(UnsafeCell::new([0; RING_WORDS])),
         }
@@ -128,6 +131,7 @@ impl<const SM: usize> Capture<SM> {
         }
         self.clock = EdgeClock::new(active);
         self.taken = 0;
+        self.lost = false;
         self.next = None;
 
         let ch = DMA.ch(self.channel);
@@ -147,14 +151,18 @@ impl<const SM: usize> Capture<SM> {
 
     /// The next edge; `elapsed` is the coarse time since the count began.
     pub(crate) fn peek(&mut self, elapsed: Ticks) -> Option<Sighting> {
-        if self.next.is_none() && self.taken != self.arrived() {
-            let index = self.taken as usize % RING_WORDS;
-            let word = self.ring.0.get().cast::<u32>().wrapping_add(index);
-            // SAFETY: the index is within the ring, and the DMA is not writing this word: it has written it, and
-            // comes back only after `lost` would say so. Volatile, as the compiler does not know of the DMA.
-            let counter = unsafe { word.read_volatile() };
-            self.taken += 1;
-            self.next = Some(self.clock.edge(counter, elapsed));
+        if self.next.is_none() {
+            let waiting = self.arrived() - self.taken;
+            self.lost |= waiting as usize >= RING_WORDS || self.taken == MOST_EDGES;
+            if waiting > 0 && !self.lost {
+                let index = self.taken as usize % RING_WORDS;
+                let word = self.ring.0.get().cast::<u32>().wrapping_add(index);
+                // SAFETY: the index is within the ring, and the DMA has written this word and has not come round to
+                // it again, as fewer words wait than the ring holds. Volatile, as the compiler knows of no DMA.
+                let counter = unsafe { word.read_volatile() };
+                self.taken += 1;
+                self.next = Some(self.clock.edge(counter, elapsed));
+            }
         }
         self.next
     }
@@ -164,10 +172,9 @@ impl<const SM: usize> Capture<SM> {
         self.next = None;
     }
 
-    /// Whether edges came faster than they were read.
-    pub(crate) fn lost(&self) -> bool {
-        let arrived = self.arrived();
-        arrived == MOST_EDGES || (arrived - self.taken) as usize >= RING_WORDS
+    /// Whether edges came faster than they were read, or more than can be counted.
+    pub(crate) const fn lost(&self) -> bool {
+        self.lost
     }
 
     fn arrived(&self) -> u32 {
@@ -179,6 +186,6 @@ impl<const SM: usize> Capture<SM> {
 
     /// Stops storing. The state machine is disabled by the engine, together with the others.
     pub(crate) fn stop(&mut self) {
-        abort(self.channel);
+        abort([self.channel]);
     }
 }

@@ -135,14 +135,11 @@ impl Chain {
             let block = &mut self.blocks[self.oldest];
             self.through = self.through.wrapping_add(block.words().len() as u32);
             block.clear();
-            DMA.intr(0).write_value(1 << DMA_PULSE[self.oldest]);
             self.oldest = (self.oldest + 1) % 2;
             self.queued -= 1;
         }
-        if done & 1 << DMA_REST != 0 {
-            self.dry = true;
-            DMA.intr(0).write_value(1 << DMA_REST);
-        }
+        self.dry |= done & 1 << DMA_REST != 0;
+        DMA.intr(0).write_value(done);
     }
 
     /// Lets the chain end with the block that the DMA is at, and takes no further one.
@@ -177,22 +174,26 @@ impl Chain {
         words
     }
 
-    /// Stops at once; what is in the FIFO stays there.
+    /// Stops at once and takes no further block; what is in the FIFO stays there.
     pub(crate) fn stop(&mut self) {
-        for channel in [DMA_PULSE[0], DMA_PULSE[1], DMA_REST] {
-            abort(channel);
-        }
+        self.queued = 0;
+        self.cut = true;
+        abort([DMA_PULSE[0], DMA_PULSE[1], DMA_REST]);
         // An aborted channel may say that it is through (erratum RP2040-E13).
         DMA.intr(0).write_value(ALL);
     }
 }
 
-/// Disables `channel` and waits until its last transfer has ended.
-pub(crate) fn abort(channel: usize) {
-    // Disabled first, or a channel that chains to it could start it again (erratum RP2350-E5).
-    DMA.ch(channel).al1_ctrl().write_value(0);
-    DMA.chan_abort().write(|w| w.set_chan_abort(1 << channel));
-    while DMA.ch(channel).ctrl_trig().read().busy() {}
+/// Disables `channels` and waits until their last transfers have ended.
+pub(crate) fn abort<const N: usize>(channels: [usize; N]) {
+    // All are disabled first, or one that is aborted could start the next in the chain (erratum RP2350-E5).
+    for channel in channels {
+        DMA.ch(channel).al1_ctrl().write_value(0);
+    }
+    for channel in channels {
+        DMA.chan_abort().write(|w| w.set_chan_abort(1 << channel));
+        while DMA.ch(channel).ctrl_trig().read().busy() {}
+    }
 }
 
 /// How many words `channel` moves when it is triggered.

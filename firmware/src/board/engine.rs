@@ -1,4 +1,4 @@
-//! The pulse engine: PIO and DMA play what the session decides, and what happened goes back to it.
+//! The pulse engine: PIO and DMA play what the session decides, and what happens goes back to it.
 //!
 //! # Design
 //! Once started the edges are made without the CPU ([`chain`](super::chain)). What is left to do is to refill
@@ -13,14 +13,16 @@
 //! A stop ends the run with the block that is being played: one step, or up to a millisecond of short ones.
 //! The end of a run is noticed by the poll, up to a millisecond late; its time is exact all the same.
 
+mod reports;
+
 use embassy_rp::gpio::Level;
 use embassy_rp::pac::PIO0 as PIO;
 use embassy_rp::peripherals::PIO0;
 use embassy_rp::pio::{Config, Direction, FifoJoin, Pin, Pio, ShiftConfig, ShiftDirection, StateMachine};
 use rcg_firmware::progress::Progress;
-use rcg_firmware::pulse::{SYNC_LATENCY, WAIT_LEAD, WordFormat};
+use rcg_firmware::pulse::WordFormat;
 use rcg_firmware::session::Session;
-use rcg_protocol::{Pace, Polarity, Program, Start, Ticks};
+use rcg_protocol::{Extent, Pace, Polarity, Program, Start, Ticks};
 
 use super::capture::Capture;
 use super::chain::Chain;
@@ -31,14 +33,15 @@ use super::{Clock, DMA_STROBE, DMA_SYNC, DmaParts, Irqs, PROJ, PulseParts, SM_PU
 const MACHINES: u8 = 1 << SM_PULSE | 1 << SM_STROBE | 1 << SM_SYNC;
 
 /// `set pindirs, 0b11`.
+#[allow(clippy::unusual_byte_groupings)] // the fields of the instruction
 const DRIVE_BOTH: u16 = 0b111_00000_100_00011;
 
 /// `pull block`.
+#[allow(clippy::unusual_byte_groupings)] // the fields of the instruction
 const PULL: u16 = 0b100_00000_101_00000;
 
-/// An edge is in memory this long after it came: four microseconds hold the input synchroniser, the FIFO, the
-/// DMA and a step of the coarse clock.
-const SETTLED_AFTER_US: u32 = 4;
+/// How long a block should be: in about that time the poll comes round, and a stop takes effect.
+const BLOCK_US: u32 = 1000;
 
 /// How far the engine is.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -67,6 +70,8 @@ pub(crate) struct Engine {
     polarity: Polarity,
     /// How long SYNC may be awaited; zero for ever.
     sync_timeout: Ticks,
+    /// Steps of the run, unless it is a stream.
+    total: Option<u64>,
     /// The start of the run, from the tick in which the state machines started.
     origin: Option<Ticks>,
     /// The channels that chain and captures use by number.
@@ -131,6 +136,7 @@ impl Engine {
             pace: Pace::FreeRunning,
             polarity: Polarity::default(),
             sync_timeout: Ticks::ZERO,
+            total: None,
             origin: None,
             _dma: parts.dma,
         }
@@ -142,6 +148,10 @@ impl Engine {
         self.pace = program.pace;
         self.polarity = program.polarity;
         self.sync_timeout = program.sync_timeout.to_ticks(self.clock.hz());
+        self.total = match program.extent {
+            Extent::Table { steps, cycles } => Some(u64::from(steps) * u64::from(cycles)),
+            Extent::Stream => None,
+        };
         self.rest();
         let (_, config) = self.loaded();
         let config = *config;
@@ -216,11 +226,16 @@ impl Engine {
                         self.sync.mute();
                     }
                 }
-                if self.report_edge(session, at, elapsed) || self.feed(session) {
-                    return true;
+                // The chain has a deadline, what is reported has not. But before a paced step can be fetched the
+                // session has to know which ones have begun.
+                let paced = self.pace == Pace::EachOnSync;
+                let more = (paced && self.report_edge(session, at, elapsed))
+                    || self.feed(session)
+                    || self.report_edge(session, at, elapsed);
+                if !more {
+                    self.report_progress(session, elapsed);
                 }
-                self.report_progress(session, elapsed);
-                false
+                more
             }
         }
     }
@@ -230,16 +245,15 @@ impl Engine {
         let Some(block) = self.chain.filling() else {
             return false;
         };
-        let room = !block.is_full() && !self.progress.is_full();
-        if let Some(fetched) = room.then(|| session.next_step()).flatten() {
-            let format = WordFormat::new(self.pace, self.polarity);
-            let (_, period) = format.trigger_and_period(&fetched.words);
-            block.push(&fetched.words, period);
-            self.progress.push(fetched.words.len(), period);
+        if !block.is_full()
+            && !self.progress.is_full()
+            && let Some(fetched) = session.next_step()
+        {
+            block.push(&fetched.words, fetched.period);
+            self.progress.push(fetched.words.len(), fetched.period);
             let (full, ticks) = (block.is_full(), block.ticks());
-            // A millisecond: the poll comes round, and a stop takes effect, in about that time. A paced step is a
-            // block of its own.
-            let enough = self.chain.enough(Ticks(u64::from(self.clock.hz() / 1000)));
+            // A paced step is a block of its own.
+            let enough = self.chain.enough(self.clock.micros(BLOCK_US));
             if full || ticks >= enough || self.pace == Pace::EachOnSync {
                 self.queue_rest_of_block();
             }
@@ -258,109 +272,6 @@ impl Engine {
             self.progress.lengthen(grown);
         }
         some
-    }
-
-    /// Reports the earlier of the next edges of both lines, if there is one.
-    fn report_edge(&mut self, session: &mut Session, started: Ticks, elapsed: Ticks) -> bool {
-        match (self.sync.peek(elapsed), self.strobe.peek(elapsed)) {
-            (None, None) => return false,
-            // At the same time SYNC is first: it can be what made the camera expose.
-            (Some(sync), strobe) if strobe.is_none_or(|strobe| sync.at <= strobe.at) => {
-                self.sync.advance();
-                if sync.active {
-                    self.report_sync(session, started, sync.at);
-                }
-            }
-            (_, Some(strobe)) => {
-                self.strobe.advance();
-                if let Some(origin) = self.origin
-                    && strobe.at >= origin
-                {
-                    session.strobe(strobe.active, strobe.at - origin);
-                }
-            }
-            (Some(_), None) => self.sync.advance(), // cannot be: the second arm took it
-        }
-        true
-    }
-
-    fn report_sync(&mut self, session: &mut Session, started: Ticks, at: Ticks) {
-        let paced = self.pace == Pace::EachOnSync;
-        let origin = match self.origin {
-            Some(origin) => origin,
-            None => {
-                // The start of the run. The program looks for the edge from its first instruction on, or, when
-                // paced, from its first word on.
-                let looks_from = if paced { WAIT_LEAD } else { 0 };
-                if at.0 <= looks_from {
-                    return;
-                }
-                let origin = if paced { at } else { at + Ticks(SYNC_LATENCY) };
-                self.origin = Some(origin);
-                session.begun(started + origin);
-                origin
-            }
-        };
-        let edge = at.saturating_sub(origin);
-        if paced && self.progress.sync(edge) {
-            session.step_synced(edge);
-        }
-    }
-
-    /// Reports how far the engine is, and sees whether it has come to its end.
-    fn report_progress(&mut self, session: &mut Session, elapsed: Ticks) {
-        // In this order: what is moved after it was counted is not counted as played, and a chain that is dry
-        // after a stall was seen may have been the cause of it.
-        let stalled = PIO.fdebug().read().txstall() & 1 << SM_PULSE != 0;
-        let moved = self.chain.moved();
-        let waiting = u32::from(self.machine.tx().level());
-        self.chain.retire();
-
-        let settled = Ticks(u64::from(SETTLED_AFTER_US * (self.clock.hz() / 1_000_000)));
-        let elapsed = elapsed.saturating_sub(settled);
-        let now = elapsed.saturating_sub(self.origin.unwrap_or(elapsed));
-        if self.origin.is_some() {
-            let fired = self.progress.fired(moved.wrapping_sub(waiting), now);
-            session.fired(fired, now);
-        }
-
-        let dry = self.chain.is_dry();
-        let awaited_since = match self.origin {
-            Some(_) => self.progress.awaits_sync_since(now).map(|since| now - since),
-            None => Some(elapsed),
-        };
-        if self.strobe.lost() || self.sync.lost() || (stalled && !dry) {
-            session.engine_failed(now);
-        } else if (dry && stalled && waiting == 0) || (self.chain.is_cut() && self.stands_between_steps()) {
-            self.finish(session, moved);
-        } else if let Some(awaited) = awaited_since
-            && self.sync_timeout > Ticks::ZERO
-            && awaited > self.sync_timeout
-        {
-            session.sync_missing(now);
-        }
-    }
-
-    /// Whether the engine waits for a SYNC edge that cannot come any more.
-    fn stands_between_steps(&self) -> bool {
-        let waits_at = self.loaded().0.waits_at;
-        (self.origin.is_none() || self.pace == Pace::EachOnSync)
-            && (waits_at..=waits_at + 1).contains(&self.machine.get_addr())
-    }
-
-    /// All that was moved was played, but for a step that still waits for SYNC.
-    fn finish(&mut self, session: &mut Session, moved: u32) {
-        let fired = self.progress.fired(moved, Ticks(u64::MAX));
-        let end = self.progress.ended();
-        let complete = fired == self.progress.fetched();
-        self.halt();
-        session.fired(fired, end);
-        if complete || session.sequencer().is_stopping() {
-            session.drained(end);
-        } else {
-            // There was more to play, but it was not ready in time.
-            session.engine_failed(end);
-        }
     }
 
     /// Both outputs at rest. The machine must be disabled, or about to begin.

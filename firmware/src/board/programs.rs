@@ -3,8 +3,7 @@
 //! # Design
 //! The two programs that make pulses are those that [`rcg_firmware::pulse`] describes; its `Reader` is the
 //! reference of what they do, tick by tick. Inputs are inverted before they reach the PIO where the polarity
-//! says so, hence high is active here. The three programs take 23 of the 32
-//! instructions.
+//! says so, hence high is active here. The three programs take 23 of the 32 instructions that there are.
 
 use embassy_rp::peripherals::PIO0;
 use embassy_rp::pio::program::pio_asm;
@@ -49,8 +48,8 @@ pub(crate) fn paced(common: &mut Common<'static, PIO0>) -> Loaded {
         "    out y, 1",     // Bit 2: wait for SYNC?
         "    out x, 29",    // The rest is a count.
         "    jmp !y lasts", // No: the word lasts count + 5 ticks.
-        "public waits:",    // Yes: WAIT_LEAD ticks have passed.
-        "    wait 0 pin 0", // An edge, not a level.
+        "public waits:",    // Yes. Four ticks have passed, the next makes WAIT_LEAD:
+        "    wait 0 pin 0", // an edge counts, not a level.
         "    wait 1 pin 0", // Ends in the tick of the edge.
         "lasts:",
         "    jmp x-- lasts", // Such a word has count 0: one tick. The next word's levels come SYNC_LATENCY after
