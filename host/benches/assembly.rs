@@ -28,7 +28,10 @@ fn captured(dir: &Path) -> Measurement {
         noise: true,
         seed: 1,
     };
-    let rig = Rig::load("rcg-2").expect("a preset").with_image_size(96).expect("sees the sample");
+    let rig = Rig::load("rcg-2")
+        .expect("a preset")
+        .with_image_size(96)
+        .expect("sees the sample");
     let plan = Plan::new(request, &rig, 0.004).expect("fits");
     let measurement = Measurement::create(dir, rig, plan).expect("a new directory");
     capture(&measurement, Mischief::default(), &Silent).expect("the virtual rig works");
@@ -48,7 +51,12 @@ fn assemble_frames(bencher: Bencher) {
 #[divan::bench(sample_count = 5, sample_size = 1)]
 fn write_only(bencher: Bencher) {
     let dir = tempfile::tempdir().expect("a place for files");
-    let layout = BrdfLayout { incident: 8100, grid: 96, channels: 3, chunk: CHUNK };
+    let layout = BrdfLayout {
+        incident: 8100,
+        grid: 96,
+        channels: 3,
+        chunk: CHUNK,
+    };
     let cells = CHUNK * 96 * 96;
     let rows = BrdfRows {
         f: vec![0.1; cells * 3],

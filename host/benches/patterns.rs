@@ -19,7 +19,10 @@ fn draw_1000(bencher: Bencher, step_deg: f64) {
     let grid = IncidentGrid::new(step_deg).expect("divides 90");
     let (width_px, height_px) = maker.size_px();
     let mut image = BitPattern::black(width_px, height_px);
-    let lit: Vec<_> = (0..grid.len()).map(|i| grid.direction(i)).filter(|w| maker.lit_set(*w).is_ok()).collect();
+    let lit: Vec<_> = (0..grid.len())
+        .map(|i| grid.direction(i))
+        .filter(|w| maker.lit_set(*w).is_ok())
+        .collect();
     let every = lit.len() / 1000;
     bencher.counter(ItemsCount::new(1000_u32)).bench_local(|| {
         for w in lit.iter().step_by(every).take(1000) {

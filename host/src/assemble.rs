@@ -19,10 +19,11 @@ use half::slice::HalfFloatSliceExt as _;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
-use crate::disk::{Disk, bilinear};
-use crate::optics::{DirectionMap, Unmeasurable, View};
+use crate::disk::Disk;
+use crate::optics::{Unmeasurable, View};
 use crate::plan::{Directions, Plan};
 use crate::provenance::Provenance;
+use crate::resample::Resampling;
 use crate::rig::Rig;
 use crate::store::{BrdfLayout, BrdfRows, BrdfWriter, RawStore, Segment, SmallArray, SmallData, StoreError};
 
@@ -42,89 +43,6 @@ pub struct Assembled {
     pub measured: u64,
     /// Samples that no pixel could see without saturating.
     pub saturated: u64,
-}
-
-/// How one cell of the disk is made from camera pixels. A pixel that takes no part has weight 0 and repeats one
-/// that does, so that nothing unwanted (a saturated pixel) can slip in.
-#[derive(Clone, Copy, Debug)]
-struct Taps {
-    cell: u32,
-    pixel: [u32; 4],
-    weight: [f32; 4],
-}
-
-/// The way from a camera image to the disk.
-#[derive(Debug)]
-struct Resampling {
-    taps: Vec<Taps>,
-    /// Per cell, why there is nothing to take; `None` where there is.
-    reasons: Vec<Option<Unmeasurable>>,
-    /// Per cell, the solid angle in sr of the camera pixel there; 0 where there is none.
-    pixel_sr: Vec<f64>,
-}
-
-impl Resampling {
-    fn new(camera: &View, disk: Disk) -> Self {
-        let map = DirectionMap::of(camera);
-        let mut taps = Vec::new();
-        let mut pixel_sr = vec![0.0; disk.len()];
-        let reasons = (0..disk.len())
-            .map(|cell| {
-                let w = disk.direction(cell).ok_or(Unmeasurable::BelowHorizon);
-                match w.and_then(|w| tap(camera, &map, w)) {
-                    Ok((pixel, weight, sr)) => {
-                        taps.push(Taps {
-                            cell: cell as u32,
-                            pixel,
-                            weight,
-                        });
-                        pixel_sr[cell] = sr;
-                        None
-                    }
-                    Err(reason) => Some(reason),
-                }
-            })
-            .collect();
-        Self {
-            taps,
-            reasons,
-            pixel_sr,
-        }
-    }
-}
-
-/// The pixels around direction `w` that see the sample, with weights that sum to 1, and the solid angle of the
-/// nearest in sr.
-fn tap(camera: &View, map: &DirectionMap, w: glam::DVec3) -> Result<([u32; 4], [f32; 4], f64), Unmeasurable> {
-    let around = bilinear(camera.pixel(w)?, map.width_px, map.height_px);
-    let mut seen = 0.0;
-    let mut blind = (0.0, Unmeasurable::OutsideImage);
-    for (pixel, weight) in around {
-        match map.directions[pixel] {
-            Ok(_) => seen += weight,
-            Err(reason) if weight >= blind.0 => blind = (weight, reason),
-            Err(_) => {}
-        }
-    }
-    if seen < 0.5 {
-        return Err(blind.1);
-    }
-    let is_seen = |pixel: usize| map.directions[pixel].is_ok();
-    let heaviest = around
-        .iter()
-        .filter(|tap| is_seen(tap.0))
-        .max_by(|a, b| a.1.total_cmp(&b.1));
-    let stand_in = heaviest.map_or(around[0].0, |tap| tap.0);
-    let pixel = around.map(|(pixel, weight)| if is_seen(pixel) && weight > 0.0 { pixel } else { stand_in } as u32);
-    let weight = around.map(|(pixel, weight)| {
-        if is_seen(pixel) {
-            (weight / seen) as f32
-        } else {
-            0.0
-        }
-    });
-    let sr = map.solid_angles_sr[stand_in];
-    Ok((pixel, weight, sr))
 }
 
 /// Numbers that turn a frame into f, the same for all frames.

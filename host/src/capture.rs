@@ -15,7 +15,7 @@ use crate::camera::{Camera, CameraError, Frame};
 use crate::device::{Device, DeviceError};
 use crate::link::Link;
 use crate::pairing::{Outcome, pair};
-use crate::pattern::BitPattern;
+use crate::pattern::{BitPattern, LitSet};
 use crate::projector::{Projector, ProjectorError};
 use crate::schedule::Timing;
 
@@ -194,6 +194,25 @@ impl Instrument {
             }),
             None => Ok(done.into_iter().flatten().collect()),
         }
+    }
+
+    /// Takes one exposure per entry of `lit`, black where it is `None`; see [`take`](Self::take).
+    ///
+    /// # Errors
+    /// [`CaptureError`].
+    pub fn take_lit(
+        &mut self,
+        lit: &[Option<LitSet>],
+        timing: &Timing,
+        tally: &mut Tally,
+        taken: impl FnMut(usize),
+    ) -> Result<Vec<Captured>, CaptureError> {
+        let draw = |exposure: usize, image: &mut BitPattern| {
+            if let Some(lit) = &lit[exposure] {
+                image.light(&lit.pixels);
+            }
+        };
+        self.take(lit.len(), timing, draw, tally, taken)
     }
 
     /// One run of the controller over `steps` patterns.

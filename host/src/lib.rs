@@ -1,4 +1,23 @@
 //! Host of the RCG (Rapid Catadioptric Gonioreflectometer).
+//!
+//! # Design
+//! The way through the crate is that of a measurement:
+//!
+//! | stage | modules |
+//! |---|---|
+//! | the instrument | [`rig`] (its description), [`optics`] (pixels ↔ directions), [`direction`] |
+//! | what to measure | [`incident`] (directions of light), [`pattern`], [`schedule`], [`pilot`] (exposure time), [`plan`] |
+//! | the world | [`link`] and [`device`] (trigger box), [`camera`], [`projector`], or [`virtual_rig`] for all three |
+//! | capture | [`capture`] (fire, collect, repeat), [`pairing`] (which frame belongs to which trigger) |
+//! | files | [`store`] (Zarr), [`measurement`] (the directory and its stages) |
+//! | the result | [`assemble`] (with the private `resample`), [`disk`] (outgoing directions), [`provenance`], [`brdf`] (look-up) |
+//! | judgement | [`sample`] (known materials), [`reflectance`], [`evaluate`], [`render`], [`report`] |
+//!
+//! [`measure`] does all of it in one go. From the raw frames on, every stage reads files only.
+//!
+//! Directions are unit vectors away from the surface, f is in sr⁻¹ without the cosine, and names carry units.
+//! Time, chance and progress are arguments: the crate has no clock, no random source and no voice of its own.
+
 #![forbid(unsafe_code)]
 
 pub mod assemble;
@@ -16,6 +35,7 @@ pub mod measurement;
 pub mod optics;
 pub mod pairing;
 pub mod pattern;
+pub mod pilot;
 pub mod plan;
 pub mod progress;
 pub mod projector;
@@ -23,6 +43,7 @@ pub mod provenance;
 pub mod reflectance;
 pub mod render;
 pub mod report;
+mod resample;
 pub mod rig;
 pub mod sample;
 pub mod schedule;

@@ -13,7 +13,8 @@ use crate::capture::{Instrument, Tally};
 use crate::device::{Device, DeviceError, Patience};
 use crate::evaluate::{Evaluation, evaluate};
 use crate::link::Link;
-use crate::measurement::{Measurement, MeasurementError, State, pilot};
+use crate::measurement::{Measurement, MeasurementError, State};
+use crate::pilot::pilot;
 use crate::plan::{Plan, Request};
 use crate::progress::Progress;
 use crate::report::{ReportError, report};
@@ -152,6 +153,7 @@ pub fn prepare(
 ) -> Result<Measurement, MeasureError> {
     Measurement::check_new(out)?;
     // Checks what was asked for before anything is built.
+    crate::sample::parse(request.sample.as_deref().unwrap_or(DEFAULT_SAMPLE))?;
     Plan::new(request.clone(), rig, rig.camera.exposure_s).map_err(MeasurementError::from)?;
     let scaled = rig
         .with_image_size(request.image_size)

@@ -15,33 +15,27 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use sha2::{Digest as _, Sha256};
 
-use crate::capture::{CaptureError, Captured, Instrument, Tally};
-use crate::evaluate::JUDGED_THETA_DEG;
+use crate::capture::{CaptureError, Instrument, Tally};
 use crate::incident::StepError;
-use crate::optics::{DirectionMap, View};
+use crate::optics::View;
 use crate::pattern::{LitSet, PatternMaker};
 use crate::plan::{Directions, Exposure, Plan, PlanError, Request};
 use crate::rig::{Rig, RigError};
-use crate::schedule::Timing;
 use crate::store::{ExposureRecord, RawLayout, RawStore, Segment, StoreError};
 
-/// Incident directions of the pilot capture that chooses the exposure time.
-const PILOT_DIRECTIONS: usize = 48;
-/// The pilot's brightest pixels (all but this share) shall come to [`PILOT_TARGET`] of the range.
-const PILOT_CLIPPED: f64 = 1e-4;
-/// See [`PILOT_CLIPPED`].
-const PILOT_TARGET: f64 = 0.85;
+/// Files that a directory can hold before it is a measurement.
+const BEGINNINGS: [&str; 3] = ["rig.tmp", "rig.toml", "plan.tmp"];
 
 /// Why a measurement cannot go on.
 #[derive(Debug, thiserror::Error)]
 pub enum MeasurementError {
     /// The directory is taken.
-    #[error(
-        "{path}: expected a new or empty directory, found one with files in it; use --resume to go on with it"
-    )]
+    #[error("{path}: expected a new or empty directory, found {found}")]
     Exists {
         /// The directory.
         path: String,
+        /// What is there.
+        found: &'static str,
     },
     /// The directory holds no measurement.
     #[error("{path}: expected a measurement (with plan.toml and rig.toml), found none")]
@@ -121,17 +115,40 @@ impl Measurement {
     /// # Errors
     /// [`MeasurementError::Exists`].
     pub fn check_new(dir: &Path) -> Result<(), MeasurementError> {
-        let taken = match fs::read_dir(dir) {
-            Ok(mut entries) => entries.next().is_some(),
-            Err(_) => dir.exists(),
+        let taken = |found| MeasurementError::Exists {
+            path: dir.display().to_string(),
+            found,
         };
-        if taken {
-            Err(MeasurementError::Exists {
-                path: dir.display().to_string(),
-            })
-        } else {
-            Ok(())
+        match fs::read_dir(dir).map(|mut entries| entries.next().is_some()) {
+            Ok(false) => Ok(()),
+            Ok(true) if Self::exists(dir) => Err(taken("a measurement; use --resume to go on with it")),
+            Ok(true) => Err(taken("one with files in it")),
+            Err(_) if !dir.exists() => Ok(()),
+            Err(_) if !dir.is_dir() => Err(taken("a file")),
+            Err(source) => Err(io(dir, source)),
         }
+    }
+
+    /// Removes what [`create`](Self::create) leaves in `dir` if it ends before there is a plan (killed, disk full);
+    /// where there is a plan, or anything else, all stays as it is.
+    ///
+    /// # Errors
+    /// [`MeasurementError::Io`].
+    pub fn sweep(dir: &Path) -> Result<(), MeasurementError> {
+        let Ok(entries) = fs::read_dir(dir) else {
+            return Ok(());
+        };
+        let names: Vec<_> = entries.flatten().map(|entry| entry.file_name()).collect();
+        if names
+            .iter()
+            .all(|name| BEGINNINGS.iter().any(|beginning| name == beginning))
+        {
+            for name in names {
+                let path = dir.join(name);
+                fs::remove_file(&path).map_err(|source| io(&path, source))?;
+            }
+        }
+        Ok(())
     }
 
     /// Begins a measurement in `dir`. `rig` has its camera image scaled to the plan's size.
@@ -174,6 +191,7 @@ impl Measurement {
         let rig_path = dir.join("rig.toml");
         let rig = Rig::load(&rig_path.to_string_lossy())?;
         let plan = Plan::read(&dir.join("plan.toml"))?;
+        plan.check(&dir.join("plan.toml"))?;
         let directions = Directions::new(&rig, plan.request.step_deg)?;
         let lens = &rig.camera.lens;
         if directions.measurable().count() != plan.directions || lens.width_px != plan.request.image_size {
@@ -352,7 +370,7 @@ impl Measurement {
         progress: &mut dyn FnMut(usize),
     ) -> Result<Segment, MeasurementError> {
         let lit = self.lit_sets(maker, exposures);
-        let captured = take(instrument, &lit, &self.plan.timing, tally, progress)?;
+        let captured = instrument.take_lit(&lit, &self.plan.timing, tally, progress)?;
         let mut segment = Segment {
             frames: Vec::new(),
             records: Vec::with_capacity(exposures.len()),
@@ -417,79 +435,6 @@ impl Measurement {
         let text = serde_json::to_string_pretty(&manifest).expect("JSON values can be written");
         write_whole(&path, text.as_bytes())
     }
-}
-
-/// Takes one exposure per entry of `lit`, black where it is `None`.
-fn take(
-    instrument: &mut Instrument,
-    lit: &[Option<LitSet>],
-    timing: &Timing,
-    tally: &mut Tally,
-    progress: &mut dyn FnMut(usize),
-) -> Result<Vec<Captured>, CaptureError> {
-    let draw = |exposure: usize, image: &mut crate::pattern::BitPattern| {
-        if let Some(lit) = &lit[exposure] {
-            image.light(&lit.pixels);
-        }
-    };
-    instrument.take(lit.len(), timing, draw, tally, progress)
-}
-
-/// The exposure time in s at which the brightest pixels of a few test exposures nearly fill the camera's range;
-/// at most the rig's default, beyond which the measurement would take longer than the rig is made for.
-///
-/// `rig` has its camera image scaled as it will be measured.
-///
-/// # Errors
-/// [`MeasurementError`].
-pub fn pilot(rig: &Rig, step_deg: f64, instrument: &mut Instrument) -> Result<f64, MeasurementError> {
-    let directions = Directions::new(rig, step_deg)?;
-    let lit = |index: &usize| directions.grid.direction(*index).z >= JUDGED_THETA_DEG.to_radians().cos();
-    let measurable: Vec<usize> = directions.measurable().filter(lit).collect();
-    // A stride that shares no factor with the ring length visits all azimuths.
-    let every = (measurable.len() / PILOT_DIRECTIONS).max(1) | 1;
-    let spot_deg = rig.light.spot_deg.min(step_deg);
-    let maker = PatternMaker::new(View::projector(rig), spot_deg, rig.projector.irradiance);
-    let lit: Vec<Option<LitSet>> = measurable
-        .iter()
-        .step_by(every)
-        .map(|&index| maker.lit_set(directions.grid.direction(index)).ok())
-        .collect();
-    let range = f64::from(rig.saturation_dn()) - rig.camera.dark_dn;
-    // Near the horizon f grows without bound; those few pixels may clip rather than darken all others.
-    let lowest = JUDGED_THETA_DEG.to_radians().cos();
-    let channels = rig.camera.channels as usize;
-    let judged: Vec<bool> = DirectionMap::of(&View::camera(rig))
-        .directions
-        .into_iter()
-        .flat_map(|w| std::iter::repeat_n(w.is_ok_and(|w| w.z >= lowest), channels))
-        .collect();
-    let mut exposure_s = rig.camera.exposure_s;
-    for _ in 0..8 {
-        let timing = Timing::new(rig, exposure_s).map_err(PlanError::from)?;
-        let shots = take(instrument, &lit, &timing, &mut Tally::default(), &mut |_| {})?;
-        let mut dn: Vec<u16> = Vec::new();
-        for shot in shots {
-            dn.extend(
-                shot.dn
-                    .iter()
-                    .zip(&judged)
-                    .filter(|(_, judged)| **judged)
-                    .map(|(dn, _)| dn),
-            );
-        }
-        if dn.is_empty() {
-            return Ok(exposure_s); // nothing to go by
-        }
-        let rank = ((dn.len() as f64 * (1.0 - PILOT_CLIPPED)) as usize).min(dn.len().saturating_sub(1));
-        let (_, bright, _) = dn.select_nth_unstable(rank);
-        if *bright < rig.saturation_dn() {
-            let fill = (f64::from(*bright) - rig.camera.dark_dn) / range;
-            return Ok((exposure_s * PILOT_TARGET / fill.max(1e-6)).min(rig.camera.exposure_s));
-        }
-        exposure_s /= 8.0;
-    }
-    Ok(exposure_s)
 }
 
 fn hex(bytes: &[u8]) -> String {

@@ -169,6 +169,7 @@ fn nearest(exposures: &[Exposure], on_s: f64) -> Option<(usize, &Exposure)> {
 mod tests {
     use rcg_protocol::{StepId, Ticks};
 
+    use super::Outcome::{MissedTrigger, NoRecord, Paired};
     use super::*;
 
     const TICK_S: f64 = 8e-9;
@@ -207,7 +208,7 @@ mod tests {
         let records: Vec<_> = (0..32_400).map(|step| record(step, true)).collect();
         let frames: Vec<_> = (0..32_400).map(|step| frame(step, step)).collect();
         let pairing = pair(32_400, &records, &[], &frames, TICK_S);
-        assert!((0..32_400).all(|step| pairing.outcomes[step] == Outcome::Paired(step)));
+        assert!((0..32_400).all(|step| pairing.outcomes[step] == Paired(step)));
         assert_eq!((pairing.orphans, pairing.duplicates), (0, 0));
     }
 
@@ -221,7 +222,6 @@ mod tests {
             .map(|(&step, id)| frame(id, step))
             .collect();
         let pairing = pair(6, &records, &[], &frames, TICK_S);
-        use Outcome::{MissedTrigger, Paired};
         assert_eq!(
             pairing.outcomes,
             [
@@ -246,9 +246,9 @@ mod tests {
             let pairing = pair(5, &records, &[], &frames, TICK_S);
             for step in 0..5 {
                 let expected = match step.cmp(&(lost as usize)) {
-                    std::cmp::Ordering::Less => Outcome::Paired(step),
+                    std::cmp::Ordering::Less => Paired(step),
                     std::cmp::Ordering::Equal => Outcome::DroppedFrame,
-                    std::cmp::Ordering::Greater => Outcome::Paired(step - 1),
+                    std::cmp::Ordering::Greater => Paired(step - 1),
                 };
                 assert_eq!(pairing.outcomes[step], expected, "frame {lost} lost, step {step}");
             }
@@ -270,7 +270,6 @@ mod tests {
             frame(4, 3),
         ];
         let pairing = pair(4, &records, &[spurious], &frames, TICK_S);
-        use Outcome::Paired;
         assert_eq!(pairing.outcomes, [Paired(0), Paired(1), Paired(4), Paired(5)]);
         assert_eq!((pairing.orphans, pairing.duplicates), (1, 1));
     }
@@ -288,7 +287,6 @@ mod tests {
         let records: Vec<_> = [0, 1, 3].map(|step| record(step, true)).to_vec();
         let frames: Vec<_> = (0..4).map(|step| frame(step, step)).collect();
         let pairing = pair(4, &records, &[], &frames, TICK_S);
-        use Outcome::{NoRecord, Paired};
         assert_eq!(pairing.outcomes, [Paired(0), Paired(1), NoRecord, Paired(3)]);
         assert_eq!(pairing.orphans, 1);
     }

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::incident::{IncidentGrid, StepError};
 use crate::optics::{Unmeasurable, View};
-use crate::rig::Rig;
+use crate::rig::{Rig, RigError, explain};
 use crate::schedule::{ScheduleError, Timing};
 
 /// Exposures with a black pattern at the start of a measurement: dark level and stray light.
@@ -19,6 +19,8 @@ pub const BLACK_EXPOSURES: usize = 16;
 const SEGMENT_BYTES: usize = 16 << 20;
 /// A segment is at most this long: the table of the controller and the memory of projectors.
 const SEGMENT_MAX: usize = 400;
+/// No step is longer: settling, delay, exposure and read-out at the ends of their ranges, rounded up.
+const LONGEST_PERIOD_S: f64 = 200.0;
 
 /// What the user wants measured. Kept in `plan.toml` as it was asked for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -102,6 +104,9 @@ pub enum PlanError {
         /// The reason of the first direction.
         reason: Unmeasurable,
     },
+    /// The plan file is not TOML, or a field is unknown, missing or of the wrong type.
+    #[error(transparent)]
+    Toml(#[from] RigError),
     /// The plan file cannot be used.
     #[error("{path}: {reason}")]
     File {
@@ -224,15 +229,70 @@ impl Plan {
         };
         let text = std::fs::read_to_string(path)
             .map_err(|e| fail(format!("expected a plan, found no readable file: {e}")))?;
-        let plan: Self = toml::from_str(&text).map_err(|e| fail(one_line(&e)))?;
+        let plan: Self = toml::from_str(&text).map_err(|e| explain(&text, path, &e))?;
         if plan.format != 1 {
             return Err(fail(format!("format: expected 1, found {}", plan.format)));
         }
         Ok(plan)
     }
-}
 
-/// The message of a TOML error with its line, without the drawing of the place.
-fn one_line(error: &toml::de::Error) -> String {
-    error.message().replace('\n', " ")
+    /// Refuses numbers that no plan of this program has; `path` is where it was read.
+    ///
+    /// # Errors
+    /// [`PlanError::File`] with the first field that is wrong.
+    pub fn check(&self, path: &std::path::Path) -> Result<(), PlanError> {
+        let fail = |field: &str, expected: &str, found: &dyn std::fmt::Display| PlanError::File {
+            path: path.display().to_string(),
+            reason: format!("{field}: expected {expected}, found {found}"),
+        };
+        let timing = &self.timing;
+        let ranges = [
+            ("exposure_s", self.exposure_s, 1e-6, 60.0, "1e-6 to 60 seconds"),
+            ("spot_deg", self.spot_deg, 1e-3, 90.0, "0.001 to 90 degrees"),
+            (
+                "timing.proj_width_s",
+                timing.proj_width_s,
+                1e-7,
+                60.0,
+                "1e-7 to 60 seconds",
+            ),
+            ("timing.cam_at_s", timing.cam_at_s, 0.0, 60.0, "0 to 60 seconds"),
+            (
+                "timing.cam_width_s",
+                timing.cam_width_s,
+                1e-6,
+                60.0,
+                "1e-6 to 60 seconds",
+            ),
+            (
+                "timing.period_s",
+                timing.period_s,
+                1e-6,
+                LONGEST_PERIOD_S,
+                "1e-6 to 200 seconds",
+            ),
+        ];
+        for (field, found, low, high, expected) in ranges {
+            if !(low..=high).contains(&found) {
+                return Err(fail(field, expected, &found));
+            }
+        }
+        if !(1..=SEGMENT_MAX).contains(&self.segment) {
+            return Err(fail(
+                "segment",
+                &format!("1 to {SEGMENT_MAX} exposures"),
+                &self.segment,
+            ));
+        }
+        // The one stands in the records, the other in the schedule.
+        if timing.cam_width_s.total_cmp(&self.exposure_s).is_ne() {
+            let expected = format!("exposure_s = {}", self.exposure_s);
+            return Err(fail("timing.cam_width_s", &expected, &timing.cam_width_s));
+        }
+        if timing.cam_at_s + timing.cam_width_s > timing.period_s {
+            let expected = "at least timing.cam_at_s + timing.cam_width_s";
+            return Err(fail("timing.period_s", expected, &timing.period_s));
+        }
+        Ok(())
+    }
 }

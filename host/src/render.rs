@@ -6,10 +6,12 @@
 //! around the sphere's upright axis. The picture is linear radiance f·cosθi; exposure and sRGB come last.
 //! Directions that were not measured are drawn as a hatch, never invented.
 
+use std::fs::File;
+use std::io::{Cursor, Write as _};
 use std::path::Path;
 
 use glam::DVec3;
-use image::{Rgb, RgbImage};
+use image::{ImageError, Rgb, RgbImage};
 
 use crate::brdf::Value;
 use crate::direction::from_degrees;
@@ -116,7 +118,7 @@ pub fn automatic_exposure(rows: &[Vec<Sphere>]) -> f32 {
 #[error("{path}: the picture cannot be written: {source}")]
 pub struct PictureError {
     path: String,
-    source: image::ImageError,
+    source: ImageError,
 }
 
 /// Saves a picture as PNG.
@@ -127,10 +129,20 @@ pub fn save<P>(image: &image::ImageBuffer<P, Vec<u8>>, path: &Path) -> Result<()
 where
     P: image::PixelWithColorType<Subpixel = u8>,
 {
+    let fail = |source| PictureError {
+        path: path.display().to_string(),
+        source,
+    };
+    let mut bytes = Cursor::new(Vec::new());
     image
-        .save_with_format(path, image::ImageFormat::Png)
-        .map_err(|source| PictureError {
-            path: path.display().to_string(),
-            source,
-        })
+        .write_to(&mut bytes, image::ImageFormat::Png)
+        .map_err(fail)?;
+    let mut file = File::create(path).map_err(|error| fail(ImageError::IoError(error)))?;
+    file.write_all(bytes.get_ref()).map_err(|error| {
+        // Half a picture goes; a device stays.
+        if path.is_file() {
+            std::fs::remove_file(path).ok();
+        }
+        fail(ImageError::IoError(error))
+    })
 }

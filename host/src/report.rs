@@ -208,7 +208,11 @@ pub fn evaluation_lines(evaluation: &Evaluation) -> Vec<(&'static str, String)> 
 }
 
 fn percent(share: f64) -> String {
-    format!("{:.2} %", share * 100.0)
+    if share > 0.0 && share < 5e-5 {
+        "under 0.01 %".to_owned()
+    } else {
+        format!("{:.2} %", share * 100.0)
+    }
 }
 
 /// A duration in s for people.

@@ -1,6 +1,7 @@
 //! A serial port: the controller's UART or its USB CDC port.
 
 use std::io::{self, Read, Write};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use serialport::{ErrorKind, SerialPort};
@@ -35,14 +36,17 @@ impl SerialLink {
             .timeout(Duration::from_millis(10))
             .open()
             .map_err(|error| {
-                let missing = matches!(
+                let absent = matches!(
                     error.kind(),
                     ErrorKind::NoDevice | ErrorKind::Io(io::ErrorKind::NotFound)
                 );
-                if missing {
+                let available = ports();
+                // A port that another program holds is reported as absent too.
+                let there = Path::new(name).exists() || available.iter().any(|port| port == name);
+                if absent && !there {
                     LinkError::NoSuchPort {
                         port: name.to_owned(),
-                        available: ports(),
+                        available,
                     }
                 } else {
                     LinkError::Busy {

@@ -21,6 +21,7 @@ mod validate;
 
 pub use error::RigError;
 pub use parts::{CameraPart, Lens, Light, Mirror, ProjectorPart, Sample, Wire};
+pub(crate) use read::explain;
 
 use serde::{Deserialize, Serialize};
 

@@ -53,7 +53,7 @@ fn preset(name: &str) -> Option<&'static str> {
 }
 
 /// The TOML reader's complaint as one sentence with the field's name.
-fn explain(text: &str, path: &Path, error: &toml::de::Error) -> RigError {
+pub(crate) fn explain(text: &str, path: &Path, error: &toml::de::Error) -> RigError {
     let path = path.to_path_buf();
     let message = error.message().split_whitespace().collect::<Vec<_>>().join(" ");
     let span = error.span().unwrap_or(0..0);
@@ -98,7 +98,7 @@ fn explain(text: &str, path: &Path, error: &toml::de::Error) -> RigError {
     };
     let (found, expected) = message
         .split_once(", expected ")
-        .unwrap_or((&message, "a rig as the presets show it"));
+        .unwrap_or((&message, "a file as this program writes it"));
     let found = found
         .trim_start_matches("invalid type: ")
         .trim_start_matches("invalid value: ")

@@ -142,7 +142,7 @@ fn mistakes_of_syntax_have_line_and_column() {
             .to_string(),
         "my.toml: line 2, column 8: expected `]`, found unclosed table"
     );
-    let message = sentence(&[("bits = 12 ", "bits == 12 ")]);
+    let message = sentence(&[("bits = 16 ", "bits == 12 ")]);
     assert!(message.starts_with("lab/my.toml: line "), "{message}");
 }
 
@@ -219,17 +219,17 @@ fn every_mistake_has_its_sentence() {
             "name: expected a value, as the field is required, found nothing",
         ),
         (
-            "bits = 12 ",
+            "bits = 16 ",
             "bits = \"12\" ",
             "camera.bits: expected a whole number from 0 to 255, found string \"12\"",
         ),
         (
-            "bits = 12 ",
+            "bits = 16 ",
             "bits = 300 ",
             "camera.bits: expected a whole number from 0 to 255, found integer `300`",
         ),
         (
-            "bits = 12 ",
+            "bits = 16 ",
             "bits = 14 ",
             "camera.bits: expected 8, 10, 12 or 16, found 14",
         ),
@@ -315,8 +315,8 @@ fn every_mistake_has_its_sentence() {
         ),
         (
             "dark_dn = 64.0",
-            "dark_dn = 4095",
-            "camera.dark_dn: expected a number from 0 to 4094 digital numbers, found 4095",
+            "dark_dn = 65535",
+            "camera.dark_dn: expected a number from 0 to 65534 digital numbers, found 65535",
         ),
         (
             "dark_current_e_per_s = 5.0",

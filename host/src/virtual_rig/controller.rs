@@ -8,7 +8,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use rcg_firmware::pulse::{Edge, Played, Reader, WordFormat};
+use rcg_firmware::pulse::{Edge, Played, Reader, SYNC_LATENCY, WordFormat};
 use rcg_firmware::session::{Action, Engine, Session};
 use rcg_protocol::{Decoder, MAX_FRAME, Pace, Polarity, Start, Ticks, ToDevice, encode};
 
@@ -78,7 +78,8 @@ impl VirtualController {
     fn go(&mut self, start: Start) {
         let Some(reader) = self.primed.take() else { return };
         if start == Start::OnSync {
-            self.now = to_ticks(self.stage.lock().next_sync_s(to_s(self.now)));
+            let edge = to_ticks(self.stage.lock().next_sync_s(to_s(self.now)));
+            self.now = edge + Ticks(SYNC_LATENCY);
         }
         self.run = Some(Run {
             reader,
@@ -108,7 +109,7 @@ impl VirtualController {
             let end = run.reader.now();
             let (stage, started, strobes) = (&self.stage, run.started, &mut run.strobes);
             run.reader.halt(end, |edge| {
-                strobes.extend(stage.lock().edge(edge, to_s(started + edge.at)))
+                strobes.extend(stage.lock().edge(edge, to_s(started + edge.at)));
             });
             self.report_strobes(&mut run, f64::INFINITY);
             self.session.drained(self.now.saturating_sub(run.started));

@@ -50,7 +50,7 @@ struct RunArgs {
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..))]
     steps: u32,
     /// Exposure time in milliseconds [default: the rig's]
-    #[arg(long, value_name = "MS")]
+    #[arg(long, value_name = "MS", allow_negative_numbers = true)]
     exposure_ms: Option<f64>,
 }
 

@@ -2,6 +2,7 @@
 
 use std::io;
 
+use rcg::assemble::AssembleError;
 use rcg::brdf::BrdfError;
 use rcg::device::DeviceError;
 use rcg::link::LinkError;
@@ -143,9 +144,10 @@ impl Blame for MeasureError {
         match self {
             Self::Measurement(error) => error.is_input(),
             Self::Brdf(error) => error.is_input(),
-            Self::Sample(_) => true,
+            Self::Sample(_) | Self::Assemble(AssembleError::Mismatch { .. }) => true,
             Self::Device(error) => error.is_input(),
-            Self::Assemble(_) | Self::Report(_) => false,
+            Self::Assemble(AssembleError::Store(error)) => error.is_input(),
+            Self::Report(_) => false,
         }
     }
 }

@@ -17,6 +17,7 @@ mod patterns;
 mod plan;
 mod render;
 mod request;
+mod usage;
 mod value;
 
 use std::process::ExitCode;
@@ -73,7 +74,10 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return usage::answer(&error),
+    };
     let output = Output::new(cli.json, cli.quiet, cli.verbose);
     let done = match &cli.command {
         Command::Measure(args) => measure::run(args, &cli.rig, &output),

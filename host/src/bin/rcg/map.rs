@@ -37,7 +37,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         let pixels = camera.pixel(w).and_then(|cam| Ok((cam, projector.pixel(w)?)));
         match (pixels, output.is_json()) {
             (Ok((cam, proj)), false) => {
-                writeln!(out, "{:.6} {:.6} {:.6} {:.6}", cam.x, cam.y, proj.x, proj.y)?
+                writeln!(out, "{:.6} {:.6} {:.6} {:.6}", cam.x, cam.y, proj.x, proj.y)?;
             }
             (Err(reason), false) => writeln!(out, "- {reason}")?,
             (Ok((cam, proj)), true) => answers.push(json!({

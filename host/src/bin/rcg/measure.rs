@@ -36,6 +36,9 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         measurement.check_same(&request, &rig.name)?;
         measurement
     } else {
+        if args.resume {
+            Measurement::sweep(&args.out)?;
+        }
         prepare(&args.out, &rig, args.request.request(None), mischief, output)?
     };
     let began = Instant::now();

@@ -1,6 +1,6 @@
 //! Lines of numbers on stdin.
 
-use std::io::BufRead;
+use std::io::{self, BufRead};
 
 use crate::failure::Failure;
 
@@ -12,6 +12,12 @@ pub(crate) fn lines_of<const N: usize>(
     reader.lines().enumerate().filter_map(move |(index, line)| {
         let line = match line {
             Ok(line) => line,
+            Err(error) if error.kind() == io::ErrorKind::InvalidData => {
+                return Some(Err(Failure::input(format!(
+                    "stdin, line {}: expected {N} numbers ({names}), found bytes that are no UTF-8 text",
+                    index + 1
+                ))));
+            }
             Err(error) => return Some(Err(error.into())),
         };
         let text = line.trim();

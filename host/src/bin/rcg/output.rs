@@ -32,6 +32,8 @@ impl Output {
             .with_env_filter(filter)
             .with_writer(io::stderr)
             .with_target(false)
+            // Else it would print to stderr that it cannot print to stderr.
+            .log_internal_errors(false)
             .init();
         Self {
             json,
@@ -65,17 +67,22 @@ impl Output {
     /// Says why the command failed.
     pub(crate) fn fail(&self, failure: &Failure) {
         self.end();
-        if self.json {
-            let object = serde_json::json!({ "error": failure.to_string(), "exit": failure.exit_code() });
-            // Nobody is left to tell if this fails.
-            writeln!(io::stdout(), "{object}").ok();
-        }
-        eprintln!("rcg: {failure}");
+        complain(&failure.to_string(), failure.exit_code(), self.json);
     }
 
     fn bar(&self) -> std::sync::MutexGuard<'_, Option<ProgressBar>> {
         self.bar.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
+}
+
+/// Says why the command ends with the code `exit`; as an object on stdout too if `json`.
+pub(crate) fn complain(sentence: &str, exit: u8, json: bool) {
+    // Nobody is left to tell if this fails.
+    if json {
+        let object = serde_json::json!({ "error": sentence, "exit": exit });
+        writeln!(io::stdout(), "{object}").ok();
+    }
+    writeln!(io::stderr(), "rcg: {sentence}").ok();
 }
 
 /// Lines of (what, figure) as aligned text.
@@ -92,7 +99,8 @@ impl Progress for Output {
             return;
         }
         if !io::stderr().is_terminal() {
-            eprintln!("{stage}: {total} {unit}");
+            // A reader of stderr that has gone is no reason to stop measuring.
+            writeln!(io::stderr(), "{stage}: {total} {unit}").ok();
             return;
         }
         let template =

@@ -1,9 +1,10 @@
 //! `rcg patterns`
 
+use std::fmt::Write as _;
 use std::fs;
-use std::io::Write as _;
 use std::path::PathBuf;
 
+use rcg::measurement::{Measurement, MeasurementError, write_whole};
 use rcg::optics::View;
 use rcg::pattern::{BitPattern, PatternMaker};
 use rcg::plan::{Directions, PlanError};
@@ -32,18 +33,19 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let rig = Rig::load(rig)?;
     let directions = Directions::new(&rig, args.step).map_err(PlanError::from)?;
-    rcg::measurement::Measurement::check_new(&args.out)?;
-    fs::create_dir_all(&args.out)?;
+    Measurement::check_new(&args.out)?;
+    fs::create_dir_all(&args.out).map_err(|source| MeasurementError::Io {
+        path: args.out.display().to_string(),
+        source,
+    })?;
     let spot_deg = rig.light.spot_deg.min(args.step);
     let maker = PatternMaker::new(View::projector(&rig), spot_deg, rig.projector.irradiance);
     let (width, height) = maker.size_px();
     let mut image = BitPattern::black(width, height);
     let measurable: Vec<usize> = directions.measurable().collect();
-    let mut table = fs::File::create(args.out.join("patterns.csv"))?;
-    writeln!(
-        table,
-        "index,theta_deg,phi_deg,pixels,solid_angle_sr,irradiance,centroid_theta_deg,centroid_phi_deg"
-    )?;
+    let mut table =
+        "index,theta_deg,phi_deg,pixels,solid_angle_sr,irradiance,centroid_theta_deg,centroid_phi_deg\n"
+            .to_owned();
     output.begin("patterns", measurable.len(), "patterns");
     let mut written = 0;
     for (done, &index) in measurable.iter().enumerate() {
@@ -60,7 +62,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             lit.irradiance,
             theta.to_degrees(),
             phi.to_degrees()
-        )?;
+        )
+        .expect("strings take everything");
         image.clear();
         image.light(&lit.pixels);
         save(
@@ -70,6 +73,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         written += 1;
         output.reach(done + 1);
     }
+    // The table comes last: a directory that has it is whole.
+    write_whole(&args.out.join("patterns.csv"), table.as_bytes())?;
     output.end();
     let value = json!({
         "out": args.out, "patterns": written, "width_px": width, "height_px": height, "spot_deg": spot_deg,

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use rcg::measure::prepare;
 use rcg::measurement::MeasurementError;
-use rcg::plan::Plan;
+use rcg::plan::{Plan, PlanError};
 use rcg::report::duration;
 use rcg::rig::Rig;
 use serde_json::json;
@@ -32,6 +32,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         prepare(out, &rig, request, args.mischief.mischief(), output)?.plan
     } else {
         let exposure_s = request.exposure_s.unwrap_or(rig.camera.exposure_s);
+        request.sample.as_deref().map(rcg::sample::parse).transpose()?;
         // Refuses sizes out of range before the rig is scaled to them.
         Plan::new(request.clone(), &rig, exposure_s)?;
         let scaled = rig
@@ -40,10 +41,14 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         Plan::new(request, &scaled, exposure_s)?
     };
     let bound = plan.timing.bound(&rig);
+    let grid = rcg::incident::IncidentGrid::new(plan.request.step_deg).map_err(PlanError::from)?;
+    let grid_s = grid.len() as f64 * plan.timing.period_s;
     let value = json!({
         "rig": rig.name,
         "exposures": plan.len(),
         "directions": plan.directions,
+        "grid_directions": grid.len(),
+        "grid_s": grid_s,
         "exposure_s": plan.exposure_s,
         "period_s": plan.timing.period_s,
         "instrument_s": plan.duration_s(),
@@ -57,13 +62,16 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             rcg::schedule::Bound::Projector => "the projector's pattern rate",
         };
         format!(
-            "{} exposures, {} of them lit, of {:.3} ms every {:.3} ms: {} on {}, bound by {what}\n",
+            "{} exposures, {} of them lit, of {:.3} ms every {:.3} ms: {} on {}, bound by {what}\n\
+             (all {} directions of the grid, those included that are out of reach: {})\n",
             plan.len(),
             plan.directions,
             plan.exposure_s * 1e3,
             plan.timing.period_s * 1e3,
             duration(plan.duration_s()),
             rig.name,
+            grid.len(),
+            duration(grid_s),
         )
     })
 }

@@ -12,13 +12,13 @@ pub(crate) struct RequestArgs {
     #[arg(long, value_name = "SAMPLE")]
     sample: Option<String>,
     /// Degrees between incident directions; must divide 90 [default: 3]
-    #[arg(long, value_name = "DEG")]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     step: Option<f64>,
     /// Camera image and outgoing grid: pixels a side [default: 96]
     #[arg(long, value_name = "N")]
     image_size: Option<u32>,
     /// Exposure time in milliseconds [default: found by a pilot capture]
-    #[arg(long, value_name = "MS")]
+    #[arg(long, value_name = "MS", allow_negative_numbers = true)]
     exposure_ms: Option<f64>,
     /// Switch shot and read noise of the virtual rig on or off [default: on]
     #[arg(long, value_name = "on|off", value_parser = ["on", "off"])]

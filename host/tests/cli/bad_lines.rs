@@ -1,0 +1,102 @@
+//! Lines on stdin that are not what `map` and `value` read.
+
+use crate::command::{refuses, run};
+
+#[test]
+fn a_bad_line_is_named_and_the_answers_before_it_are_printed() {
+    for (bad, shown) in [
+        ("45", "45"),
+        ("45 0 0", "45 0 0"),
+        ("45 east", "45 east"),
+        ("nan 0", "nan 0"),
+        ("inf 0", "inf 0"),
+    ] {
+        let lines = format!("# a remark\n45 0\n\n50 10\n{bad}\n60 0\n");
+        let outcome = run(&["map"], &lines);
+        outcome.complains(
+            2,
+            &["stdin, line 5", "expected 2 numbers", &format!("found `{shown}`")],
+        );
+        assert_eq!(outcome.stdout, run(&["map"], "45 0\n50 10\n").done());
+    }
+    let outcome = run(&["value", "ward:brass"], "30 0 30 180\n30 0 30\n30 0 30 180\n");
+    outcome.complains(2, &["stdin, line 2", "expected 4 numbers", "found `30 0 30`"]);
+    assert_eq!(
+        outcome.stdout,
+        run(&["value", "ward:brass"], "30 0 30 180\n").done()
+    );
+}
+
+#[test]
+fn with_json_only_the_complaint_is_printed() {
+    refuses(
+        &["map"],
+        "forty five\n",
+        2,
+        &["stdin, line 1", "expected", "found"],
+    );
+    refuses(
+        &["value", "ward:brass"],
+        "1 2 3 4 5\n",
+        2,
+        &["stdin, line 1", "expected", "found"],
+    );
+}
+
+#[test]
+fn a_line_that_is_no_text_is_refused() {
+    use std::io::Write as _;
+    use std::process::Stdio;
+    let mut child = crate::command::rcg(&["map"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    child
+        .stdin
+        .take()
+        .unwrap()
+        .write_all(b"45 0\n\xff\xfe 3\n")
+        .unwrap();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    let stderr = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        stderr.starts_with("rcg: stdin, line 2: expected 2 numbers"),
+        "{stderr}"
+    );
+    assert_eq!(stderr.lines().count(), 1);
+    assert_eq!(
+        String::from_utf8(output.stdout).unwrap(),
+        run(&["map"], "45 0\n").done()
+    );
+}
+
+#[test]
+fn no_lines_are_no_answers() {
+    assert_eq!(run(&["map"], "").done(), "");
+    assert_eq!(run(&["map"], "\n# nothing\n").done(), "");
+    assert_eq!(
+        run(&["map", "--json"], "").object()["directions"],
+        serde_json::json!([])
+    );
+    assert_eq!(
+        run(&["map"], "45 0").done(),
+        run(&["map"], "45 0\n").done(),
+        "the last line may be open"
+    );
+}
+
+#[test]
+fn an_image_size_out_of_range_is_refused() {
+    for size in ["0", "100000"] {
+        let found = format!("found {size}");
+        refuses(
+            &["map", "--image-size", size],
+            "45 0\n",
+            2,
+            &["width_px", "expected", &found],
+        );
+    }
+}

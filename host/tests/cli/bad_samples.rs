@@ -1,0 +1,115 @@
+//! Measured files that are not what their name says.
+
+use std::fs;
+
+use crate::command::{quick, refuses, run, text};
+use crate::tensor_file::{bytes, material, named};
+
+/// The `content` as a `.bsdf`, refused by every command that takes a sample.
+fn refused(content: &[u8], parts: &[&str]) {
+    let scratch = tempfile::tempdir().unwrap();
+    let path = scratch.path().join("sample.bsdf");
+    fs::write(&path, content).unwrap();
+    let parts: Vec<&str> = [text(&path), "expected", "found"]
+        .into_iter()
+        .chain(parts.iter().copied())
+        .collect();
+    refuses(&["value", text(&path)], "30 0 30 180\n", 2, &parts);
+    let picture = scratch.path().join("sphere.png");
+    refuses(&["render", text(&path), "--out", text(&picture)], "", 2, &parts);
+    let out = scratch.path().join("out");
+    let mut measure = quick(&out);
+    measure.extend(["--sample".to_owned(), text(&path).to_owned()]);
+    refuses(&measure, "", 2, &parts);
+    assert!(!picture.exists() && !out.exists());
+}
+
+#[test]
+fn a_sound_file_has_values() {
+    let scratch = tempfile::tempdir().unwrap();
+    let path = scratch.path().join("sample.bsdf");
+    fs::write(&path, bytes(&material(0.1))).unwrap();
+    let outcome = run(&["value", text(&path)], "30 0 60 120\n");
+    let values: Vec<f64> = outcome
+        .done()
+        .split_whitespace()
+        .map(|word| word.parse().unwrap())
+        .collect();
+    // The file holds f·cosθo.
+    assert_eq!(values.len(), 3);
+    assert!(values.iter().all(|f| (f - 0.1 / 0.5).abs() < 1e-5), "{values:?}");
+}
+
+#[test]
+fn a_truncated_file_is_refused_wherever_it_ends() {
+    let whole = bytes(&material(0.1));
+    for length in [0, 5, 12, 17, 30, 100, whole.len() / 2, whole.len() - 1] {
+        refused(&whole[..length], &[]);
+    }
+}
+
+#[test]
+fn a_field_that_lies_outside_the_file_is_refused() {
+    for offset in [1 << 20, u64::MAX - 3, u64::MAX] {
+        let mut fields = material(0.1);
+        named(&mut fields, "rgb").offset = Some(offset);
+        refused(&bytes(&fields), &["rgb"]);
+    }
+}
+
+#[test]
+fn a_size_that_is_only_claimed_is_refused() {
+    // 10^12 entries, and sizes whose product does not fit 64 bits.
+    for side in [408_248, 1 << 31, u64::MAX] {
+        let mut fields = material(0.1);
+        named(&mut fields, "rgb").shape = vec![1, 2, 3, side, side];
+        refused(&bytes(&fields), &["rgb"]);
+    }
+    let mut many_fields = bytes(&material(0.1));
+    many_fields[14..18].copy_from_slice(&u32::MAX.to_le_bytes());
+    refused(&many_fields, &[]);
+}
+
+#[test]
+fn values_that_make_no_material_are_refused() {
+    let changed = |name, value: f32| {
+        let mut fields = material(0.1);
+        named(&mut fields, name).data[..4].copy_from_slice(&value.to_le_bytes());
+        bytes(&fields)
+    };
+    refused(&changed("rgb", f32::NAN), &["rgb", "finite"]);
+    refused(&changed("ndf", -1.0), &["ndf"]);
+    refused(&changed("theta_i", 9.0), &["theta_i"]);
+    let mut dark = material(0.1);
+    named(&mut dark, "vndf").data.fill(0);
+    refused(&bytes(&dark), &["vndf", "density", "zero everywhere"]);
+    let without = material(0.1).into_iter().filter(|field| field.name != "sigma");
+    refused(&bytes(&without.collect::<Vec<_>>()), &["sigma"]);
+}
+
+#[test]
+fn a_zemax_file_of_the_same_extension_is_told_apart() {
+    let zemax = "Source  Measured\nSymmetry  ASymmetrical4D\nSpectralContent  Monochrome\n\
+                 ScatterType  BRDF\nSampleRotation  1\n0\nAngleOfIncidence  1\n0\nScatterAzimuth 1\n0\n\
+                 ScatterRadial 1\n0\nMonochrome\nDataBegin\nTIS 0.1\n0.1\nDataEnd\n";
+    refused(zemax.as_bytes(), &["RGL tensor file", "Zemax text file"]);
+}
+
+#[test]
+fn a_file_that_is_missing_or_a_folder_is_refused() {
+    let scratch = tempfile::tempdir().unwrap();
+    let missing = scratch.path().join("missing.bsdf");
+    refuses(
+        &["value", text(&missing)],
+        "",
+        2,
+        &[text(&missing), "expected", "found"],
+    );
+    fs::create_dir(&missing).unwrap();
+    refuses(
+        &["value", text(&missing)],
+        "",
+        2,
+        &[text(&missing), "expected", "found"],
+    );
+}

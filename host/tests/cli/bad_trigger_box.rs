@@ -1,0 +1,168 @@
+//! Ports without a trigger box, or with one that answers wrongly.
+
+use std::io::{Read as _, Write as _};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use rcg_protocol::{
+    Decoder, Identity, MAX_FRAME, Reply, Request, Response, SCHEMA_HASH, SessionId, ToDevice, ToHost, encode,
+};
+use serialport::{SerialPort as _, TTYPort};
+
+use crate::command::refuses;
+
+/// Runs `test` with the name of a port at whose other end `answer` answers what it is asked.
+fn with_peer(answer: impl Fn(&Request) -> Option<Reply> + Sync, test: impl FnOnce(&str)) {
+    // The port is held open here too, so that the peer outlives the command's runs.
+    let (mut peer, port) = TTYPort::pair().expect("the system has pseudo terminals");
+    peer.set_timeout(Duration::from_millis(20))
+        .expect("a time-out can be set");
+    let name = port.name().expect("the port has a name");
+    let over = AtomicBool::new(false);
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            let mut decoder = Decoder::new();
+            let mut bytes = [0; 256];
+            while !over.load(Ordering::Relaxed) {
+                // Nothing came within the time-out, or nobody has the port open.
+                let count = peer.read(&mut bytes).unwrap_or(0);
+                for &byte in &bytes[..count] {
+                    let Some(Ok(asked)) = decoder.push::<ToDevice>(byte) else {
+                        continue;
+                    };
+                    let Some(reply) = answer(&asked.request) else {
+                        continue;
+                    };
+                    let response = ToHost::Response(Response {
+                        session: asked.session,
+                        seq: asked.seq,
+                        result: Ok(reply),
+                    });
+                    let mut frame = [0; MAX_FRAME];
+                    let frame = encode(&response, &mut frame).expect("MAX_FRAME holds every message");
+                    peer.write_all(frame).expect("the port takes an answer");
+                }
+            }
+        });
+        // The peer ends with the test, however that ends.
+        let _over = Over(&over);
+        test(&name);
+    });
+}
+
+struct Over<'a>(&'a AtomicBool);
+
+impl Drop for Over<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+fn identity(request: &Request, protocol: u16, schema: u64) -> Option<Reply> {
+    match *request {
+        Request::Hello { nonce } => Some(Reply::Identity(Identity {
+            protocol,
+            schema,
+            nonce,
+            session: SessionId(1),
+        })),
+        _ => None,
+    }
+}
+
+#[test]
+fn a_port_that_does_not_exist_is_refused_with_those_that_do() {
+    for port in ["/dev/ttyNONE99", "COM99"] {
+        let ports = serialport::available_ports().unwrap_or_default();
+        let there = if ports.is_empty() {
+            "no serial ports"
+        } else {
+            &ports[0].port_name
+        };
+        let parts = [port, "expected a serial port", "found none of that name", there];
+        refuses(&["controller", "info", "--port", port], "", 2, &parts);
+    }
+}
+
+#[test]
+fn a_file_that_is_no_port_fails() {
+    let file = tempfile::NamedTempFile::new().unwrap();
+    let name = file.path().to_str().unwrap();
+    refuses(
+        &["controller", "info", "--port", name],
+        "",
+        1,
+        &[name, "cannot be opened"],
+    );
+}
+
+#[test]
+fn a_port_that_another_program_holds_is_not_called_absent() {
+    let (_peer, mut port) = TTYPort::pair().expect("the system has pseudo terminals");
+    port.set_exclusive(true).expect("a port can be held");
+    let name = port.name().expect("the port has a name");
+    refuses(
+        &["controller", "info", "--port", &name],
+        "",
+        1,
+        &[&name, "cannot be opened"],
+    );
+}
+
+#[test]
+fn a_trigger_box_of_another_version_is_named_with_both_versions() {
+    with_peer(
+        |request| identity(request, 2, 0x0123_4567_89ab_cdef),
+        |port| {
+            let parts = [
+                port,
+                "expected protocol version 1",
+                "found version 2",
+                "0123456789abcdef",
+                "flash",
+            ];
+            for action in ["info", "status", "abort"] {
+                refuses(&["controller", action, "--port", port], "", 1, &parts);
+            }
+        },
+    );
+}
+
+#[test]
+fn a_trigger_box_of_another_schema_is_named_too() {
+    with_peer(
+        |request| identity(request, rcg_protocol::PROTOCOL_VERSION, !SCHEMA_HASH),
+        |port| {
+            let (ours, theirs) = (format!("{SCHEMA_HASH:016x}"), format!("{:016x}", !SCHEMA_HASH));
+            let parts = [port, "expected", &ours, "found", &theirs];
+            refuses(&["controller", "info", "--port", port], "", 1, &parts);
+        },
+    );
+}
+
+#[test]
+fn a_silent_port_fails_within_its_patience() {
+    with_peer(
+        |_| None,
+        |port| {
+            let parts = [
+                port,
+                "expected an answer to `hello`",
+                "found none after 10 attempts",
+            ];
+            refuses(&["controller", "info", "--port", port], "", 1, &parts);
+        },
+    );
+}
+
+#[test]
+fn an_answer_of_another_kind_fails() {
+    with_peer(
+        |_| Some(Reply::Pong(7)),
+        |port| {
+            let parts = [port, "answer to `hello`", "another kind", "Pong"];
+            refuses(&["controller", "info", "--port", port], "", 1, &parts);
+        },
+    );
+}

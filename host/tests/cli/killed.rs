@@ -1,0 +1,164 @@
+//! `kill -9` at any moment, then the same command with `--resume`: the same bytes.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::sync::OnceLock;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use crate::command::{rcg, run, text};
+use crate::tree::{assert_same, count, files};
+
+/// What is waited for comes within a second or two.
+const NEVER: Duration = Duration::from_mins(1);
+
+/// A measurement of seven segments, with noise.
+fn arguments(out: &Path) -> [&str; 9] {
+    [
+        "measure",
+        "--out",
+        text(out),
+        "--step",
+        "3",
+        "--image-size",
+        "32",
+        "--seed",
+        "5",
+    ]
+}
+
+/// Arrays of the measurement that nothing has disturbed, made once for all tests.
+fn undisturbed() -> &'static Path {
+    static MADE: OnceLock<PathBuf> = OnceLock::new();
+    MADE.get_or_init(|| {
+        let out = Path::new(env!("CARGO_TARGET_TMPDIR")).join("undisturbed");
+        fs::remove_dir_all(&out).ok();
+        run(&arguments(&out), "").done();
+        out
+    })
+}
+
+/// Measures into `out` (going on with what is there) and kills it once `moment` has come. Returns whether it was
+/// killed before its end.
+fn kill_at(out: &Path, moment: &dyn Fn(&Path) -> bool) -> bool {
+    let mut child = rcg(&arguments(out))
+        .arg("--resume")
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let began = Instant::now();
+    while !moment(out) {
+        if child.try_wait().unwrap().is_some() {
+            return false;
+        }
+        assert!(began.elapsed() < NEVER, "the moment never comes");
+        thread::yield_now();
+    }
+    child.kill().unwrap();
+    child.wait().unwrap().code().is_none()
+}
+
+/// Goes on to the end; all is as if nothing had happened.
+fn resumes(out: &Path) {
+    let expected = undisturbed();
+    run(&[&arguments(out)[..], &["--resume"]].concat(), "").done();
+    for array in ["raw.zarr", "brdf.zarr"] {
+        assert_same(&out.join(array), &expected.join(array));
+    }
+    assert!(!out.join("brdf.zarr.partial").exists());
+    assert!(out.join("report.html").is_file());
+    let manifest: serde_json::Value =
+        serde_json::from_slice(&fs::read(out.join("manifest.json")).unwrap()).unwrap();
+    assert_eq!(manifest["state"], "reported");
+}
+
+#[test]
+fn killed_during_capture_it_goes_on_to_the_same_bytes() {
+    let frames = |out: &Path| count(&out.join("raw.zarr/frames"), "c.");
+    let mut killed = 0;
+    for chunks in [1, 3, 6] {
+        let scratch = tempfile::tempdir().unwrap();
+        let out = scratch.path().join("out");
+        if kill_at(&out, &|out| frames(out) >= chunks) {
+            killed += 1;
+            assert!(!out.join("brdf.zarr").exists());
+        }
+        resumes(&out);
+    }
+    assert!(killed > 0, "no run was killed before its end");
+}
+
+#[test]
+fn killed_between_a_segments_records_and_its_frames_it_goes_on_to_the_same_bytes() {
+    // Records are written first: one more file of theirs than of frames is a segment in flight.
+    let in_flight = |out: &Path| {
+        let raw = out.join("raw.zarr");
+        let stored = count(&raw.join("frames"), "c.");
+        stored >= 1 && count(&raw.join("trigger_tick"), "c.") > stored
+    };
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("out");
+    kill_at(&out, &in_flight);
+    resumes(&out);
+}
+
+#[test]
+fn killed_again_and_again_it_still_comes_to_the_same_bytes() {
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("out");
+    let mut killed = 0;
+    killed += usize::from(kill_at(&out, &|out| out.join("rig.toml").exists()));
+    killed += usize::from(kill_at(&out, &|out| out.join("plan.toml").exists()));
+    killed += usize::from(kill_at(&out, &|out| out.join("raw.zarr").exists()));
+    for chunks in [1, 2, 4] {
+        let stored = move |out: &Path| count(&out.join("raw.zarr/frames"), "c.") >= chunks;
+        killed += usize::from(kill_at(&out, &stored));
+    }
+    assert!(killed > 2, "only {killed} runs were killed before their end");
+    resumes(&out);
+}
+
+#[test]
+fn killed_during_assembly_it_goes_on_to_the_same_bytes() {
+    let mut killed = 0;
+    for chunks in [0, 8, 40] {
+        let scratch = tempfile::tempdir().unwrap();
+        let out = scratch.path().join("out");
+        let assembling = move |out: &Path| {
+            let partial = out.join("brdf.zarr.partial");
+            partial.exists() && count(&partial.join("f"), "c.") >= chunks
+        };
+        if kill_at(&out, &assembling) {
+            killed += 1;
+        }
+        resumes(&out);
+    }
+    assert!(killed > 0, "no run was killed before its end");
+}
+
+#[test]
+fn a_finished_measurement_is_resumed_without_a_change() {
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("out");
+    run(&arguments(&out), "").done();
+    let arrays = |name: &str| files(&out.join(name));
+    let before = [arrays("raw.zarr"), arrays("brdf.zarr"), arrays("figures")];
+    let texts = |name: &str| fs::read_to_string(out.join(name)).unwrap();
+    let (rig, plan) = (texts("rig.toml"), texts("plan.toml"));
+    resumes(&out);
+    // Neither needs its arguments again.
+    run(&["measure", "--out", text(&out), "--resume"], "").done();
+    run(&["capture", text(&out)], "").done();
+    assert!([arrays("raw.zarr"), arrays("brdf.zarr"), arrays("figures")] == before);
+    assert_eq!((texts("rig.toml"), texts("plan.toml")), (rig, plan));
+}
+
+#[test]
+fn resume_of_nothing_begins() {
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("out");
+    resumes(&out);
+}

@@ -1,0 +1,33 @@
+//! The `rcg` command as a user meets it: what it answers, how it refuses, and what it leaves behind.
+//!
+//! # Design
+//! Every test runs the real binary as its own process in a directory of its own. Refusals are checked as a whole:
+//! exit code, one sentence on stderr that names place, expected and found, nothing on stdout but the JSON object
+//! that was asked for, nothing new on disk.
+
+// Counts, and numbers that the command was given, come back exactly.
+#![allow(clippy::float_cmp)]
+
+mod answers;
+mod bad_arguments;
+mod bad_brdf;
+mod bad_lines;
+mod bad_places;
+mod bad_plans;
+mod bad_rigs;
+mod bad_samples;
+#[cfg(target_os = "linux")]
+mod bad_trigger_box;
+mod command;
+mod directions;
+#[cfg(target_os = "linux")]
+mod disk_full;
+mod faults_on_purpose;
+#[cfg(unix)]
+mod killed;
+mod pictures;
+mod pipes;
+mod tensor_file;
+mod tree;
+mod trigger_box;
+mod values;

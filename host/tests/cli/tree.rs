@@ -1,0 +1,44 @@
+//! Directory trees as values.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Content of every file under `root` by its relative path.
+pub(crate) fn files(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut folders = vec![root.to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).expect("a folder can be listed") {
+            let path = entry.expect("a folder can be listed").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                let name = path.strip_prefix(root).expect("it is under the root");
+                found.insert(name.to_owned(), fs::read(&path).expect("a file can be read"));
+            }
+        }
+    }
+    found
+}
+
+/// Checks that both trees have the same files with the same bytes.
+pub(crate) fn assert_same(found: &Path, expected: &Path) {
+    let (found_files, expected_files) = (files(found), files(expected));
+    let names = |files: &BTreeMap<PathBuf, Vec<u8>>| files.keys().cloned().collect::<Vec<_>>();
+    assert_eq!(names(&found_files), names(&expected_files), "{}", found.display());
+    for (name, bytes) in &expected_files {
+        assert!(
+            found_files[name] == *bytes,
+            "{} differs from the undisturbed one",
+            found.join(name).display()
+        );
+    }
+}
+
+/// Number of files in `folder` whose name starts with `prefix`; 0 if there is no such folder.
+#[cfg(unix)]
+pub(crate) fn count(folder: &Path, prefix: &str) -> usize {
+    let starts = |entry: &fs::DirEntry| entry.file_name().to_string_lossy().starts_with(prefix);
+    fs::read_dir(folder).map_or(0, |entries| entries.flatten().filter(starts).count())
+}

@@ -1,0 +1,145 @@
+//! `value`: the BRDF itself, of models and of measurements.
+
+use std::f64::consts::PI;
+
+use crate::command::{run, text};
+
+type Angles = [f64; 4];
+
+fn lines(pairs: &[Angles]) -> String {
+    let line = |[ti, pi, to, po]: &Angles| format!("{ti} {pi} {to} {po}\n");
+    pairs.iter().map(line).collect()
+}
+
+/// The answers of `value source`, words of each line.
+fn values(source: &str, pairs: &[Angles]) -> Vec<Vec<String>> {
+    let outcome = run(&["value", source], &lines(pairs));
+    let words = |line: &str| line.split(' ').map(str::to_owned).collect();
+    let answers: Vec<Vec<String>> = outcome.done().lines().map(words).collect();
+    assert_eq!(answers.len(), pairs.len());
+    answers
+}
+
+fn numbers(answer: &[String]) -> [f64; 3] {
+    let numbers: Vec<f64> = answer.iter().map(|word| word.parse().expect(word)).collect();
+    numbers.try_into().expect("r g b")
+}
+
+/// Ward's formula with half vector h = ωi + ωo; rd, rs, ax, ay.
+fn ward([rd, rs, ax, ay]: [f64; 4], [ti, pi, to, po]: Angles) -> f64 {
+    let vector = |theta: f64, phi: f64| {
+        let (theta, phi) = (theta.to_radians(), phi.to_radians());
+        [theta.sin() * phi.cos(), theta.sin() * phi.sin(), theta.cos()]
+    };
+    let (i, o) = (vector(ti, pi), vector(to, po));
+    let h = [i[0] + o[0], i[1] + o[1], i[2] + o[2]];
+    let slope = ((h[0] / ax).powi(2) + (h[1] / ay).powi(2)) / (h[2] * h[2]);
+    rd / PI + rs * (-slope).exp() / (4.0 * PI * ax * ay * (i[2] * o[2]).sqrt())
+}
+
+const BRASS: [f64; 4] = [0.10, 0.33, 0.05, 0.16];
+
+#[test]
+fn a_model_is_its_formula() {
+    let mut pairs = Vec::new();
+    for theta_i in [0.0, 20.0, 45.0, 80.0] {
+        for theta_o in [0.0, 22.0, 44.0, 79.0] {
+            for phi in [0.0, 90.0, 175.0, 180.0, 300.0] {
+                pairs.push([theta_i, 30.0, theta_o, 30.0 + phi]);
+            }
+        }
+    }
+    for (answer, &pair) in values("ward:brass", &pairs).iter().zip(&pairs) {
+        let expected = ward(BRASS, pair);
+        for f in numbers(answer) {
+            assert!((f / expected - 1.0).abs() < 1e-5, "{pair:?}: {f} {expected}");
+        }
+    }
+    let same = values("ward:rd=0.1,rs=0.33,ax=0.05,ay=0.16", &pairs);
+    assert_eq!(same, values("ward:brass", &pairs));
+    for answer in values("lambert:0.5", &pairs) {
+        assert!((numbers(&answer)[0] - 0.5 / PI).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn below_the_horizon_there_is_a_reason_and_no_number() {
+    let pairs = [
+        [95.0, 0.0, 30.0, 0.0],
+        [30.0, 0.0, 95.0, 0.0],
+        [120.0, 0.0, 120.0, 0.0],
+    ];
+    for source in ["ward:brass", "lambert", "ggx:satin"] {
+        for answer in values(source, &pairs) {
+            assert_eq!(answer.join(" "), "- below horizon", "{source}");
+        }
+    }
+}
+
+#[test]
+fn a_measurement_is_close_to_its_sample_and_says_where_it_has_nothing() {
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("out");
+    // A lobe that is wide compared with 5° between directions and 64 pixels.
+    let (sample, parameters) = ("ward:rd=0.3,rs=0.1,ax=0.3,ay=0.5", [0.3, 0.1, 0.3, 0.5]);
+    let measure = [
+        "measure",
+        "--out",
+        text(&out),
+        "--step",
+        "5",
+        "--image-size",
+        "64",
+    ];
+    let rest = ["--noise", "off", "--exposure-ms", "10", "--sample", sample];
+    run(&[&measure[..], &rest].concat(), "").done();
+    let brdf = out.join("brdf.zarr");
+
+    let mut pairs = Vec::new();
+    for theta_i in [32.5, 47.5, 60.0, 75.0] {
+        for theta_o in [32.0, 45.0, 71.0] {
+            for (phi_i, phi_o) in [
+                (0.0, 180.0),
+                (40.0, 100.0),
+                (95.0, 95.0),
+                (200.0, 15.0),
+                (330.0, 160.0),
+            ] {
+                pairs.push([theta_i, phi_i, theta_o, phi_o]);
+            }
+        }
+    }
+    for (answer, &pair) in values(text(&brdf), &pairs).iter().zip(&pairs) {
+        let expected = ward(parameters, pair);
+        for f in numbers(answer) {
+            assert!((f / expected - 1.0).abs() < 0.03, "{pair:?}: {f} {expected}");
+        }
+    }
+
+    let nothing = [
+        ([10.0, 0.0, 45.0, 0.0], "- hole"),
+        ([45.0, 0.0, 5.0, 0.0], "- hole"),
+        ([0.0, 0.0, 0.0, 0.0], "- hole"),
+        ([95.0, 0.0, 45.0, 0.0], "- below horizon"),
+        ([45.0, 0.0, 95.0, 0.0], "- below horizon"),
+        ([10.0, 0.0, 95.0, 0.0], "- below horizon"),
+        ([95.0, 0.0, 10.0, 0.0], "- below horizon"),
+    ];
+    let asked: Vec<Angles> = nothing.iter().map(|(pair, _)| *pair).collect();
+    for (answer, (pair, reason)) in values(text(&brdf), &asked).iter().zip(nothing) {
+        assert_eq!(answer.join(" "), reason, "{pair:?}");
+    }
+}
+
+#[test]
+fn json_says_the_same() {
+    let pairs = [[30.0, 0.0, 40.0, 170.0], [30.0, 0.0, 95.0, 0.0]];
+    let object = run(&["value", "ward:brass", "--json"], &lines(&pairs)).object();
+    assert_eq!(object["brdf"], "ward:brass");
+    let answers = object["values"].as_array().unwrap();
+    let expected = numbers(&values("ward:brass", &pairs)[0]);
+    for (found, expected) in answers[0]["f_per_sr"].as_array().unwrap().iter().zip(expected) {
+        assert!((found.as_f64().unwrap() / expected - 1.0).abs() < 1e-6);
+    }
+    assert_eq!(answers[1]["reason"], "below horizon");
+}
