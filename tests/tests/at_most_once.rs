@@ -93,7 +93,7 @@ fn any_commands_over_any_line() {
     }
     // The lines were bad enough to try everything, and good enough to get something done.
     println!("{told} answers, {given_up} given up; {repeated} repeated, {stale} stale, {corrupt} corrupt");
-    assert!(told > 10_000 && given_up > 50);
+    assert!(told > 10_000 && given_up > 20);
     assert!(repeated > 500 && stale > 5 && corrupt > 1000);
 }
 
