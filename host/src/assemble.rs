@@ -1,11 +1,18 @@
 //! Assembly: frames of `raw.zarr` → BRDF with uncertainty.
 //!
 //! # Design
-//! DESIGN §3 solved for f: f = (g − dark)·gain / (K·t·T_o·Σ E·cosθ·Δω), where the sum is over the projector
-//! pixels that were actually lit. Camera pixels are brought to the outgoing disk by bilinear interpolation
-//! between the pixels around each cell's direction, those left out that do not see the sample. Its standard
-//! uncertainty follows from the photon-transfer curve: var(g) = σ_read² + (g − dark)/gain, 1/12 for rounding,
-//! and that of the mean dark frame.
+//! The signal model: the digital number of the camera pixel that looks along ω_o, exposed for t, is
+//!
+//! g(ω_o) = dark(t) + K · t · T_o(ω_o) · Σ_p f(ω_p, ω_o) · E_p · cosθ_p · Δω_p
+//!
+//! over the lit projector pixels p, of intensity E_p, direction ω_p and solid angle Δω_p at the sample; its variance
+//! is var(g) = σ_read² + (g − dark)/gain with the gain in electrons per number (the photon-transfer curve).
+//! Solved for f, which hardly changes over the small spot: f = (g − dark) / (K·t·T_o·Σ E·cosθ·Δω), where the sum is
+//! over the pixels that were actually lit, not those that should have been. T_o and E_p are those of the rig file, which
+//! are uniform; nothing calibrates them yet.
+//!
+//! Camera pixels are interpolated linearly onto the outgoing disk. The standard uncertainty follows from the
+//! variance above, 1/12 for rounding, and that of the mean dark frame.
 //!
 //! Frames are read ahead by one thread while the others compute and write; memory holds a few segments.
 

@@ -9,7 +9,7 @@
 use std::time::Duration;
 
 use rcg_protocol::{Event, RunId, State, StepRecord, Ticks};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::camera::{Camera, CameraError, Frame};
 use crate::device::{Device, DeviceError};
@@ -37,7 +37,8 @@ pub struct Instrument {
 }
 
 /// What happened on the way, over a whole measurement.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Tally {
     /// Exposures that were paired and kept.
     pub paired: u64,

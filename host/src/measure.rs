@@ -4,68 +4,23 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use serde::Serialize;
 use serde_json::{Map, json};
 
 use crate::assemble::{AssembleError, Assembled, assemble};
 use crate::brdf::{Brdf, BrdfError};
 use crate::capture::{Instrument, Tally};
 use crate::device::{Device, DeviceError, Patience};
-use crate::evaluate::{Evaluation, evaluate};
+use crate::evaluate::evaluate;
 use crate::link::Link;
 use crate::measurement::{Measurement, MeasurementError, State};
 use crate::pilot::pilot;
 use crate::plan::{Plan, Request};
 use crate::progress::Progress;
-use crate::report::{ReportError, report};
+use crate::report::{Elapsed, ReportError, Summary, report};
 use crate::rig::Rig;
 use crate::sample::{Sample, SampleError};
 use crate::store::StoreError;
 use crate::virtual_rig::{Behaviour, Mischief, Noise, VirtualRig};
-
-/// What a measurement came to.
-#[derive(Clone, Debug, Serialize)]
-pub struct Summary {
-    /// Directory of the measurement.
-    pub out: String,
-    /// Name of the rig.
-    pub rig: String,
-    /// What was measured.
-    pub sample: String,
-    /// Degrees between incident directions.
-    pub step_deg: f64,
-    /// Pixels a side.
-    pub image_size: u32,
-    /// Incident directions of the whole grid, those included that the rig cannot light.
-    pub incident_directions: usize,
-    /// Exposures taken, those with a black pattern included.
-    pub exposures: usize,
-    /// Exposure time in s.
-    pub exposure_s: f64,
-    /// Time that the instrument needs for the exposures, in s.
-    pub instrument_s: f64,
-    /// What happened on the way, in this call.
-    pub capture: Tally,
-    /// What assembly found.
-    pub assembled: Assembled,
-    /// How good it is.
-    pub evaluation: Evaluation,
-    /// Time that each stage took here, in s.
-    pub elapsed_s: Elapsed,
-}
-
-/// Seconds of computing.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-pub struct Elapsed {
-    /// Simulating, capturing and storing.
-    pub capture: f64,
-    /// Assembling.
-    pub assemble: f64,
-    /// Evaluating.
-    pub evaluate: f64,
-    /// Drawing.
-    pub report: f64,
-}
 
 /// Why a measurement failed.
 #[derive(Debug, thiserror::Error)]

@@ -139,10 +139,11 @@ impl Measurement {
             return Ok(());
         };
         let names: Vec<_> = entries.flatten().map(|entry| entry.file_name()).collect();
-        if names
+        let ours = names
             .iter()
-            .all(|name| BEGINNINGS.iter().any(|beginning| name == beginning))
-        {
+            .all(|name| BEGINNINGS.iter().any(|beginning| name == beginning));
+        let has = |wanted: &str| names.iter().any(|name| name == wanted);
+        if ours && (has("plan.tmp") || !has("rig.toml")) {
             for name in names {
                 let path = dir.join(name);
                 fs::remove_file(&path).map_err(|source| io(&path, source))?;
@@ -165,15 +166,15 @@ impl Measurement {
             directions,
         };
         fs::create_dir_all(dir).map_err(|source| io(dir, source))?;
+        // A directory with a plan is a measurement, so the plan gets its name last. Until then it lies beside the rig
+        // under its temporary one, which tells `sweep` that the rig is ours.
+        let (plan, temporary) = (measurement.path("plan.toml"), measurement.path("plan.tmp"));
+        write_synced(&temporary, measurement.plan.to_toml().as_bytes())?;
         write_whole(
             &measurement.path("rig.toml"),
             measurement.rig.to_toml().as_bytes(),
         )?;
-        // The plan comes last: a directory with a plan is a measurement.
-        write_whole(
-            &measurement.path("plan.toml"),
-            measurement.plan.to_toml().as_bytes(),
-        )?;
+        fs::rename(&temporary, &plan).map_err(|source| io(&plan, source))?;
         measurement.note(State::Planned, Map::new())?;
         Ok(measurement)
     }
@@ -259,7 +260,8 @@ impl Measurement {
         self.dir.join(name)
     }
 
-    /// Captures what is not stored yet; `progress(exposures)` is told how many are done in all.
+    /// Captures what is not stored yet; `progress(exposures)` is told how many are done in all. The tally is that of
+    /// all calls that came to their end.
     ///
     /// # Errors
     /// [`MeasurementError`]; what was stored before stays.
@@ -284,7 +286,7 @@ impl Measurement {
                 "segments are stored already"
             );
         }
-        let mut tally = Tally::default();
+        let mut tally: Tally = self.noted("capture").unwrap_or_default();
         let mut result = Ok(());
         std::thread::scope(|scope| {
             // One segment is written while the next is captured.
@@ -407,6 +409,13 @@ impl Measurement {
             .collect()
     }
 
+    /// What `manifest.json` says of `fact`, if it does.
+    fn noted<T: serde::de::DeserializeOwned>(&self, fact: &str) -> Option<T> {
+        let bytes = fs::read(self.path("manifest.json")).ok()?;
+        let mut manifest: Map<String, Value> = serde_json::from_slice(&bytes).ok()?;
+        serde_json::from_value(manifest.remove(fact)?).ok()
+    }
+
     /// Writes the state and `facts` into `manifest.json`, beside what it holds already.
     ///
     /// # Errors
@@ -458,11 +467,19 @@ fn io(path: &Path, source: std::io::Error) -> MeasurementError {
 /// [`MeasurementError::Io`].
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), MeasurementError> {
     let temporary = path.with_extension("tmp");
-    let written = fs::File::create(&temporary)
-        .and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()))
-        .and_then(|()| fs::rename(&temporary, path));
-    written.map_err(|source| {
+    write_synced(&temporary, bytes)?;
+    fs::rename(&temporary, path).map_err(|source| {
         fs::remove_file(&temporary).ok();
+        io(path, source)
+    })
+}
+
+/// Writes a file to the disk, or removes what was written of it.
+fn write_synced(path: &Path, bytes: &[u8]) -> Result<(), MeasurementError> {
+    let written =
+        fs::File::create(path).and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()));
+    written.map_err(|source| {
+        fs::remove_file(path).ok();
         io(path, source)
     })
 }

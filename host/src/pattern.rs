@@ -188,3 +188,96 @@ impl PatternMaker {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::direction::{angle_between, from_degrees};
+    use crate::incident::IncidentGrid;
+    use crate::rig::Rig;
+
+    fn maker(preset: &str, spot_deg: f64) -> PatternMaker {
+        PatternMaker::new(View::projector(&Rig::load(preset).unwrap()), spot_deg, 1.0)
+    }
+
+    #[test]
+    fn the_cone_is_that_of_the_textbook() {
+        assert!((cone_sr(180.0) - std::f64::consts::TAU).abs() < 1e-12);
+        assert!((cone_sr(1.0) / (std::f64::consts::PI * 0.5_f64.to_radians().powi(2)) - 1.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn the_solid_angle_is_constant_to_half_a_pixel_and_the_centroid_is_where_it_should_be() {
+        for preset in ["rcg-1", "rcg-2"] {
+            let maker = maker(preset, 1.0);
+            let grid = IncidentGrid::new(5.0).unwrap();
+            let mut pixels = (usize::MAX, 0);
+            for index in 0..grid.len() {
+                let w = grid.direction(index);
+                let Ok(lit) = maker.lit_set(w) else { continue };
+                let pixel_sr = lit.solid_angle_sr / lit.pixels.len() as f64;
+                let error = (lit.solid_angle_sr - cone_sr(1.0)).abs();
+                // At the hole's and the disc's edge there may be no pixels on one side.
+                let inside = (35.0..80.0).contains(&grid.angles_deg(index).0) || preset == "rcg-2";
+                if inside && grid.angles_deg(index).0 < 85.0 {
+                    assert!(
+                        error < 0.6 * pixel_sr,
+                        "{preset} {index}: off by {} pixels",
+                        error / pixel_sr
+                    );
+                    let off = angle_between(lit.centroid, w);
+                    assert!(
+                        off < 0.5 * pixel_sr.sqrt(),
+                        "{preset} {index}: centroid off by {off} rad"
+                    );
+                    pixels = (pixels.0.min(lit.pixels.len()), pixels.1.max(lit.pixels.len()));
+                }
+            }
+            // Constant solid angle is not a constant number of pixels.
+            assert!(pixels.1 > pixels.0 * 3 / 2, "{preset}: {pixels:?}");
+        }
+    }
+
+    #[test]
+    fn irradiance_falls_with_the_cosine() {
+        let maker = maker("rcg-2", 1.0);
+        for theta_deg in [5.0, 30.0, 60.0, 80.0] {
+            let lit = maker.lit_set(from_degrees(theta_deg, 20.0)).unwrap();
+            let expected = lit.solid_angle_sr * theta_deg.to_radians().cos();
+            assert!((lit.irradiance / expected - 1.0).abs() < 0.02, "{theta_deg}");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_lit_says_why() {
+        let maker = maker("rcg-1", 1.0);
+        assert_eq!(
+            maker.lit_set(from_degrees(10.0, 0.0)).unwrap_err(),
+            Unmeasurable::Hole
+        );
+        assert_eq!(
+            maker.lit_set(from_degrees(95.0, 0.0)).unwrap_err(),
+            Unmeasurable::BelowHorizon
+        );
+        assert_eq!(
+            maker.lit_set(from_degrees(60.0, 270.0)).unwrap_err(),
+            Unmeasurable::Occluded
+        );
+    }
+
+    #[test]
+    fn packed_pixels_come_back() {
+        let mut image = BitPattern::black(13, 5);
+        let lit = [0, 7, 8, 12, 13, 30, 64];
+        image.light(&lit);
+        assert_eq!(image.lit(), lit);
+        assert_eq!(image.bytes()[..2], [0b1000_0001, 0b1000_1000]);
+        let picture = image.to_image();
+        assert_eq!(
+            picture.pixels().filter(|pixel| pixel.0[0] == 255).count(),
+            lit.len()
+        );
+        image.clear();
+        assert!(image.lit().is_empty());
+    }
+}

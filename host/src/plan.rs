@@ -33,7 +33,7 @@ pub struct Request {
     /// Exposure time in s; `None` lets a pilot capture choose it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure_s: Option<f64>,
-    /// What the virtual rig measures, as in DESIGN §8; `None` for a real instrument.
+    /// What the virtual rig measures, as [`crate::sample::parse`] takes it; `None` for a real instrument.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sample: Option<String>,
     /// Whether the virtual rig is noisy.

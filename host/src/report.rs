@@ -1,13 +1,15 @@
-//! Figures and the page that shows them.
+//! What a measurement came to, its figures, and the page that shows them.
 
 use std::fmt::Write as _;
 use std::fs;
 
 use image::{Rgb, RgbImage};
+use serde::Serialize;
 
+use crate::assemble::Assembled;
 use crate::brdf::Brdf;
+use crate::capture::Tally;
 use crate::evaluate::Evaluation;
-use crate::measure::Summary;
 use crate::measurement::{Measurement, MeasurementError, write_whole};
 use crate::plan::Exposure;
 use crate::reflectance::Reflectance;
@@ -21,6 +23,50 @@ pub const LIGHTS_DEG: [(f64, f64); 3] = [(45.0, 90.0), (60.0, 0.0), (75.0, 200.0
 const SPHERE: usize = 256;
 /// Frames on the contact sheet.
 const FRAMES: usize = 4;
+
+/// What a measurement came to.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// Directory of the measurement.
+    pub out: String,
+    /// Name of the rig.
+    pub rig: String,
+    /// What was measured.
+    pub sample: String,
+    /// Degrees between incident directions.
+    pub step_deg: f64,
+    /// Pixels a side.
+    pub image_size: u32,
+    /// Incident directions of the whole grid, those included that the rig cannot light.
+    pub incident_directions: usize,
+    /// Exposures taken, those with a black pattern included.
+    pub exposures: usize,
+    /// Exposure time in s.
+    pub exposure_s: f64,
+    /// Time that the instrument needs for the exposures, in s.
+    pub instrument_s: f64,
+    /// What happened on the way.
+    pub capture: Tally,
+    /// What assembly found.
+    pub assembled: Assembled,
+    /// How good it is.
+    pub evaluation: Evaluation,
+    /// Time that each stage took here, in s.
+    pub elapsed_s: Elapsed,
+}
+
+/// Seconds of computing.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Elapsed {
+    /// Simulating, capturing and storing.
+    pub capture: f64,
+    /// Assembling.
+    pub assemble: f64,
+    /// Evaluating.
+    pub evaluate: f64,
+    /// Drawing.
+    pub report: f64,
+}
 
 /// Why there is no report.
 #[derive(Debug, thiserror::Error)]

@@ -99,3 +99,86 @@ impl Timing {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_camera_sees_one_settled_pattern_and_is_ready_again() {
+        for preset in crate::rig::PRESETS {
+            let rig = Rig::load(preset).unwrap();
+            for exposure_s in [1e-6, rig.camera.exposure_s, 0.1] {
+                let timing = Timing::new(&rig, exposure_s).unwrap();
+                let exposed = timing.cam_at_s + rig.camera.exposure_delay_s;
+                assert!(
+                    exposed >= rig.projector.settle_s,
+                    "{preset}: exposes while the pattern settles"
+                );
+                let over = exposed + exposure_s;
+                // The next pattern appears its settling time after the step's end.
+                assert!(
+                    timing.period_s + rig.projector.settle_s >= over,
+                    "{preset}: sees the next pattern"
+                );
+                let busy = if rig.camera.overlap {
+                    over
+                } else {
+                    over + rig.camera.readout_s
+                };
+                assert!(
+                    timing.period_s + exposed >= busy,
+                    "{preset}: triggers a busy camera"
+                );
+                assert!(timing.period_s >= rig.projector.min_period_s);
+            }
+        }
+    }
+
+    #[test]
+    fn ticks_are_the_times_and_the_engine_accepts_them() {
+        use rcg_firmware::pulse::WordFormat;
+        for preset in crate::rig::PRESETS {
+            let rig = Rig::load(preset).unwrap();
+            for clock_hz in [125_000_000, 200_000_000] {
+                for exposure_s in [1e-6, rig.camera.exposure_s, 60.0] {
+                    let timing = Timing::new(&rig, exposure_s).unwrap();
+                    let step = timing.step(clock_hz);
+                    let s = |ticks: Ticks| ticks.0 as f64 / f64::from(clock_hz);
+                    assert!((s(step.cam.at) - timing.cam_at_s).abs() < 1e-8);
+                    assert!((s(step.cam.width) - exposure_s).abs() < 1e-8);
+                    assert!(
+                        s(step.period) >= timing.period_s - 1e-12 && s(step.period) < timing.period_s + 1e-7
+                    );
+                    let program = Timing::program(1);
+                    WordFormat::new(program.pace, program.polarity)
+                        .encode(&step, 0)
+                        .expect("fits the engine");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_prototypes_pace_and_the_dmds() {
+        let rcg1 = Rig::load("rcg-1").unwrap();
+        let timing = Timing::new(&rcg1, rcg1.camera.exposure_s).unwrap();
+        assert!(
+            (timing.period_s * 32_400.0 / 60.0 - 50.0).abs() < 0.1,
+            "50 minutes in the paper"
+        );
+        assert_eq!(timing.bound(&rcg1), Bound::Camera);
+        let dmd = Rig::load("dmd").unwrap();
+        let timing = Timing::new(&dmd, dmd.camera.exposure_s).unwrap();
+        assert!((1.0 / timing.period_s - 9523.8).abs() < 0.5);
+        assert_eq!(timing.bound(&dmd), Bound::Projector);
+    }
+
+    #[test]
+    fn exposure_times_out_of_range_are_refused() {
+        let rig = Rig::load("rcg-1").unwrap();
+        for exposure_s in [0.0, -1.0, 61.0, f64::NAN, f64::INFINITY] {
+            assert!(Timing::new(&rig, exposure_s).is_err(), "{exposure_s}");
+        }
+    }
+}

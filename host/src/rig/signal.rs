@@ -28,7 +28,7 @@ impl Rig {
         self.camera.full_well_e / (f64::from(self.saturation_dn()) - self.camera.dark_dn)
     }
 
-    /// K of DESIGN §3 in electrons: charge per (f in sr⁻¹ × Σ E·cosθ·Δω × exposure time in s).
+    /// K of the signal model (see [`crate::assemble`]) in electrons: charge per (f in sr⁻¹ × Σ E·cosθ·Δω × exposure time in s).
     ///
     /// `light.full_scale_f_sr` fills the well with the default exposure and a spot of 1° at normal incidence.
     #[must_use]

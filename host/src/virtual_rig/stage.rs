@@ -236,3 +236,112 @@ fn mix(state: u64, value: u64) -> u64 {
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     z ^ (z >> 31)
 }
+
+#[cfg(test)]
+mod tests {
+    use rcg_protocol::Ticks;
+
+    use super::*;
+    use crate::virtual_rig::Noise;
+
+    fn light(irradiance: f64) -> Light {
+        Light {
+            irradiance,
+            ..Light::DARK
+        }
+    }
+
+    /// A stage with patterns of irradiance 1, 2, 3 …; settling 33.3 ms, camera delay 5 µs, read-out 26 ms.
+    fn stage() -> Stage {
+        let behaviour = Behaviour {
+            noise: Noise::Off,
+            seed: 1,
+            mischief: Mischief::default(),
+        };
+        let mut stage = Stage::new(&Rig::load("rcg-1").unwrap(), behaviour);
+        for index in 1..=4 {
+            stage.load_pattern(&[index], light(f64::from(index)));
+        }
+        stage.arm_camera();
+        stage
+    }
+
+    fn pulse(stage: &mut Stage, line: Line, at_s: f64, width_s: f64) -> [Option<StrobeEdge>; 2] {
+        let edge = |level| Edge {
+            at: Ticks::ZERO,
+            line,
+            level,
+        };
+        [
+            stage.edge(edge(Level::Active), at_s),
+            stage.edge(edge(Level::Inactive), at_s + width_s),
+        ]
+    }
+
+    fn seen(shots: &[Shot]) -> Vec<Vec<(f64, f64)>> {
+        let one = |shot: &Shot| {
+            shot.seen
+                .iter()
+                .map(|(light, s)| (light.irradiance, (s * 1e6).round()))
+                .collect()
+        };
+        shots.iter().map(one).collect()
+    }
+
+    #[test]
+    fn a_trigger_in_time_sees_one_pattern_and_strobes_for_its_exposure() {
+        let mut stage = stage();
+        pulse(&mut stage, Line::Proj, 0.0, 5e-6);
+        let [on, off] = pulse(&mut stage, Line::Cam, 0.0333, 0.01).map(Option::unwrap);
+        assert!(on.active && !off.active);
+        assert!((on.at_s - 0.033_305).abs() < 1e-12 && (off.at_s - 0.043_305).abs() < 1e-12);
+        assert_eq!(seen(&stage.take_shots()), [[(1.0, 10_000.0)]]);
+    }
+
+    #[test]
+    fn an_early_trigger_straddles_two_patterns() {
+        let mut stage = stage();
+        pulse(&mut stage, Line::Proj, 0.0, 5e-6);
+        pulse(&mut stage, Line::Proj, 0.1, 5e-6);
+        // Pattern 2 is stable at 133.3 ms: 4 ms of this exposure come before.
+        pulse(&mut stage, Line::Cam, 0.1293 - 5e-6, 0.01);
+        assert_eq!(seen(&stage.take_shots()), [[(1.0, 4_000.0), (2.0, 6_000.0)]]);
+    }
+
+    #[test]
+    fn before_the_first_pattern_and_after_the_last_it_is_dark() {
+        let mut stage = stage();
+        pulse(&mut stage, Line::Cam, 0.0, 0.01);
+        for step in 0..5 {
+            pulse(&mut stage, Line::Proj, 0.1 * f64::from(step + 1), 5e-6);
+        }
+        pulse(&mut stage, Line::Cam, 0.6, 0.01);
+        assert_eq!(seen(&stage.take_shots()), [[], []]);
+    }
+
+    #[test]
+    fn a_busy_camera_ignores_its_trigger_and_numbers_on() {
+        let mut stage = stage();
+        assert!(pulse(&mut stage, Line::Cam, 0.0, 0.01)[0].is_some());
+        assert_eq!(pulse(&mut stage, Line::Cam, 0.02, 0.01), [None, None]);
+        assert!(pulse(&mut stage, Line::Cam, 0.0361, 0.01)[0].is_some());
+        let ids: Vec<u64> = stage.take_shots().iter().map(|shot| shot.id).collect();
+        assert_eq!(ids, [0, 1]);
+    }
+
+    #[test]
+    fn chance_is_the_same_for_the_same_patterns_and_another_for_a_repetition() {
+        let seeds = |stage: &mut Stage| -> Vec<u64> {
+            for shot in 0..3 {
+                pulse(stage, Line::Cam, 0.1 * f64::from(shot), 0.01);
+            }
+            stage.take_shots().iter().map(|shot| shot.seed).collect()
+        };
+        let (mut first, mut second) = (stage(), stage());
+        let drawn = seeds(&mut first);
+        assert_eq!(drawn, seeds(&mut second));
+        first.busy_until_s = f64::NEG_INFINITY;
+        first.arm_camera();
+        assert!(seeds(&mut first).iter().all(|seed| !drawn.contains(seed)));
+    }
+}
