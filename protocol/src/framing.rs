@@ -4,6 +4,10 @@
 //! The CRC is the common CRC-32 (ISO-HDLC, polynomial 0x04C11DB7, as in Ethernet and zlib), so that a
 //! client in any language finds it in its standard library. Zero bytes occur as delimiters only, so a
 //! reader that joins in mid-stream is in step again after one delimiter.
+//!
+//! COBS leaves one choice: data that end with a full block of 254 bytes may or may not be followed by an empty block
+//! (0x01). Here it always is, and a frame without it is rejected: else one flipped bit, 0x01 to 0x00, would go
+//! unnoticed.
 
 use crc::{CRC_32_ISO_HDLC, Crc, Digest, Table};
 use postcard::{de_flavors, ser_flavors};
@@ -60,6 +64,9 @@ pub fn encode<'a, T: Serialize>(message: &T, out: &'a mut [u8]) -> Result<&'a mu
 /// # Errors
 /// [`FrameError::Cobs`] or [`FrameError::Content`]; bytes after the message count as bad content.
 pub fn decode<T: DeserializeOwned>(frame: &mut [u8]) -> Result<T, FrameError> {
+    if ends_with_full_block(frame) {
+        return Err(FrameError::Cobs);
+    }
     let length = cobs::decode_in_place(frame).map_err(|_| FrameError::Cobs)?;
     let bytes = frame.get(..length).ok_or(FrameError::Cobs)?;
     let (message, rest) =
@@ -69,6 +76,17 @@ pub fn decode<T: DeserializeOwned>(frame: &mut [u8]) -> Result<T, FrameError> {
     } else {
         Err(FrameError::Content)
     }
+}
+
+/// Whether the last block of a COBS frame is a full one, without the empty block that belongs behind it.
+fn ends_with_full_block(frame: &[u8]) -> bool {
+    let mut at = 0;
+    let mut code = 0;
+    while let Some(&next) = frame.get(at) {
+        code = next;
+        at += usize::from(next.max(1)); // no zero occurs within a frame; whatever comes, this ends
+    }
+    code == 0xff && at == frame.len()
 }
 
 fn digest() -> Digest<'static, u32, Table<1>> {
