@@ -8,7 +8,7 @@
 
 use std::time::Duration;
 
-use rcg_protocol::{Event, RunId, State, StepRecord, Ticks};
+use rcg_protocol::{Event, State, StepRecord, Ticks};
 use serde::{Deserialize, Serialize};
 
 use crate::camera::{Camera, CameraError, Frame};
@@ -17,12 +17,11 @@ use crate::link::Link;
 use crate::pairing::{Outcome, pair};
 use crate::pattern::{BitPattern, LitSet};
 use crate::projector::{Projector, ProjectorError};
+use crate::run::Ending;
 use crate::schedule::Timing;
 
 /// How often an exposure is tried.
 pub const ATTEMPTS: u8 = 8;
-/// While a run goes on, the host makes itself heard this often, for the dead-man switch.
-const KEEP_ALIVE: Duration = Duration::from_millis(400);
 /// Frames may be this late after the last strobe.
 const FRAMES_LATE: Duration = Duration::from_millis(500);
 
@@ -235,41 +234,35 @@ impl Instrument {
             frames: Vec::with_capacity(steps),
         };
         let period = Duration::from_secs_f64(timing.period_s);
-        let mut heard = self.device.link().now();
-        loop {
-            let ended = self.take_event(run, KEEP_ALIVE / 4, &mut haul)?;
-            while let Some(frame) = self.camera.next_frame(Duration::ZERO)? {
+        let Self { device, camera, .. } = self;
+        let ending = device.follow(run, |event| -> Result<(), CaptureError> {
+            match event {
+                Some(Event::Records { records, .. }) => haul.records.extend(records),
+                Some(Event::SpuriousStrobe { on, .. }) => haul.spurious_on.push(on.0),
+                _ => {}
+            }
+            while let Some(frame) = camera.next_frame(Duration::ZERO)? {
                 haul.frames.push(frame);
             }
             recorded(haul.records.len());
-            let end = match ended {
-                Some(end) => Some(end),
-                None if self.device.link().now().saturating_sub(heard) >= KEEP_ALIVE => {
-                    heard = self.device.link().now();
-                    // Keeps the dead-man switch quiet, and notices an end whose event was lost.
-                    let status = self.device.status()?;
-                    let over = !matches!(status.state, State::Armed | State::Running);
-                    over.then_some((status.state, status.fault, status.steps_done))
-                }
-                None => None,
-            };
-            if let Some((state, fault, done)) = end {
-                // What was sent before the end is still on its way.
-                while self
-                    .take_event(run, Duration::from_millis(1), &mut haul)?
-                    .is_some()
-                {}
-                if state != State::Done {
-                    let reason = fault.map_or(String::new(), |fault| format!(": {fault}"));
-                    return Err(CaptureError::Ended {
-                        expected: steps as u64,
-                        state,
-                        done,
-                        reason,
-                    });
-                }
-                break;
-            }
+            Ok(())
+        })?;
+        if ending.state != State::Done {
+            let reason = ending.fault.map_or(String::new(), |fault| format!(": {fault}"));
+            let Ending {
+                state,
+                steps_done: done,
+                ..
+            } = ending;
+            return Err(CaptureError::Ended {
+                expected: steps as u64,
+                state,
+                done,
+                reason,
+            });
+        }
+        while let Some(frame) = self.camera.next_frame(Duration::ZERO)? {
+            haul.frames.push(frame);
         }
         let exposures = haul
             .records
@@ -283,31 +276,6 @@ impl Instrument {
             }
         }
         Ok(haul)
-    }
-
-    /// Takes in one event of `run`; returns how the run ended if it did.
-    #[allow(clippy::type_complexity)] // three values of one event, used twice
-    fn take_event(
-        &mut self,
-        run: RunId,
-        timeout: Duration,
-        haul: &mut Haul,
-    ) -> Result<Option<(State, Option<rcg_protocol::Fault>, u64)>, DeviceError> {
-        match self.device.next_event(timeout)? {
-            Some(Event::Records { run: of, records }) if of == run => haul.records.extend(records),
-            Some(Event::SpuriousStrobe { run: of, on }) if of == run => haul.spurious_on.push(on.0),
-            Some(Event::Ended {
-                run: of,
-                state,
-                fault,
-                steps_done,
-                ..
-            }) if of == run => {
-                return Ok(Some((state, fault, steps_done)));
-            }
-            _ => {}
-        }
-        Ok(None)
     }
 }
 

@@ -18,6 +18,7 @@ use serde::Serialize;
 use crate::brdf::Brdf;
 use crate::direction::from_degrees;
 use crate::provenance::Provenance;
+use crate::quadrature::mean_f;
 use crate::sample::Sample;
 use crate::store::StoreError;
 
@@ -240,7 +241,8 @@ pub fn evaluate(
     })
 }
 
-fn is_judged(w: DVec3) -> bool {
+/// Whether a direction is among those that are judged.
+pub(crate) fn is_judged(w: DVec3) -> bool {
     w.z >= JUDGED_THETA_DEG.to_radians().cos()
 }
 
@@ -388,14 +390,7 @@ fn blur(brdf: &Brdf, sample: &dyn Sample, cells: &[Option<DVec3>]) -> Quantiles 
                     continue;
                 };
                 let places = around(wo, brdf.pixel_sr(cell).sqrt() / 2.0);
-                let mut mean = [0.0; 3];
-                // The half fraction of the 2⁴ combinations, as the virtual rig takes it.
-                for (lobe, pair) in lobes.iter().zip([[0, 3], [1, 2], [1, 2], [0, 3]]) {
-                    for place in pair {
-                        let f = lobe.f(places[place]);
-                        mean = [mean[0] + f[0] / 8.0, mean[1] + f[1] / 8.0, mean[2] + f[2] / 8.0];
-                    }
-                }
+                let mean = mean_f(&lobes, &places);
                 let truth = channel_values(sharp.f(wo), channels);
                 for (blurred, truth) in channel_values(mean, channels).zip(truth) {
                     histogram.add((blurred - truth).abs() / truth.abs().max(1e-12));

@@ -7,7 +7,7 @@
 //! |---|---|
 //! | the instrument | [`rig`] (its description), [`optics`] (pixels ↔ directions), [`direction`] |
 //! | what to measure | [`incident`] (directions of light), [`pattern`], [`schedule`], [`pilot`] (exposure time), [`plan`] |
-//! | the world | [`link`] and [`device`] (trigger box), [`camera`], [`projector`], or [`virtual_rig`] for all three |
+//! | the world | [`link`], [`device`] and [`run`] (trigger box), [`camera`], [`projector`], or [`virtual_rig`] for all three |
 //! | capture | [`capture`] (fire, collect, repeat), [`pairing`] (which frame belongs to which trigger) |
 //! | files | [`store`] (Zarr), [`measurement`] (the directory and its stages) |
 //! | the result | [`assemble`] (with the private `resample`), [`disk`] (outgoing directions), [`provenance`], [`brdf`] (look-up) |
@@ -40,11 +40,13 @@ pub mod plan;
 pub mod progress;
 pub mod projector;
 pub mod provenance;
+mod quadrature;
 pub mod reflectance;
 pub mod render;
 pub mod report;
 mod resample;
 pub mod rig;
+pub mod run;
 pub mod sample;
 pub mod schedule;
 pub mod store;

@@ -1,7 +1,7 @@
 //! The pilot capture, which chooses the exposure time.
 
 use crate::capture::{Instrument, Tally};
-use crate::evaluate::JUDGED_THETA_DEG;
+use crate::evaluate::is_judged;
 use crate::measurement::MeasurementError;
 use crate::optics::{DirectionMap, View};
 use crate::pattern::{LitSet, PatternMaker};
@@ -25,7 +25,7 @@ const PILOT_TARGET: f64 = 0.85;
 /// [`MeasurementError`].
 pub fn pilot(rig: &Rig, step_deg: f64, instrument: &mut Instrument) -> Result<f64, MeasurementError> {
     let directions = Directions::new(rig, step_deg)?;
-    let lit = |index: &usize| directions.grid.direction(*index).z >= JUDGED_THETA_DEG.to_radians().cos();
+    let lit = |index: &usize| is_judged(directions.grid.direction(*index));
     let measurable: Vec<usize> = directions.measurable().filter(lit).collect();
     // A stride that shares no factor with the ring length visits all azimuths.
     let every = (measurable.len() / PILOT_DIRECTIONS).max(1) | 1;
@@ -38,12 +38,11 @@ pub fn pilot(rig: &Rig, step_deg: f64, instrument: &mut Instrument) -> Result<f6
         .collect();
     let range = f64::from(rig.saturation_dn()) - rig.camera.dark_dn;
     // Near the horizon f grows without bound; those few pixels may clip rather than darken all others.
-    let lowest = JUDGED_THETA_DEG.to_radians().cos();
     let channels = rig.camera.channels as usize;
     let judged: Vec<bool> = DirectionMap::of(&View::camera(rig))
         .directions
         .into_iter()
-        .flat_map(|w| std::iter::repeat_n(w.is_ok_and(|w| w.z >= lowest), channels))
+        .flat_map(|w| std::iter::repeat_n(w.is_ok_and(is_judged), channels))
         .collect();
     let mut exposure_s = rig.camera.exposure_s;
     for _ in 0..8 {

@@ -2,9 +2,7 @@
 //!
 //! # Design
 //! Finite light and finite pixels blur a sharp lobe, and the virtual rig shows that: f is averaged over four
-//! directions of light and four places within the pixel. Of the 16 combinations the half fraction
-//! x₄ = x₁x₂x₃ is evaluated (a 2⁴⁻¹ design): 8 evaluations in which no two of the four coordinates are
-//! correlated, so all second moments of the joint blur are right.
+//! directions of light and four places within the pixel.
 
 use std::sync::Arc;
 
@@ -15,6 +13,7 @@ use super::sensor::Sensor;
 use super::stage::Shot;
 use crate::camera::FrameFormat;
 use crate::optics::{DirectionMap, View};
+use crate::quadrature::mean_f;
 use crate::rig::Rig;
 use crate::sample::Sample;
 
@@ -91,22 +90,15 @@ impl Scene {
         let mut charge_e = vec![0.0; self.format.len()];
         for (light, visible_s) in &shot.seen {
             let lobes = light.nodes.map(|node| self.sample.incident(node));
-            let scale = self.sensitivity * light.irradiance * visible_s / 8.0;
+            let scale = self.sensitivity * light.irradiance * visible_s;
             for pixel in &self.pixels {
-                let mut sum = [0.0; 3];
-                // Light (s₁, s₂) goes with pixel places (+, s₁s₂) and (−, −s₁s₂).
-                for (lobe, places) in lobes.iter().zip([[0, 3], [1, 2], [1, 2], [0, 3]]) {
-                    for place in places {
-                        let f = lobe.f(pixel.directions[place]);
-                        sum = [sum[0] + f[0], sum[1] + f[1], sum[2] + f[2]];
-                    }
-                }
+                let mut mean = mean_f(&lobes, &pixel.directions);
                 if channels == 1 {
-                    sum[0] = (sum[0] + sum[1] + sum[2]) / 3.0;
+                    mean[0] = (mean[0] + mean[1] + mean[2]) / 3.0;
                 }
                 let out = &mut charge_e[pixel.index * channels..][..channels];
-                for (out, sum) in out.iter_mut().zip(sum) {
-                    *out += (scale * sum) as f32;
+                for (out, f) in out.iter_mut().zip(mean) {
+                    *out += (scale * f) as f32;
                 }
             }
         }

@@ -7,7 +7,7 @@ use rcg::link::{Link, SerialLink};
 use rcg::rig::Rig;
 use rcg::schedule::Timing;
 use rcg::virtual_rig::VirtualController;
-use rcg_protocol::{Event, PROTOCOL_VERSION, State, Status, Step, Ticks};
+use rcg_protocol::{Event, PROTOCOL_VERSION, State, Status, Step};
 use serde_json::{Value, json};
 
 use crate::Done;
@@ -178,31 +178,15 @@ fn fire(args: &RunArgs, rig: &Rig, device: &mut Device<Box<dyn Link>>, output: &
     let run = device.arm()?;
     device.start()?;
     let (mut strobes, mut records) = (0_u64, 0_u64);
-    let mut heard = device.link().now();
-    let mut ended = None;
-    while ended.is_none() {
-        match device.next_event(Duration::from_millis(100))? {
-            Some(Event::Records {
-                run: of,
-                records: batch,
-            }) if of == run => {
-                records += batch.len() as u64;
-                strobes += batch.iter().filter(|record| record.strobe.is_some()).count() as u64;
-            }
-            Some(Event::Ended { run: of, at, .. }) if of == run => ended = Some(at),
-            _ => {}
+    let ending = device.follow(run, |event| -> Result<(), Failure> {
+        if let Some(Event::Records { records: batch, .. }) = event {
+            records += batch.len() as u64;
+            strobes += batch.iter().filter(|record| record.strobe.is_some()).count() as u64;
         }
-        let now = device.link().now();
-        if now.saturating_sub(heard) > Duration::from_millis(400) {
-            heard = now;
-            // Keeps the dead-man switch quiet, and notices an end whose event was lost.
-            if !matches!(device.status()?.state, State::Armed | State::Running) {
-                ended = ended.or(Some(Ticks::ZERO));
-            }
-        }
-    }
+        Ok(())
+    })?;
     let status = device.status()?;
-    let duration_s = ended.map_or(0.0, |at| at.0 as f64 / f64::from(info.clock_hz));
+    let duration_s = ending.at.map_or(0.0, |at| at.0 as f64 / f64::from(info.clock_hz));
     let mut value = status_value(&status, info.clock_hz);
     value["records"] = json!(records);
     value["strobes"] = json!(strobes);
