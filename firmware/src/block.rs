@@ -3,18 +3,18 @@
 //! # Design
 //! The DMA runs ahead of the PIO by as many words as the FIFO holds. Were a block shorter than that, the
 //! DMA would be through with it long before its steps are played, and "the current step" would not be what
-//! the DMA is at. So [`Block::close`] plays the last word of a block in [`PIECES`] pieces, all but the first
-//! as short as words can be: the DMA leaves the block in the last few ticks of its last step. Pieces of a
-//! word are no edges, and their durations add up to that of the word.
+//! the DMA is at. So [`Block::close`] plays a word near the end of a block in up to [`PIECES`] pieces, all but
+//! the first as short as words can be: the DMA leaves the block in the last few ticks of that word. Pieces of
+//! a word are no edges, and their durations add up to that of the word.
 //!
 //! # Tradeoffs
-//! A last word that is too short to be divided stays whole. The DMA is ahead by up to nine words then, and
-//! a stop takes effect as much later.
+//! A block of short words only stays as it is. The DMA is ahead by up to nine words then, and a stop takes
+//! effect as much later.
 
 use heapless::Vec;
 use rcg_protocol::Ticks;
 
-use crate::pulse::{StepWords, WORDS_PER_STEP, WordFormat};
+use crate::pulse::{WORDS_PER_STEP, WordFormat};
 
 /// Words of a block: [`BLOCK_STEPS`] steps of four words, as most are.
 pub const BLOCK_WORDS: usize = 512;
@@ -31,9 +31,9 @@ const _: () = assert!(2 * BLOCK_STEPS < crate::progress::MAX_AHEAD);
 /// Some steps, as words.
 #[derive(Debug, Default)]
 pub struct Block {
-    words: Vec<u32, BLOCK_WORDS>,
     steps: usize,
     ticks: Ticks,
+    words: Vec<u32, BLOCK_WORDS>,
 }
 
 impl Block {
@@ -66,6 +66,12 @@ impl Block {
         self.ticks
     }
 
+    /// How many steps there are.
+    #[must_use]
+    pub const fn steps(&self) -> usize {
+        self.steps
+    }
+
     /// Whether there is no step.
     #[must_use]
     pub fn is_empty(&self) -> bool {
@@ -78,35 +84,43 @@ impl Block {
         self.steps == BLOCK_STEPS || BLOCK_WORDS - self.words.len() < WORDS_PER_STEP + PIECES
     }
 
-    /// Adds a step of a block that is not [full](Self::is_full).
-    pub fn push(&mut self, step: &StepWords, period: Ticks) {
+    /// Adds a word of the next step of a block that is not [full](Self::is_full).
+    pub fn push(&mut self, word: u32) {
         self.words
-            .extend_from_slice(step)
+            .push(word)
             .expect("the caller asked whether it is full");
+    }
+
+    /// The step whose words were pushed is complete; it lasts `period`.
+    pub fn end_step(&mut self, period: Ticks) {
         self.steps += 1;
         self.ticks += period;
     }
 
-    /// Divides the last word, if it is long enough. Returns by how many words the last step grew.
+    /// Divides the last word that is long enough, so that what follows its first piece fills the FIFO. Returns by how
+    /// many words the block grew.
     pub fn close(&mut self, format: WordFormat) -> usize {
-        let Some(&last) = self.words.last() else {
-            return 0;
-        };
-        let tail = (PIECES as u64 - 1) * u64::from(format.shortest());
-        let first = format.duration(last).0.saturating_sub(tail);
-        if format.waits(last)
-            || first < u64::from(format.shortest())
-            || self.words.len() + PIECES > BLOCK_WORDS
-        {
-            return 0;
+        let shortest = u64::from(format.shortest());
+        for (after, index) in (0..self.words.len()).rev().enumerate() {
+            let pieces = PIECES.saturating_sub(after);
+            if pieces <= 1 || self.words.len() + pieces > BLOCK_WORDS {
+                break;
+            }
+            let word = self.words[index];
+            let tail = (pieces as u64 - 1) * shortest;
+            let first = format.duration(word).0.saturating_sub(tail);
+            if format.waits(word) || first < shortest {
+                continue;
+            }
+            let levels = word & ((1 << format.shift()) - 1);
+            self.words[index] = ((first - shortest) as u32) << format.shift() | levels;
+            let length = self.words.len();
+            self.words.extend(core::iter::repeat_n(levels, pieces - 1));
+            self.words.copy_within(index + 1..length, index + pieces);
+            self.words[index + 1..index + pieces].fill(levels);
+            return pieces - 1;
         }
-        let piece = last & ((1 << format.shift()) - 1);
-        let count = first as u32 - format.shortest();
-        self.words.pop();
-        let head = core::iter::once(count << format.shift() | piece);
-        self.words
-            .extend(head.chain(core::iter::repeat_n(piece, PIECES - 1)));
-        PIECES - 1
+        0
     }
 }
 
@@ -125,6 +139,13 @@ mod tests {
         (edges, reader.now())
     }
 
+    fn push(block: &mut Block, words: &[u32], period: Ticks) {
+        for &word in words {
+            block.push(word);
+        }
+        block.end_step(period);
+    }
+
     fn step(period: u64) -> Step {
         Step {
             proj: Pulse::new(0, 10),
@@ -140,8 +161,8 @@ mod tests {
                 let format = WordFormat::new(pace, Polarity::default());
                 let words = format.encode(&step(period), 0).expect("a good step");
                 let mut block = Block::new();
-                block.push(&words, Ticks(period));
-                block.push(&words, Ticks(period));
+                push(&mut block, &words, Ticks(period));
+                push(&mut block, &words, Ticks(period));
                 let before = edges(format, block.words());
                 let length = block.words().len();
                 let grown = block.close(format);
@@ -156,13 +177,35 @@ mod tests {
     fn a_long_last_word_leaves_only_short_pieces_to_the_fifo() {
         let format = WordFormat::new(Pace::FreeRunning, Polarity::default());
         let mut block = Block::new();
-        block.push(
-            &format.encode(&step(10_000), 0).expect("a good step"),
-            Ticks(10_000),
-        );
+        let words = format.encode(&step(10_000), 0).expect("a good step");
+        push(&mut block, &words, Ticks(10_000));
         assert_eq!(block.close(format), PIECES - 1);
         let tail = &block.words()[block.words().len() - (PIECES - 1)..];
         assert!(tail.iter().all(|&word| format.duration(word) == Ticks(3)));
+    }
+
+    #[test]
+    fn a_short_last_word_leaves_only_short_words_to_the_fifo_too() {
+        let format = WordFormat::new(Pace::FreeRunning, Polarity::default());
+        // A pulse that ends with the step, or a few ticks before: the long word is the last but a few.
+        for (proj, cam) in [
+            (Pulse::new(0, 9_997), Pulse::NONE),
+            (Pulse::new(3, 9_984), Pulse::new(9_990, 7)),
+        ] {
+            let step = Step {
+                proj,
+                cam,
+                period: Ticks(10_000),
+            };
+            let words = format.encode(&step, 0).expect("a good step");
+            let mut block = Block::new();
+            push(&mut block, &words, step.period);
+            let before = edges(format, block.words());
+            assert!(block.close(format) > 0);
+            assert_eq!(edges(format, block.words()), before);
+            let tail = &block.words()[block.words().len() - (PIECES - 1)..];
+            assert!(tail.iter().all(|&word| format.duration(word) < Ticks(30)));
+        }
     }
 
     #[test]
@@ -172,7 +215,7 @@ mod tests {
         let words = format.encode(&longest, 0).expect("a good step");
         let mut block = Block::new();
         while !block.is_full() {
-            block.push(&words, longest.period);
+            push(&mut block, &words, longest.period);
         }
         assert_eq!(block.close(format), PIECES - 1);
     }

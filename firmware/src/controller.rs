@@ -14,13 +14,15 @@ use core::cell::RefCell;
 use embassy_rp::interrupt::{self, InterruptExt, typelevel};
 use embassy_sync::blocking_mutex::{Mutex, raw::CriticalSectionRawMutex};
 use heapless::Deque;
-use rcg_firmware::session::{Action, Engine as Command, Session};
-use rcg_protocol::{Fault, Request, Response, Seq, SessionId, State, ToDevice, ToHost};
+use rcg_firmware::session::{Engine as Command, Session};
+use rcg_protocol::{
+    Fault, FrameError, MAX_FRAME, Request, Response, Seq, SessionId, State, ToDevice, ToHost, encode,
+};
 use static_cell::StaticCell;
 
 use crate::board::engine::Engine;
 use crate::board::{Clock, PulseParts};
-use crate::links::{self, Incoming, LinkId};
+use crate::links::{self, LinkId};
 
 /// Requests of which it is remembered where they came from: more than a session keeps responses for.
 const ROUTES: usize = 16;
@@ -31,29 +33,39 @@ static CONTROLLER: Mutex<CriticalSectionRawMutex, RefCell<Option<&'static mut Co
 /// Session, engine, and where messages go.
 struct Controller {
     clock: Clock,
-    session: Session,
+    session: &'static mut Session,
     engine: Engine,
     /// Who asked: session, number, link. The oldest is forgotten.
     routes: Deque<(SessionId, Seq, LinkId), ROUTES>,
     events_to: LinkId,
-    /// A message whose link had no room.
-    held: Option<(LinkId, ToHost)>,
+    /// Where the frame that is being sent is made.
+    frame: [u8; MAX_FRAME],
 }
 
 /// Puts the controller in place and lets the DMA interrupt it. To be called once.
+#[inline(never)] // as `new_session`
 pub(crate) fn install(clock: Clock, seed: u32, pulse: PulseParts) {
     static CELL: StaticCell<Controller> = StaticCell::new();
+    let session = new_session(clock.hz(), seed);
     let controller = CELL.init_with(|| Controller {
         clock,
-        session: Session::new(clock.hz(), seed),
+        session,
         engine: Engine::new(pulse, clock),
         routes: Deque::new(),
         events_to: LinkId::Uart,
-        held: None,
+        frame: [0; MAX_FRAME],
     });
     CONTROLLER.lock(|cell| cell.replace(Some(controller)));
     // SAFETY: the handler takes the lock like everybody else, and no code relies on this interrupt being off.
     unsafe { interrupt::DMA_IRQ_0.enable() };
+}
+
+/// A session in its place. On its way there it may pass over the stack, and it is a good part of the memory: so
+/// this is a call of its own, whose frame is gone when it returns.
+#[inline(never)]
+fn new_session(clock_hz: u32, seed: u32) -> &'static mut Session {
+    static SESSION: StaticCell<Session> = StaticCell::new();
+    SESSION.init_with(|| Session::new(clock_hz, seed))
 }
 
 /// Runs `work` on the controller, alone.
@@ -75,18 +87,23 @@ fn service() {
     while with(Controller::turn).unwrap_or(false) {}
 }
 
-/// Takes what came in over `link`.
-pub(crate) fn receive(link: LinkId, incoming: Incoming) {
+/// Takes a request that came in over `link`.
+pub(crate) fn receive(link: LinkId, message: &ToDevice) {
     service(); // the answer shall tell how things stand now
-    match incoming {
-        Incoming::Message(message) => {
-            with(|controller| controller.request(link, message));
-        }
-        Incoming::Corrupt(error) => {
-            defmt::warn!("{}: {}", link, error);
-            with(|controller| controller.session.corrupt_frame());
-        }
-    }
+    with(|controller| controller.request(link, message));
+    service();
+    send();
+}
+
+/// Takes a frame from `link` that is none.
+pub(crate) fn receive_corrupt(link: LinkId, error: FrameError) {
+    defmt::warn!("{}: {}", link, error);
+    with(|controller| controller.session.corrupt_frame());
+}
+
+/// Hands what the session has to say to the links.
+fn send() {
+    while with(Controller::send_one).unwrap_or(false) {}
 }
 
 /// Lets time pass: engine, time-outs, messages to the links.
@@ -98,7 +115,7 @@ pub(crate) fn poll() {
         controller.obey();
     });
     service();
-    while with(Controller::send_one).unwrap_or(false) {}
+    send();
 }
 
 /// The state, and the fault if it is one.
@@ -112,12 +129,12 @@ pub(crate) fn state() -> (State, Option<Fault>) {
 
 impl Controller {
     fn turn(&mut self) -> bool {
-        let more = self.engine.turn(&mut self.session);
+        let more = self.engine.turn(self.session);
         self.obey();
         more
     }
 
-    fn request(&mut self, link: LinkId, message: ToDevice) {
+    fn request(&mut self, link: LinkId, message: &ToDevice) {
         let hello = matches!(message.request, Request::Hello { .. });
         let session = if hello { SessionId(0) } else { message.session };
         if hello {
@@ -141,32 +158,31 @@ impl Controller {
     #[inline(never)] // rare, and large on the stack
     fn carry_out(&mut self, command: Command) {
         match command {
-            Command::Prime => {
-                if let Some(program) = self.session.sequencer().program() {
-                    self.engine.prime(program);
-                }
-            }
-            Command::Go(start) => self.engine.go(start, &mut self.session),
+            Command::Prime => self.engine.prime(self.session),
+            Command::Go(start) => self.engine.go(start, self.session),
             Command::Halt => self.engine.halt(),
         }
     }
 
     /// Hands one message to its link. Returns whether there may be more to hand over.
     fn send_one(&mut self) -> bool {
-        let next = self.held.take().or_else(|| match self.session.action() {
-            Some(Action::Send(message)) => Some((self.route(&message), message)),
-            Some(Action::Engine(_)) | None => None, // engine commands were obeyed where they arose
-        });
-        let Some((link, message)) = next else {
+        let Some(message) = self.session.message() else {
             return false;
         };
-        match links::outbox(link).try_send(message) {
-            Ok(()) => true,
-            Err(embassy_sync::channel::TrySendError::Full(message)) => {
-                self.held = Some((link, message));
-                false
+        let outbox = links::outbox(self.route(message));
+        if outbox.free_capacity() < MAX_FRAME {
+            return false;
+        }
+        let mut frame: &[u8] = encode(message, &mut self.frame).expect("MAX_FRAME holds every message");
+        // There is room, but the ring may take it in two pieces.
+        while let Ok(count) = outbox.try_write(frame) {
+            frame = &frame[count..];
+            if frame.is_empty() {
+                break;
             }
         }
+        self.session.message_sent();
+        true
     }
 
     /// The link that `message` goes to.

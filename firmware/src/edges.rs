@@ -46,14 +46,20 @@ impl EdgeClock {
     /// The next edge: the machine handed over `counter`, not long before `elapsed` by the coarse clock.
     pub fn edge(&mut self, counter: u32, elapsed: Ticks) -> Sighting {
         self.active = !self.active;
-        let within = TICKS_PER_COUNT * u64::from(u32::MAX - counter);
-        let latest = elapsed.0 + COARSE;
-        let turns = latest.saturating_sub(within) / SPAN;
         Sighting {
             active: self.active,
-            at: Ticks(turns * SPAN + within),
+            at: time_of(counter, elapsed),
         }
     }
+}
+
+/// When the counter had this value, not long before `elapsed` by the coarse clock.
+#[must_use]
+pub fn time_of(counter: u32, elapsed: Ticks) -> Ticks {
+    let within = TICKS_PER_COUNT * u64::from(u32::MAX - counter);
+    let latest = elapsed.0 + COARSE;
+    let turns = latest.saturating_sub(within) / SPAN;
+    Ticks(turns * SPAN + within)
 }
 
 #[cfg(test)]

@@ -8,9 +8,11 @@
 //! - [`pulse`]: a step of the schedule → words for the PIO, and the words read back into edges
 //! - [`store`]: the words of the schedule, as a table or as a stream
 //! - [`block`]: whole steps put together for the DMA
+//! - [`burst`]: a table of very short steps, played by the DMA from where it lies
 //! - [`progress`]: how far the DMA and the clock say that the pulse engine has got
 //! - [`edges`]: what the PIO counted, as times of edges
 //! - [`sequencer`]: idle → loaded → armed → running → done | stopped | aborted | fault
+//! - [`vsync`]: whether SYNC comes as regularly as it should
 //! - [`witness`]: what the camera's STROBE line says about each trigger
 //! - [`session`]: requests in, responses, events and engine commands out
 
@@ -18,12 +20,14 @@
 #![forbid(unsafe_code)]
 
 pub mod block;
+pub mod burst;
 pub mod edges;
 pub mod progress;
 pub mod pulse;
 pub mod sequencer;
 pub mod session;
 pub mod store;
+pub mod vsync;
 pub mod witness;
 
 /// Version of the firmware: major, minor, patch.

@@ -1,28 +1,28 @@
 //! The links to the host: what they have in common, and the UART.
 //!
 //! # Design
-//! Each link has two tasks. The one that reads cuts frames out of the bytes and passes them to the main loop;
-//! the one that writes takes messages from the link's outbox and encodes them. Neither knows what they mean.
-//! A reader waits when the main loop is busy, and then the link's own buffer fills.
+//! Each link has two tasks. The one that reads cuts frames out of the bytes and passes what they hold on; the
+//! one that writes takes bytes from the link's outbox. Neither knows what they mean.
 
 use embassy_executor::Spawner;
 use embassy_rp::uart::{BufferedUart, BufferedUartRx, BufferedUartTx, Config};
-use embassy_sync::{blocking_mutex::raw::CriticalSectionRawMutex, channel::Channel};
+use embassy_sync::{blocking_mutex::raw::CriticalSectionRawMutex, pipe::Pipe};
 use embedded_io_async::{Read, Write};
-use rcg_protocol::{Decoder, FrameError, MAX_FRAME, ToDevice, ToHost, encode};
+use rcg_protocol::{Decoder, MAX_FRAME, decode};
 use static_cell::StaticCell;
 
 use crate::board::{Irqs, UART_BAUD, UartParts};
+use crate::controller;
 
 /// Bytes that wait to be read: two frames of the longest kind, and the time that they take.
 const UART_RX_BYTES: usize = 1024;
 /// Bytes that wait to be sent: one frame.
 const UART_TX_BYTES: usize = 512;
 
-/// Messages that wait for a link; those that wait for these wait in the session.
-const OUTBOX: usize = 4;
-/// Frames that wait for the main loop.
-const INBOX: usize = 4;
+/// Bytes that wait for a link. Messages for which there is no room wait in the session.
+const OUTBOX: usize = 1024;
+
+const _: () = assert!(OUTBOX >= MAX_FRAME);
 
 /// A link to the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
@@ -33,24 +33,12 @@ pub(crate) enum LinkId {
     Usb,
 }
 
-/// What a link received.
-#[allow(clippy::large_enum_variant)] // it is moved once, into the main loop
-pub(crate) enum Incoming {
-    /// A request.
-    Message(ToDevice),
-    /// A frame that is none.
-    Corrupt(FrameError),
-}
+pub(crate) type Outbox = Pipe<CriticalSectionRawMutex, OUTBOX>;
 
-pub(crate) type Outbox = Channel<CriticalSectionRawMutex, ToHost, OUTBOX>;
+static UART_OUTBOX: Outbox = Pipe::new();
+static USB_OUTBOX: Outbox = Pipe::new();
 
-/// What came in, for the main loop.
-pub(crate) static REQUESTS: Channel<CriticalSectionRawMutex, (LinkId, Incoming), INBOX> = Channel::new();
-
-static UART_OUTBOX: Outbox = Channel::new();
-static USB_OUTBOX: Outbox = Channel::new();
-
-/// Messages that wait to be sent over `link`.
+/// Bytes that wait to be sent over `link`, whole frames.
 pub(crate) fn outbox(link: LinkId) -> &'static Outbox {
     match link {
         LinkId::Uart => &UART_OUTBOX,
@@ -59,19 +47,13 @@ pub(crate) fn outbox(link: LinkId) -> &'static Outbox {
 }
 
 /// Cuts frames out of `bytes` and passes them on.
-pub(crate) async fn receive(link: LinkId, decoder: &mut Decoder, bytes: &[u8]) {
-    for &byte in bytes {
-        match decoder.push(byte) {
-            None => {}
-            Some(Ok(message)) => REQUESTS.send((link, Incoming::Message(message))).await,
-            Some(Err(error)) => REQUESTS.send((link, Incoming::Corrupt(error))).await,
+pub(crate) fn receive(link: LinkId, decoder: &mut Decoder, mut bytes: &[u8]) {
+    while let Some(frame) = decoder.frame(&mut bytes) {
+        match frame.and_then(decode) {
+            Ok(message) => controller::receive(link, &message),
+            Err(error) => controller::receive_corrupt(link, error),
         }
     }
-}
-
-/// A frame of `message` in `buffer`.
-pub(crate) fn frame<'a>(message: &ToHost, buffer: &'a mut [u8; MAX_FRAME]) -> &'a [u8] {
-    encode(message, buffer).expect("MAX_FRAME holds every message")
 }
 
 /// Starts the tasks of UART0.
@@ -100,7 +82,7 @@ async fn uart_in(mut rx: BufferedUartRx) {
     let mut bytes = [0; 64];
     loop {
         match rx.read(&mut bytes).await {
-            Ok(count) => receive(LinkId::Uart, &mut decoder, &bytes[..count]).await,
+            Ok(count) => receive(LinkId::Uart, &mut decoder, &bytes[..count]),
             // Bytes are missing now: the frame's CRC will tell, and the host asks again.
             Err(error) => defmt::warn!("UART: {}", error),
         }
@@ -109,10 +91,10 @@ async fn uart_in(mut rx: BufferedUartRx) {
 
 #[embassy_executor::task]
 async fn uart_out(mut tx: BufferedUartTx) {
-    let mut buffer = [0; MAX_FRAME];
+    let mut bytes = [0; 64];
     loop {
-        let message = UART_OUTBOX.receive().await;
-        if let Err(error) = tx.write_all(frame(&message, &mut buffer)).await {
+        let count = UART_OUTBOX.read(&mut bytes).await;
+        if let Err(error) = tx.write_all(&bytes[..count]).await {
             defmt::warn!("UART: {}", error);
         }
     }

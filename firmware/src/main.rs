@@ -2,9 +2,8 @@
 //!
 //! # Design
 //! One executor, and one interrupt of its own:
-//! - the main loop takes requests from both links, polls the session every millisecond, shows the state and
-//!   feeds the watchdog;
-//! - the links' tasks only move bytes;
+//! - the main loop polls the session every millisecond, shows the state and feeds the watchdog;
+//! - the links' tasks move bytes and pass on the requests that they find in them;
 //! - the DMA's interrupt refills the pulse engine, whatever the main loop does.
 //!
 //! What the box does, and when, is decided in the library; what it does it with is named in [`board`].
@@ -27,7 +26,6 @@ mod usb;
 #[embassy_executor::main]
 async fn main(spawner: embassy_executor::Spawner) {
     use defmt_rtt as _; // the log goes over RTT
-    use embassy_futures::select::{Either, select};
     use embassy_time::{Instant, Ticker};
 
     let board::Board {
@@ -46,10 +44,7 @@ async fn main(spawner: embassy_executor::Spawner) {
     let mut shown = rcg_protocol::State::Idle;
     let mut tick = Ticker::every(board::POLL);
     loop {
-        match select(links::REQUESTS.receive(), tick.next()).await {
-            Either::First((link, incoming)) => controller::receive(link, incoming),
-            Either::Second(()) => {}
-        }
+        tick.next().await;
         controller::poll();
 
         let (state, fault) = controller::state();

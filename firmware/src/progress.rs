@@ -39,7 +39,6 @@ struct Ahead {
 #[derive(Debug)]
 pub struct Progress {
     pace: Pace,
-    ahead: Deque<Ahead, MAX_AHEAD>,
     words: u32,
     fetched: u64,
     fired: u64,
@@ -47,6 +46,7 @@ pub struct Progress {
     ended: Ticks,
     /// End of the last step of which it is known.
     known: Ticks,
+    ahead: Deque<Ahead, MAX_AHEAD>,
 }
 
 impl Progress {

@@ -102,27 +102,27 @@ impl WordFormat {
     /// # Errors
     /// [`Fault::PulseOutsidePeriod`], [`Fault::EdgesTooClose`] or [`Fault::PeriodTooLong`], naming `index`.
     pub fn encode(self, step: &Step, index: u64) -> Result<StepWords, Fault> {
+        let mut words = StepWords::new();
+        self.encode_into(step, index, |word| {
+            words.push(word).map_err(|_| Fault::PeriodTooLong { step: index })
+        })?;
+        Ok(words)
+    }
+
+    /// Hands the words of `step` to `push`, as [`encode`](Self::encode) does; some may have been when it fails.
+    ///
+    /// # Errors
+    /// As [`encode`](Self::encode), and those of `push`.
+    pub fn encode_into(
+        self,
+        step: &Step,
+        index: u64,
+        mut push: impl FnMut(u32) -> Result<(), Fault>,
+    ) -> Result<(), Fault> {
         if step.period > LONGEST_PERIOD {
             return Err(Fault::PeriodTooLong { step: index });
         }
-        let proj_end = end_within(step.proj, step.period).ok_or(Fault::PulseOutsidePeriod { step: index })?;
-        let cam_end = end_within(step.cam, step.period).ok_or(Fault::PulseOutsidePeriod { step: index })?;
-        let mut borders = [
-            Ticks::ZERO,
-            step.proj.at,
-            proj_end,
-            step.cam.at,
-            cam_end,
-            step.period,
-        ];
-        if step.proj.is_none() {
-            (borders[1], borders[2]) = (Ticks::ZERO, Ticks::ZERO);
-        }
-        if step.cam.is_none() {
-            (borders[3], borders[4]) = (Ticks::ZERO, Ticks::ZERO);
-        }
-        borders.sort_unstable();
-
+        let outside = Fault::PulseOutsidePeriod { step: index };
         let too_close = Fault::EdgesTooClose {
             step: index,
             shortest: self.shortest(),
@@ -130,53 +130,55 @@ impl WordFormat {
         if step.period == Ticks::ZERO {
             return Err(too_close);
         }
-        let mut words = StepWords::new();
+        let [proj_on, proj_off] = edges_within(step.proj, step.period).ok_or(outside)?;
+        let [cam_on, cam_off] = edges_within(step.cam, step.period).ok_or(outside)?;
+        // Both pulses are in order already, so three exchanges put their edges in order. An edge is its time and,
+        // below, the pin that it toggles.
+        let edge = |at: Ticks, pin: u32| at.0 << 2 | u64::from(pin);
+        let [mut a, mut b, mut c, mut d] = [
+            edge(proj_on, PIN_PROJ),
+            edge(proj_off, PIN_PROJ),
+            edge(cam_on, PIN_CAM),
+            edge(cam_off, PIN_CAM),
+        ];
+        exchange(&mut a, &mut c);
+        exchange(&mut b, &mut d);
+        exchange(&mut b, &mut c);
+
         if self.pace == Pace::EachOnSync {
-            words.push(self.rest() | WAIT_BIT).map_err(|_| too_close)?;
+            push(self.rest() | WAIT_BIT)?;
         }
-        for pair in borders.windows(2) {
-            let (from, to) = (pair[0], pair[1]);
-            let mut left = (to - from).0;
-            if left == 0 {
-                continue;
-            }
-            let active =
-                u32::from(covers(step.proj, from)) * PIN_PROJ + u32::from(covers(step.cam, from)) * PIN_CAM;
-            let pins = active ^ self.rest();
-            while left > 0 {
-                let shortest = u64::from(self.shortest());
-                if left < shortest {
-                    return Err(too_close);
-                }
-                let mut ticks = left.min(self.longest());
-                if ticks < left && left - ticks < shortest {
-                    ticks -= shortest; // leave a remainder that a word can make
-                }
-                let count = (ticks - shortest) as u32;
-                words
-                    .push(count << self.shift() | pins)
-                    .map_err(|_| Fault::PeriodTooLong { step: index })?;
-                left -= ticks;
-            }
+        let (mut now, mut pins) = (0, self.rest());
+        for edge in [a, b, c, d] {
+            let at = edge >> 2;
+            self.hold(pins, at - now, too_close, &mut push)?;
+            (now, pins) = (at, pins ^ (edge as u32 & PINS));
         }
-        Ok(words)
+        self.hold(pins, step.period.0 - now, too_close, &mut push)
     }
 
-    /// Ticks from the start of the step to the leading edge of CAM, if it has one; and the step's period.
-    #[must_use]
-    pub fn trigger_and_period(self, words: &[u32]) -> (Option<Ticks>, Ticks) {
-        let mut at = Ticks::ZERO;
-        let mut trigger = None;
-        for &word in words {
-            if self.waits(word) {
-                continue;
+    /// The words that keep the pins for a while, if it is any.
+    fn hold(
+        self,
+        pins: u32,
+        mut left: u64,
+        too_close: Fault,
+        push: &mut impl FnMut(u32) -> Result<(), Fault>,
+    ) -> Result<(), Fault> {
+        let shortest = u64::from(self.shortest());
+        while left > 0 {
+            if left < shortest {
+                return Err(too_close);
             }
-            if trigger.is_none() && (word ^ self.rest()) & PIN_CAM != 0 {
-                trigger = Some(at);
+            let mut ticks = left.min(self.longest());
+            if ticks < left && left - ticks < shortest {
+                ticks -= shortest; // leave a remainder that a word can make
             }
-            at += self.duration(word);
+            let count = (ticks - shortest) as u32;
+            push(count << self.shift() | pins)?;
+            left -= ticks;
         }
-        (trigger, at)
+        Ok(())
     }
 
     /// Whether `word` waits for a SYNC edge.
@@ -190,13 +192,74 @@ impl WordFormat {
     }
 }
 
-fn end_within(pulse: Pulse, period: Ticks) -> Option<Ticks> {
-    let end = pulse.at.checked_add(pulse.width)?;
-    (pulse.is_none() || end <= period).then_some(end)
+/// What is to be known of a step, gathered from its words one by one.
+#[derive(Clone, Copy, Debug)]
+pub struct Outline {
+    shift: u32,
+    shortest: u32,
+    wait: u32,
+    rest: u32,
+    trigger: Option<Ticks>,
+    period: Ticks,
 }
 
-fn covers(pulse: Pulse, at: Ticks) -> bool {
-    !pulse.is_none() && pulse.at <= at && at < pulse.at + pulse.width
+impl Outline {
+    /// Of no words yet.
+    #[must_use]
+    pub const fn new(format: WordFormat) -> Self {
+        // Taken apart here, as this is done for every word that is played.
+        Self {
+            shift: format.shift(),
+            shortest: format.shortest(),
+            wait: match format.pace {
+                Pace::FreeRunning => 0,
+                Pace::EachOnSync => WAIT_BIT,
+            },
+            rest: format.rest(),
+            trigger: None,
+            period: Ticks::ZERO,
+        }
+    }
+
+    /// The next word of the step.
+    pub fn add(&mut self, word: u32) {
+        if word & self.wait != 0 {
+            return;
+        }
+        if self.trigger.is_none() && (word ^ self.rest) & PIN_CAM != 0 {
+            self.trigger = Some(self.period);
+        }
+        self.period.0 += u64::from(word >> self.shift) + u64::from(self.shortest);
+    }
+
+    /// Leading edge of CAM from the start of the step, if there is one.
+    #[must_use]
+    pub const fn trigger(&self) -> Option<Ticks> {
+        self.trigger
+    }
+
+    /// Length of the step, without what it waits for SYNC.
+    #[must_use]
+    pub const fn period(&self) -> Ticks {
+        self.period
+    }
+}
+
+/// Leading and trailing edge of `pulse`, or twice the start of the step if there is no pulse; `None` if they are not
+/// within the period.
+fn edges_within(pulse: Pulse, period: Ticks) -> Option<[Ticks; 2]> {
+    if pulse.is_none() {
+        return Some([Ticks::ZERO; 2]);
+    }
+    let end = pulse.at.checked_add(pulse.width)?;
+    (end <= period).then_some([pulse.at, end])
+}
+
+/// Puts two numbers in order.
+fn exchange(low: &mut u64, high: &mut u64) {
+    if *low > *high {
+        core::mem::swap(low, high);
+    }
 }
 
 /// Plays words as the PIO does.

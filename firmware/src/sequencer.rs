@@ -5,9 +5,10 @@
 //! [`Fault::Refused`] that names command and state. The pulse engine (PIO and DMA, or the simulation)
 //! takes step after step with [`Sequencer::next_step`] and tells how far it got; it decides nothing.
 
-use rcg_protocol::{Command, Extent, Fault, Program, RunId, State, Step, StepId, Ticks};
+use rcg_protocol::{Command, Extent, Fault, Pace, Program, RunId, State, Step, StepId, Ticks};
 
-use crate::pulse::{StepWords, WordFormat};
+use crate::burst::Burst;
+use crate::pulse::{Outline, WordFormat};
 use crate::store::Store;
 
 /// Sequencer and the schedule that it plays.
@@ -15,7 +16,6 @@ use crate::store::Store;
 pub struct Sequencer {
     state: State,
     program: Option<Program>,
-    store: Store,
     run: RunId,
     /// Steps handed to the engine in this run.
     fetched: u64,
@@ -27,15 +27,19 @@ pub struct Sequencer {
     started: Option<Ticks>,
     /// Where the next fetched step begins, from the start of a free run.
     horizon: Ticks,
+    /// Length of all steps of the table, and of the shortest one.
+    length: Ticks,
+    shortest: Ticks,
+    store: Store,
 }
 
-/// A step for the engine.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// A step for the engine, but for its words.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fetched {
     /// Its number in the run.
     pub step: StepId,
-    /// What the PIO plays.
-    pub words: StepWords,
+    /// How many words it has.
+    pub words: usize,
     /// Start of the step from the start of the run, when free running.
     pub begins: Ticks,
     /// Leading edge of CAM from the start of the step.
@@ -65,6 +69,8 @@ impl Sequencer {
             fault: None,
             started: None,
             horizon: Ticks::ZERO,
+            length: Ticks::ZERO,
+            shortest: Ticks(u64::MAX),
         }
     }
 
@@ -176,6 +182,8 @@ impl Sequencer {
             }
         }
         self.store.begin(program.extent);
+        self.length = Ticks::ZERO;
+        self.shortest = Ticks(u64::MAX);
         self.program = Some(program);
         self.state = State::Idle;
         Ok(())
@@ -211,10 +219,8 @@ impl Sequencer {
         }
         for step in steps {
             let index = self.store.appended();
-            if let Err(fault) = format
-                .encode(step, index)
-                .and_then(|words| self.store.push(&words))
-            {
+            let written = self.store.push(|push| format.encode_into(step, index, push));
+            if let Err(fault) = written {
                 self.store.retract(index - expected);
                 return Err(match fault {
                     // The steps before it have been given back, so they fit too.
@@ -224,6 +230,10 @@ impl Sequencer {
                     other => other,
                 });
             }
+        }
+        for step in steps {
+            self.length += step.period;
+            self.shortest = self.shortest.min(step.period);
         }
         let appended = self.store.appended();
         let full = match program.extent {
@@ -313,24 +323,50 @@ impl Sequencer {
         Ok(())
     }
 
-    /// The next step for the engine; `None` if there is none now. Valid while armed and running.
-    pub fn next_step(&mut self) -> Option<Fetched> {
+    /// The next step for the engine, its words handed to `take` one by one; `None` if there is none now. Valid
+    /// while armed and running.
+    pub fn next_step(&mut self, mut take: impl FnMut(u32)) -> Option<Fetched> {
         if !matches!(self.state, State::Armed | State::Running) || self.stopping {
             return None;
         }
-        let format = self.format()?;
-        let words = self.store.take_step()?;
-        let (trigger, period) = format.trigger_and_period(&words);
+        let mut outline = Outline::new(self.format()?);
+        let words = self.store.take_step(|word| {
+            outline.add(word);
+            take(word);
+        })?;
         let fetched = Fetched {
             step: StepId(self.fetched),
             words,
             begins: self.horizon,
-            trigger,
-            period,
+            trigger: outline.trigger(),
+            period: outline.period(),
         };
         self.fetched += 1;
-        self.horizon += period;
+        self.horizon += fetched.period;
         Some(fetched)
+    }
+
+    /// The loaded table as a burst, if it runs free and has steps shorter than `too_short`. No step is left to
+    /// [`next_step`](Self::next_step) then.
+    pub fn burst(&mut self, too_short: Ticks, slice_for: Ticks) -> Option<Burst> {
+        let program = self.program?;
+        let Extent::Table { steps, cycles } = program.extent else {
+            return None;
+        };
+        if program.pace != Pace::FreeRunning || self.shortest >= too_short {
+            return None;
+        }
+        let table = (steps, self.length, self.shortest);
+        let burst = Burst::new(&mut self.store, table, cycles, slice_for);
+        self.store.take_table();
+        self.fetched = u64::from(steps) * u64::from(cycles);
+        Some(burst)
+    }
+
+    /// The words and steps of the schedule.
+    #[must_use]
+    pub const fn store(&self) -> &Store {
+        &self.store
     }
 
     /// The first step begins at `at`.
@@ -343,11 +379,11 @@ impl Sequencer {
         self.done = steps;
     }
 
-    /// The engine has played all that it fetched. Returns the state that the run ended in.
+    /// The engine has nothing more to play. Returns the state that the run ended in.
     pub fn drained(&mut self) -> State {
         if self.state == State::Running {
-            // A stop may cut off steps that were fetched already.
-            let cut = self.stopping && self.done < self.fetched;
+            // A stop may cut off steps that were fetched already, and steps may have come too late.
+            let cut = self.done < self.fetched;
             let all = self.store.is_complete() && self.store.is_dry() && !cut;
             self.state = if all {
                 State::Done
@@ -355,7 +391,7 @@ impl Sequencer {
                 State::Stopped
             } else {
                 self.fault = Some(Fault::Underrun {
-                    step: StepId(self.fetched),
+                    step: StepId(self.done),
                 });
                 State::Fault
             };

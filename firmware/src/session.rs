@@ -13,13 +13,15 @@
 use heapless::{Deque, Vec};
 use rcg_protocol::{
     Counters, Event, Extent, Fault, Identity, Info, PROTOCOL_VERSION, Pace, RECORDS_PER_EVENT, Reply,
-    Request, Response, SCHEMA_HASH, Seq, SessionId, Start, State, Status, StepRecord, Ticks, ToDevice,
-    ToHost,
+    Request, Response, SCHEMA_HASH, Seq, SessionId, Start, State, Status, StepFlags, StepRecord, Ticks,
+    ToDevice, ToHost,
 };
 
+use crate::burst::Burst;
 use crate::pulse::{FREE_OVERHEAD, LONGEST_PERIOD, PACED_OVERHEAD, SYNC_LATENCY};
 use crate::sequencer::{Fetched, Sequencer};
 use crate::store::{MAX_STEPS, MAX_WORDS};
+use crate::vsync::{Regularity, VsyncWatch};
 use crate::witness::{Sighting, Witness};
 
 /// Messages that can wait for the link.
@@ -29,7 +31,7 @@ const RESERVED: usize = 4;
 /// Step records wait at most this long for their batch to fill.
 const FLUSH_AFTER_MS: u64 = 20;
 /// A stream reports room again when this many steps were played.
-const ROOM_EVERY: u64 = 8;
+const ROOM_EVERY: u64 = 64;
 
 /// What the caller has to do.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -48,7 +50,8 @@ pub enum Engine {
     Prime,
     /// Fire, at once or at the first SYNC edge.
     Go(Start),
-    /// Bring both outputs to rest now and forget what was fetched.
+    /// Bring both outputs to rest now and forget what was fetched; then report what is left to report, how many
+    /// steps were [fired](Session::fired), and [`Session::halted`].
     Halt,
 }
 
@@ -59,16 +62,23 @@ pub struct Session {
     id: SessionId,
     nonce: Option<u32>,
     last: Option<(Seq, Result<Reply, Fault>)>,
-    sequencer: Sequencer,
-    witness: Witness,
-    /// Paced steps whose SYNC edge has not come: their trigger counts from it.
-    awaiting_sync: Deque<Fetched, 4>,
+    vsync: VsyncWatch,
     counters: Counters,
-    batch: Vec<StepRecord, RECORDS_PER_EVENT>,
     batch_since: Ticks,
     last_heard: Ticks,
-    outbox: Deque<ToHost, OUTBOX>,
     engine: Option<Engine>,
+    /// The engine was told to halt and has not said yet how far it got.
+    halting: bool,
+    /// Whether steps have records.
+    witnessed: bool,
+    /// The abort that is answered then, and when it came.
+    unanswered: Option<(Seq, Ticks)>,
+    batch: Vec<StepRecord, RECORDS_PER_EVENT>,
+    /// Paced steps whose SYNC edge has not come: their trigger counts from it.
+    awaiting_sync: Deque<Fetched, 4>,
+    witness: Witness,
+    outbox: Deque<ToHost, OUTBOX>,
+    sequencer: Sequencer,
 }
 
 impl Session {
@@ -82,6 +92,7 @@ impl Session {
             last: None,
             sequencer: Sequencer::new(),
             witness: Witness::new(),
+            vsync: VsyncWatch::new(),
             awaiting_sync: Deque::new(),
             counters: Counters {
                 frames: 0,
@@ -97,6 +108,9 @@ impl Session {
             last_heard: Ticks::ZERO,
             outbox: Deque::new(),
             engine: None,
+            halting: false,
+            witnessed: true,
+            unanswered: None,
         }
     }
 
@@ -125,20 +139,31 @@ impl Session {
         self.engine.take()
     }
 
+    /// The next message only, where it lies; [`message_sent`](Self::message_sent) takes it away.
+    #[must_use]
+    pub fn message(&self) -> Option<&ToHost> {
+        self.outbox.front()
+    }
+
+    /// The next message was sent.
+    pub fn message_sent(&mut self) {
+        self.outbox.pop_front();
+    }
+
     /// A frame came that could not be decoded.
     pub fn corrupt_frame(&mut self) {
         self.counters.corrupt += 1;
     }
 
     /// A request came.
-    pub fn request(&mut self, now: Ticks, message: ToDevice) {
+    pub fn request(&mut self, now: Ticks, message: &ToDevice) {
         self.counters.frames += 1;
-        let ToDevice {
+        let &ToDevice {
             session,
             seq,
-            request,
+            ref request,
         } = message;
-        if let Request::Hello { nonce } = request {
+        if let &Request::Hello { nonce } = request {
             self.last_heard = now;
             self.hello(seq, nonce);
             return;
@@ -165,7 +190,11 @@ impl Session {
                 self.counters.executed += 1;
                 let result = self.execute(now, request);
                 self.last = Some((seq, result));
-                self.respond(session, seq, result);
+                if self.halting {
+                    self.unanswered = Some((seq, now));
+                } else {
+                    self.respond(session, seq, result);
+                }
             }
         }
     }
@@ -188,19 +217,19 @@ impl Session {
         self.respond(SessionId(0), seq, Ok(Reply::Identity(identity)));
     }
 
-    fn execute(&mut self, now: Ticks, request: Request) -> Result<Reply, Fault> {
+    fn execute(&mut self, now: Ticks, request: &Request) -> Result<Reply, Fault> {
         match request {
             Request::Hello { .. } | Request::Status => {}
-            Request::Ping(number) => return Ok(Reply::Pong(number)),
+            Request::Ping(number) => return Ok(Reply::Pong(*number)),
             Request::Describe => return Ok(Reply::Info(self.info())),
             Request::Load(program) => {
-                self.sequencer.load(program)?;
+                self.sequencer.load(*program)?;
                 return Ok(Reply::Room {
                     steps: self.sequencer.room(),
                 });
             }
             Request::Append { first, steps, last } => {
-                self.sequencer.append(first, &steps, last)?;
+                self.sequencer.append(*first, steps, *last)?;
                 return Ok(Reply::Room {
                     steps: self.sequencer.room(),
                 });
@@ -209,6 +238,8 @@ impl Session {
                 let run = self.sequencer.arm()?;
                 self.witness.clear();
                 self.awaiting_sync.clear();
+                self.vsync = VsyncWatch::new();
+                self.witnessed = true;
                 self.batch.clear();
                 self.engine = Some(Engine::Prime);
                 return Ok(Reply::Armed { run });
@@ -221,7 +252,7 @@ impl Session {
             Request::Stop => self.sequencer.stop()?,
             Request::Abort => {
                 if self.sequencer.abort() {
-                    self.halted(now);
+                    self.halt();
                 }
             }
             Request::Clear => self.sequencer.clear()?,
@@ -254,18 +285,28 @@ impl Session {
         }
     }
 
-    /// The next step for the engine; `None` if it shall let what it has run out.
-    pub fn next_step(&mut self) -> Option<Fetched> {
+    /// The loaded table as a burst, if its steps are too short to be told one by one: shorter than `too_short`.
+    /// Then no step has a record, which is counted, and none is left to [`next_step`](Self::next_step). To be
+    /// asked for when the engine is primed.
+    pub fn burst(&mut self, too_short: Ticks, slice_for: Ticks) -> Option<Burst> {
+        let burst = self.sequencer.burst(too_short, slice_for);
+        self.witnessed = burst.is_none();
+        burst
+    }
+
+    /// The next step for the engine, its words handed to `take` one by one; `None` if it shall let what it has
+    /// run out.
+    pub fn next_step(&mut self, take: impl FnMut(u32)) -> Option<Fetched> {
         if self.awaiting_sync.is_full() {
             return None; // a paced engine fetches a step or two ahead, never this many
         }
-        let fetched = self.sequencer.next_step()?;
+        let fetched = self.sequencer.next_step(take)?;
         let paced = self
             .sequencer
             .program()
             .is_some_and(|p| p.pace == Pace::EachOnSync);
         if paced {
-            self.awaiting_sync.push_back(fetched.clone()).ok();
+            self.awaiting_sync.push_back(fetched).ok();
         } else {
             self.announce(&fetched, fetched.begins);
         }
@@ -288,10 +329,15 @@ impl Session {
         });
     }
 
-    /// The SYNC edge that began the next paced step, from the start of the run.
-    pub fn step_synced(&mut self, edge: Ticks) {
-        if let Some(fetched) = self.awaiting_sync.pop_front() {
+    /// A SYNC edge of a paced run came at `edge` from its start, and may have begun the next step.
+    pub fn sync(&mut self, edge: Ticks, begins_step: bool) {
+        if begins_step && let Some(fetched) = self.awaiting_sync.pop_front() {
             self.announce(&fetched, edge + Ticks(SYNC_LATENCY));
+        }
+        match self.vsync.edge(edge) {
+            Regularity::Regular => {}
+            Regularity::AfterMissing => self.witness.flag_newest(StepFlags::SYNC_MISSED),
+            Regularity::Extra => self.witness.flag_newest(StepFlags::SYNC_EXTRA),
         }
     }
 
@@ -328,8 +374,8 @@ impl Session {
         }
     }
 
-    /// The engine has played all that it fetched, and all edges up to `at` (from the start of the run) were
-    /// reported.
+    /// The engine has nothing more to play, and all edges up to `at` (from the start of the run) were reported. If
+    /// that is too soon the host was late.
     pub fn drained(&mut self, at: Ticks) {
         if self.sequencer.state() == State::Running {
             self.sequencer.drained();
@@ -337,20 +383,35 @@ impl Session {
         }
     }
 
-    /// No SYNC edge came in time for the next step; `at` counts from the start of the run.
-    pub fn sync_missing(&mut self, at: Ticks) {
+    /// No SYNC edge came in time for the next step.
+    pub fn sync_missing(&mut self) {
         let step = rcg_protocol::StepId(self.sequencer.steps_done());
         if self.sequencer.fail(Fault::SyncTimeout { step }) {
-            self.engine = Some(Engine::Halt);
-            self.ended(at);
+            self.halt();
         }
     }
 
-    /// The engine lost its timing at `at` from the start of the run.
-    pub fn engine_failed(&mut self, at: Ticks) {
+    /// The engine lost its timing.
+    pub fn engine_failed(&mut self) {
         if self.sequencer.fail(Fault::Engine) {
-            self.engine = Some(Engine::Halt);
-            self.ended(at);
+            self.halt();
+        }
+    }
+
+    fn halt(&mut self) {
+        self.engine = Some(Engine::Halt);
+        self.halting = true;
+    }
+
+    /// The engine has halted at `at` from the start of the run, and everything up to then was reported.
+    pub fn halted(&mut self, at: Ticks) {
+        if !core::mem::take(&mut self.halting) {
+            return;
+        }
+        self.ended(at);
+        if let Some((seq, now)) = self.unanswered.take() {
+            let result = Ok(Reply::Status(self.status(now)));
+            self.respond(self.id, seq, result);
         }
     }
 
@@ -362,7 +423,7 @@ impl Session {
             .map_or(Ticks::ZERO, |p| p.dead_man.to_ticks(self.clock_hz));
         let silent = now.saturating_sub(self.last_heard);
         if dead_man > Ticks::ZERO && silent > dead_man && self.sequencer.fail(Fault::HostLost) {
-            self.halted(now);
+            self.halt();
         }
         let flush_after = Ticks(FLUSH_AFTER_MS * u64::from(self.clock_hz) / 1000);
         if let Some(started) = self.sequencer.started() {
@@ -373,14 +434,11 @@ impl Session {
         }
     }
 
-    /// The run was cut at `now` on the controller's clock.
-    fn halted(&mut self, now: Ticks) {
-        self.engine = Some(Engine::Halt);
-        let started = self.sequencer.started();
-        self.ended(started.map_or(Ticks::ZERO, |started| now.saturating_sub(started)));
-    }
-
     fn ended(&mut self, at: Ticks) {
+        if !self.witnessed {
+            let unseen = u32::try_from(self.sequencer.steps_done()).unwrap_or(u32::MAX);
+            self.counters.records_lost = self.counters.records_lost.saturating_add(unseen);
+        }
         while let Some(record) = self.witness.last(at) {
             self.record(record, at);
         }

@@ -2,23 +2,67 @@
 //!
 //! # Design
 //! One ring of words and one of step lengths serve both. A table fills them once and is read round and
-//! round; a stream frees what it has played.
+//! round; a stream frees what it has played. A table lies in one piece from the start of the ring, so the DMA
+//! can play it [where it is](Store::table), even several times over.
 
-use heapless::Deque;
+use core::ops::Range;
+
+use heapless::{Deque, Vec};
 use rcg_protocol::{Extent, Fault};
-
-use crate::pulse::StepWords;
 
 /// Steps that the store holds.
 pub const MAX_STEPS: usize = 4096;
 /// Output words that the store holds; four a step, and most steps need four or five.
 pub const MAX_WORDS: usize = 16_384;
 
+/// Words, first in, first out.
+#[derive(Debug)]
+struct Words {
+    first: usize,
+    len: usize,
+    /// Grows as places are used for the first time, so that an empty one need not be written.
+    ring: Vec<u32, MAX_WORDS>,
+}
+
+impl Words {
+    const fn new() -> Self {
+        Self {
+            ring: Vec::new(),
+            first: 0,
+            len: 0,
+        }
+    }
+
+    fn clear(&mut self) {
+        self.first = 0;
+        self.len = 0;
+    }
+
+    /// Place in the ring of word `index`, which may be the one after the last.
+    const fn place(&self, index: usize) -> usize {
+        (self.first + index) % MAX_WORDS
+    }
+
+    fn push(&mut self, word: u32) {
+        let place = self.place(self.len);
+        match self.ring.get_mut(place) {
+            Some(old) => *old = word,
+            None => self.ring.push(word).expect("the place is within the ring"),
+        }
+        self.len += 1;
+    }
+
+    fn pop(&mut self) -> u32 {
+        let word = self.ring[self.first];
+        self.first = self.place(1);
+        self.len -= 1;
+        word
+    }
+}
+
 /// Steps as words.
 #[derive(Debug)]
 pub struct Store {
-    words: Deque<u32, MAX_WORDS>,
-    lengths: Deque<u8, MAX_STEPS>,
     /// Index of the next step that may be appended.
     appended: u64,
     /// Where the table is being read: step and word.
@@ -26,6 +70,8 @@ pub struct Store {
     cycles_left: u32,
     keeps: bool,
     complete: bool,
+    lengths: Deque<u8, MAX_STEPS>,
+    words: Words,
 }
 
 impl Default for Store {
@@ -39,7 +85,7 @@ impl Store {
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            words: Deque::new(),
+            words: Words::new(),
             lengths: Deque::new(),
             appended: 0,
             cursor: (0, 0),
@@ -95,35 +141,45 @@ impl Store {
     #[must_use]
     pub fn free_steps(&self) -> u32 {
         let steps = MAX_STEPS - self.lengths.len();
-        let words = MAX_WORDS - self.words.len();
+        let words = MAX_WORDS - self.words.len;
         steps.min(words / 4) as u32
     }
 
-    /// Adds one step.
+    /// Adds one step, whose words `write` hands to the function that it is given.
     ///
     /// # Errors
-    /// [`Fault::StreamFull`] or, for a table, [`Fault::TooManySteps`] or [`Fault::TooManyWords`]; nothing is
-    /// taken then.
-    pub fn push(&mut self, step: &StepWords) -> Result<(), Fault> {
+    /// [`Fault::StreamFull`] or, for a table, [`Fault::TooManySteps`] or [`Fault::TooManyWords`]; or those of
+    /// `write`. Nothing is taken then.
+    pub fn push(
+        &mut self,
+        write: impl FnOnce(&mut dyn FnMut(u32) -> Result<(), Fault>) -> Result<(), Fault>,
+    ) -> Result<(), Fault> {
+        let before = self.words.len;
         let steps_full = self.lengths.is_full();
-        if steps_full || MAX_WORDS - self.words.len() < step.len() {
-            return Err(match (self.keeps, steps_full) {
-                (false, _) => Fault::StreamFull {
-                    free: self.free_steps(),
-                },
-                (true, true) => Fault::TooManySteps {
-                    limit: MAX_STEPS as u32,
-                },
-                (true, false) => Fault::TooManyWords {
-                    limit: MAX_WORDS as u32,
-                },
-            });
+        let full = match (self.keeps, steps_full) {
+            (false, _) => Fault::StreamFull {
+                free: self.free_steps(),
+            },
+            (true, true) => Fault::TooManySteps {
+                limit: MAX_STEPS as u32,
+            },
+            (true, false) => Fault::TooManyWords {
+                limit: MAX_WORDS as u32,
+            },
+        };
+        let written = write(&mut |word| {
+            if steps_full || self.words.len == MAX_WORDS {
+                return Err(full);
+            }
+            self.words.push(word);
+            Ok(())
+        });
+        if written.is_err() {
+            self.words.len = before;
+            return written;
         }
-        let fits = "room was checked";
-        self.lengths.push_back(step.len() as u8).expect(fits);
-        for &word in step {
-            self.words.push_back(word).expect(fits);
-        }
+        let length = self.words.len - before;
+        self.lengths.push_back(length as u8).ok(); // words were taken, so there is room
         self.appended += 1;
         Ok(())
     }
@@ -131,42 +187,69 @@ impl Store {
     /// Takes back the last `steps` steps that were pushed.
     pub fn retract(&mut self, steps: u64) {
         for _ in 0..steps {
-            for _ in 0..self.lengths.pop_back().unwrap_or(0) {
-                self.words.pop_back();
-            }
+            self.words.len -= usize::from(self.lengths.pop_back().unwrap_or(0));
             self.appended -= 1;
         }
     }
 
-    /// The next step to play, or `None` if the store is dry.
-    pub fn take_step(&mut self) -> Option<StepWords> {
+    /// Hands the words of the next step to `take`, in order and one by one. Returns how many there were, or
+    /// `None` if the store is dry.
+    pub fn take_step(&mut self, mut take: impl FnMut(u32)) -> Option<usize> {
         if self.is_dry() {
             return None;
         }
+        let length;
         if self.keeps {
-            self.next_of_table()
+            let (step, word) = self.cursor;
+            length = usize::from(*self.lengths.get(step)?);
+            self.table()[word..word + length].iter().copied().for_each(take);
+            self.cursor = (step + 1, word + length);
+            if self.cursor.0 == self.lengths.len() {
+                self.cursor = (0, 0);
+                self.cycles_left -= 1;
+            }
         } else {
-            self.next_of_stream()
+            length = usize::from(self.lengths.pop_front()?);
+            for _ in 0..length {
+                take(self.words.pop());
+            }
         }
+        Some(length)
     }
 
-    fn next_of_table(&mut self) -> Option<StepWords> {
-        let (step, word) = self.cursor;
-        let length = usize::from(*self.lengths.get(step)?);
-        let words = (word..word + length)
-            .filter_map(|i| self.words.get(i))
-            .copied()
-            .collect();
-        self.cursor = (step + 1, word + length);
-        if self.cursor.0 == self.lengths.len() {
-            self.cursor = (0, 0);
-            self.cycles_left -= 1;
-        }
-        Some(words)
+    /// The words of one pass of a table.
+    #[must_use]
+    pub fn table(&self) -> &[u32] {
+        &self.words.ring[..self.words.len]
     }
 
-    fn next_of_stream(&mut self) -> Option<StepWords> {
-        let length = self.lengths.pop_front()?;
-        (0..length).map(|_| self.words.pop_front()).collect()
+    /// Words of a table and its [copies](Self::unroll).
+    #[must_use]
+    pub fn slice(&self, range: Range<usize>) -> &[u32] {
+        &self.words.ring[range]
+    }
+
+    /// How many words step `step` of a table has.
+    #[must_use]
+    pub fn step_words(&self, step: usize) -> usize {
+        self.lengths.get(step).map_or(0, |&length| usize::from(length))
+    }
+
+    /// Writes copies of a table behind it until there are `passes` or no further one fits. Returns how many
+    /// there are.
+    pub fn unroll(&mut self, passes: usize) -> usize {
+        let words = self.words.len.max(1);
+        let passes = passes.clamp(1, MAX_WORDS / words);
+        let length = self.words.ring.len().max(passes * words);
+        self.words.ring.resize(length, 0).expect("as many passes as fit");
+        for pass in 1..passes {
+            self.words.ring.copy_within(..words, pass * words);
+        }
+        passes
+    }
+
+    /// The whole table, all cycles of it, is taken at once.
+    pub fn take_table(&mut self) {
+        self.cycles_left = 0;
     }
 }

@@ -15,13 +15,12 @@ use embassy_rp::peripherals::USB;
 use embassy_rp::usb::Driver;
 use embassy_time::{Duration, with_timeout};
 use embassy_usb::class::cdc_acm::{CdcAcmClass, ControlChanged, Receiver, Sender, State};
-use embassy_usb::driver::EndpointError;
 use embassy_usb::{Builder, Config, UsbDevice};
-use rcg_protocol::{Decoder, MAX_FRAME};
+use rcg_protocol::Decoder;
 use static_cell::StaticCell;
 
 use crate::board::Irqs;
-use crate::links::{LinkId, frame, outbox, receive};
+use crate::links::{LinkId, outbox, receive};
 
 /// Vendor and product for tests of open hardware (pid.codes); a product that is sold needs its own.
 const VENDOR_PRODUCT: (u16, u16) = (0x1209, 0x0001);
@@ -81,7 +80,7 @@ async fn usb_in(mut receiver: Receiver<'static, UsbDriver>, control: ControlChan
             match select(receiver.read_packet(&mut packet), control.control_changed()).await {
                 Either::First(Ok(count)) => {
                     LISTENED_TO.store(true, Ordering::Relaxed);
-                    receive(LinkId::Usb, &mut decoder, &packet[..count]).await;
+                    receive(LinkId::Usb, &mut decoder, &packet[..count]);
                 }
                 Either::First(Err(_)) => break,
                 Either::Second(()) => decoder.reset(), // the port was opened or closed
@@ -94,27 +93,25 @@ async fn usb_in(mut receiver: Receiver<'static, UsbDriver>, control: ControlChan
 
 #[embassy_executor::task]
 async fn usb_out(mut sender: Sender<'static, UsbDriver>) {
-    let mut buffer = [0; MAX_FRAME];
+    let mut packet = [0; PACKET];
+    let mut full = false;
     loop {
-        let message = outbox(LinkId::Usb).receive().await;
+        // A transfer that ends with a full packet needs an empty one, or the host waits for more.
+        let bytes = outbox(LinkId::Usb);
+        let count = match bytes.try_read(&mut packet) {
+            Ok(count) => count,
+            Err(_) if full => 0,
+            Err(_) => bytes.read(&mut packet).await,
+        };
         if !LISTENED_TO.load(Ordering::Relaxed) {
+            full = false;
             continue;
         }
-        let sent = with_timeout(PATIENCE, write(&mut sender, frame(&message, &mut buffer))).await;
+        full = count == PACKET;
+        let sent = with_timeout(PATIENCE, sender.write_packet(&packet[..count])).await;
         if !matches!(sent, Ok(Ok(()))) {
             LISTENED_TO.store(false, Ordering::Relaxed);
             defmt::warn!("USB: nobody reads");
         }
     }
-}
-
-/// Sends `frame` in packets. A short packet ends it, an empty one if need be.
-async fn write(sender: &mut Sender<'static, UsbDriver>, frame: &[u8]) -> Result<(), EndpointError> {
-    for packet in frame.chunks(PACKET) {
-        sender.write_packet(packet).await?;
-    }
-    if frame.len().is_multiple_of(PACKET) {
-        sender.write_packet(&[]).await?;
-    }
-    Ok(())
 }

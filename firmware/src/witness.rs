@@ -61,9 +61,9 @@ pub enum Sighting {
 /// Holds triggers against strobes. All times count from the start of the run.
 #[derive(Debug, Default)]
 pub struct Witness {
-    pending: Deque<Pending, MAX_PENDING>,
     /// The strobe that is on is a spurious one, or of a trigger that is settled already.
     ignore_off: bool,
+    pending: Deque<Pending, MAX_PENDING>,
 }
 
 impl Witness {
@@ -100,6 +100,13 @@ impl Witness {
         };
         self.pending.push_back(pending).ok();
         crowded
+    }
+
+    /// Adds `flags` to the trigger that was announced last.
+    pub fn flag_newest(&mut self, flags: StepFlags) {
+        if let Some(newest) = self.pending.back_mut() {
+            newest.flags = newest.flags.with(flags);
+        }
     }
 
     /// The next record that is settled at `now`: the trigger after it has passed.

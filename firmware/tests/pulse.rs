@@ -6,7 +6,9 @@
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::Index;
-use rcg_firmware::pulse::{Edge, LONGEST_PERIOD, Played, Reader, SYNC_LATENCY, WAIT_LEAD, WordFormat};
+use rcg_firmware::pulse::{
+    Edge, LONGEST_PERIOD, Outline, Played, Reader, SYNC_LATENCY, WAIT_LEAD, WordFormat,
+};
 use rcg_protocol::{Fault, Level, Line, Pace, Polarity, Pulse, Step, Ticks};
 
 const PACES: [Pace; 2] = [Pace::FreeRunning, Pace::EachOnSync];
@@ -141,8 +143,16 @@ fn check_summary(format: WordFormat, steps: &[Step]) {
     for step in steps {
         let words = format.encode(step, 0).expect("the step is valid");
         let trigger = (!step.cam.is_none()).then_some(step.cam.at);
-        assert_eq!(format.trigger_and_period(&words), (trigger, step.period));
+        assert_eq!(outline(format, &words), (trigger, step.period));
     }
+}
+
+fn outline(format: WordFormat, words: &[u32]) -> (Option<Ticks>, Ticks) {
+    let mut outline = Outline::new(format);
+    for &word in words {
+        outline.add(word);
+    }
+    (outline.trigger(), outline.period())
 }
 
 proptest! {
@@ -326,7 +336,7 @@ fn the_longest_period_is_played_whole_and_one_tick_more_is_refused() {
         for period in [LONGEST_PERIOD, LONGEST_PERIOD + Ticks(1), Ticks(u64::MAX)] {
             let words = format.encode(&Step { proj, cam, period }, 42);
             if period == LONGEST_PERIOD {
-                assert_eq!(format.trigger_and_period(&words.unwrap()), (Some(cam.at), period));
+                assert_eq!(outline(format, &words.unwrap()), (Some(cam.at), period));
             } else {
                 assert_eq!(words, Err(Fault::PeriodTooLong { step: 42 }));
             }

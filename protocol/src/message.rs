@@ -275,6 +275,10 @@ impl StepFlags {
     pub const NO_TRIGGER: Self = Self(4);
     /// The exposure was still going on when the next trigger came or the run ended; its end is not known.
     pub const OVERRUN: Self = Self(8);
+    /// At least one SYNC edge did not come before the one that began this step, or during the step.
+    pub const SYNC_MISSED: Self = Self(16);
+    /// SYNC had an edge more than its period allows, at the start of this step or before the next one.
+    pub const SYNC_EXTRA: Self = Self(32);
 
     /// Whether all flags of `other` are set.
     #[must_use]

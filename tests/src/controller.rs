@@ -61,11 +61,11 @@ pub struct Controller {
     decoder: Decoder,
     journal: Journal,
     missed: BTreeSet<u64>,
-    queue: VecDeque<Fetched>,
+    queue: VecDeque<(Fetched, StepWords)>,
     reader: Option<Reader>,
     /// When the run began.
     began: Option<Ticks>,
-    playing: Option<Fetched>,
+    playing: Option<(Fetched, StepWords)>,
     done: u64,
     happenings: BTreeSet<(Ticks, Happening)>,
     next_poll_ns: u64,
@@ -120,7 +120,9 @@ impl Controller {
                 }
                 Engine::Halt => {
                     self.journal.halted += 1;
+                    let at = self.began.map_or(Ticks::ZERO, |began| now.saturating_sub(began));
                     self.forget();
+                    self.session.halted(at);
                 }
             }
         }
@@ -135,21 +137,24 @@ impl Controller {
     }
 
     fn fetch(&mut self) {
+        let mut words = StepWords::new();
         while self.queue.len() < AHEAD
-            && let Some(fetched) = self.session.next_step()
+            && let Some(fetched) = self
+                .session
+                .next_step(|word| words.push(word).expect("a step has room for its words"))
         {
-            self.queue.push_back(fetched);
+            self.queue.push_back((fetched, std::mem::take(&mut words)));
         }
     }
 
     fn begin_step(&mut self, at: Ticks) {
-        let Some(fetched) = self.queue.pop_front() else {
+        let Some((fetched, words)) = self.queue.pop_front() else {
             self.session.drained(at);
             return;
         };
         let mut trigger = None;
         let reader = self.reader.as_mut().expect("the engine was primed");
-        for &word in &fetched.words {
+        for &word in &words {
             let played = reader.play(
                 word,
                 |_| None,
@@ -186,7 +191,7 @@ impl Controller {
         }
         let run = self.session.sequencer().run();
         self.journal.truth.insert((run, fetched.step), record);
-        self.playing = Some(fetched);
+        self.playing = Some((fetched, words));
     }
 
     fn happen(&mut self, at: Ticks, happening: Happening) {
@@ -195,9 +200,9 @@ impl Controller {
             Happening::StrobeOn => self.session.strobe(true, at),
             Happening::StepEnds => {
                 self.done += 1;
-                if let Some(fetched) = self.playing.take() {
+                if let Some((fetched, words)) = self.playing.take() {
                     let run = self.session.sequencer().run();
-                    self.journal.played.push((run, fetched.step, fetched.words));
+                    self.journal.played.push((run, fetched.step, words));
                 }
                 self.session.fired(self.done, at);
                 self.fetch();
@@ -220,7 +225,7 @@ impl Peer for Controller {
             Some(Err(_)) => self.session.corrupt_frame(),
             Some(Ok(message)) => {
                 let executed = self.session.counters().executed;
-                self.session.request(now, message.clone());
+                self.session.request(now, &message);
                 if self.session.counters().executed != executed {
                     self.journal.executed.push(message);
                 }

@@ -20,7 +20,7 @@ use embassy_rp::pac::io::vals::Inover;
 use embassy_rp::pac::{DMA, IO_BANK0};
 use embassy_rp::peripherals::PIO0;
 use embassy_rp::pio::{Config, Direction, FifoJoin, Pin, ShiftConfig, ShiftDirection, StateMachine};
-use rcg_firmware::edges::{EdgeClock, Sighting};
+use rcg_firmware::edges::{EdgeClock, Sighting, time_of};
 use rcg_protocol::Ticks;
 
 use super::chain::{abort, set_count};
@@ -38,6 +38,10 @@ const MOST_EDGES: u32 = (1 << 28) - 1;
 /// `mov x, ~null`: the counter begins at its largest value.
 #[allow(clippy::unusual_byte_groupings)] // the fields of the instruction
 const COUNTER_FULL: u16 = 0b101_00000_001_01_011;
+
+/// `in x, 32`: the counter goes to the FIFO.
+#[allow(clippy::unusual_byte_groupings)] // the fields of the instruction
+const HAND_OVER: u16 = 0b010_00000_001_00000;
 
 /// Aligned to its size, as the DMA wraps by masking address bits.
 #[repr(C, align(1024))]
@@ -57,6 +61,8 @@ pub(crate) struct Capture<const SM: usize> {
     active_low: bool,
     clock: EdgeClock,
     taken: u32,
+    /// How many of what was stored are edges, once the machine stands still.
+    edges: Option<u32>,
     lost: bool,
     next: Option<Sighting>,
     ring: Ring,
@@ -89,6 +95,7 @@ impl<const SM: usize> Capture<SM> {
             active_low: false,
             clock: EdgeClock::new(false),
             taken: 0,
+            edges: None,
             lost: false,
             next: None,
             ring: Ring(UnsafeCell::new([0; RING_WORDS])),
@@ -131,6 +138,7 @@ impl<const SM: usize> Capture<SM> {
         }
         self.clock = EdgeClock::new(active);
         self.taken = 0;
+        self.edges = None;
         self.lost = false;
         self.next = None;
 
@@ -152,19 +160,40 @@ impl<const SM: usize> Capture<SM> {
     /// The next edge; `elapsed` is the coarse time since the count began.
     pub(crate) fn peek(&mut self, elapsed: Ticks) -> Option<Sighting> {
         if self.next.is_none() {
-            let waiting = self.arrived() - self.taken;
+            let waiting = self.edges.unwrap_or_else(|| self.arrived()) - self.taken;
             self.lost |= waiting as usize >= RING_WORDS || self.taken == MOST_EDGES;
             if waiting > 0 && !self.lost {
-                let index = self.taken as usize % RING_WORDS;
-                let word = self.ring.0.get().cast::<u32>().wrapping_add(index);
-                // SAFETY: the index is within the ring, and the DMA has written this word and has not come round to
-                // it again, as fewer words wait than the ring holds. Volatile, as the compiler knows of no DMA.
-                let counter = unsafe { word.read_volatile() };
+                let counter = self.stored(self.taken);
                 self.taken += 1;
                 self.next = Some(self.clock.edge(counter, elapsed));
             }
         }
         self.next
+    }
+
+    /// The counter that the DMA stored as number `number`, which must have arrived.
+    fn stored(&self, number: u32) -> u32 {
+        let index = number as usize % RING_WORDS;
+        let word = self.ring.0.get().cast::<u32>().wrapping_add(index);
+        // SAFETY: the index is within the ring, and the DMA has written this word and has not come round to it
+        // again, as fewer words wait than the ring holds. Volatile, as the compiler knows of no DMA.
+        unsafe { word.read_volatile() }
+    }
+
+    /// When the count stood still; `elapsed` is the coarse time since it began. To be called once the machine is
+    /// disabled. Edges of before can still be [peeked](Self::peek) at.
+    pub(crate) fn stopped_at(&mut self, elapsed: Ticks) -> Ticks {
+        if self.lost {
+            return elapsed;
+        }
+        // What is still in the FIFO are edges. Then the counter is handed over as if it were one more.
+        while self.machine.rx().level() > 0 {}
+        let edges = self.arrived();
+        self.edges = Some(edges);
+        // SAFETY: the machine is disabled and has no further use of its shift register.
+        unsafe { self.machine.exec_instr(HAND_OVER) };
+        while self.arrived() == edges {}
+        time_of(self.stored(edges), elapsed)
     }
 
     /// The edge that was peeked at is dealt with.

@@ -8,9 +8,12 @@
 //! plays a stale word. Linking is one store to a register; the running channel either has seen it or has
 //! triggered the rest channel, and [`Chain::is_dry`] tells which.
 //!
+//! Words that do not change, those of a [burst](rcg_firmware::burst), need no block and are moved from where
+//! they lie.
+//!
 //! # Tradeoffs
-//! A block holds whole steps, so a run of steps shorter than the time it takes to fetch them (about ten
-//! microseconds each) ends with a fault, and not with a gap.
+//! A block holds whole steps, so a stream of steps shorter than the time it takes to fetch them ends with a
+//! fault, and not with a gap.
 
 use core::sync::atomic::{Ordering, fence};
 
@@ -26,11 +29,19 @@ use super::{DMA_PULSE, DMA_REST};
 /// Interrupt bits of the three channels.
 const ALL: u32 = 1 << DMA_PULSE[0] | 1 << DMA_PULSE[1] | 1 << DMA_REST;
 
+/// What a channel was told to move.
+#[derive(Clone, Copy, Default)]
+struct Part {
+    start: u32,
+    words: u32,
+    steps: u64,
+}
+
 /// Two blocks in turns, and the word of rest.
 ///
 /// The DMA reads the blocks where they lie, so a chain must not move while it is in use: it lives in a static.
 pub(crate) struct Chain {
-    blocks: [Block; 2],
+    parts: [Part; 2],
     rest: u32,
     format: WordFormat,
     /// Where the words go: a TX FIFO.
@@ -39,12 +50,14 @@ pub(crate) struct Chain {
     oldest: usize,
     /// Blocks that were given to the DMA and are not through.
     queued: usize,
-    /// Words of the blocks that are through.
+    /// Words of the parts that are through, which wrap, and their steps.
     through: u32,
+    steps_through: u64,
     /// Length of the block that was queued last.
     last_ticks: Ticks,
     cut: bool,
     dry: bool,
+    blocks: [Block; 2],
 }
 
 impl Chain {
@@ -52,6 +65,11 @@ impl Chain {
     pub(crate) const fn new(fifo: u32) -> Self {
         Self {
             blocks: [Block::new(), Block::new()],
+            parts: [Part {
+                start: 0,
+                words: 0,
+                steps: 0,
+            }; 2],
             rest: 0,
             format: WordFormat::new(
                 Pace::FreeRunning,
@@ -66,6 +84,7 @@ impl Chain {
             oldest: 0,
             queued: 0,
             through: 0,
+            steps_through: 0,
             last_ticks: Ticks::ZERO,
             cut: false,
             dry: false,
@@ -83,6 +102,7 @@ impl Chain {
         self.oldest = 0;
         self.queued = 0;
         self.through = 0;
+        self.steps_through = 0;
         self.last_ticks = Ticks(u64::MAX / 2);
         self.cut = false;
         self.dry = false;
@@ -90,10 +110,15 @@ impl Chain {
         DMA.inte(0).write_value(ALL);
     }
 
+    /// Whether another part can be queued.
+    pub(crate) const fn has_room(&self) -> bool {
+        !(self.cut || self.dry || self.queued == self.blocks.len())
+    }
+
     /// The block to fill, if there is one.
     pub(crate) fn filling(&mut self) -> Option<&mut Block> {
-        let over = self.cut || self.dry || self.queued == self.blocks.len();
-        (!over).then(|| &mut self.blocks[(self.oldest + self.queued) % 2])
+        self.has_room()
+            .then(|| &mut self.blocks[(self.oldest + self.queued) % 2])
     }
 
     /// How long a block should be at least: not longer than twice the one before it, so that it is filled in
@@ -108,12 +133,25 @@ impl Chain {
         let block = &mut self.blocks[index];
         let grown = block.close(self.format);
         self.last_ticks = block.ticks();
-        set_up(DMA_PULSE[index], block.words(), self.fifo, DMA_REST);
+        let (words, steps) = (core::ptr::from_ref(block.words()), block.steps() as u64);
+        self.append(words, steps);
+        grown
+    }
+
+    /// Gives words that lie elsewhere to the DMA, `steps` whole steps. They must stay there, unchanged, until the
+    /// chain is stopped or dry.
+    pub(crate) fn append(&mut self, words: *const [u32], steps: u64) {
+        let index = (self.oldest + self.queued) % 2;
+        self.parts[index] = Part {
+            start: words.cast::<u32>() as u32,
+            words: words.len() as u32,
+            steps,
+        };
+        set_up(DMA_PULSE[index], words, self.fifo, DMA_REST);
         if self.queued > 0 {
             link(DMA_PULSE[self.oldest], DMA_PULSE[index]);
         }
         self.queued += 1;
-        grown
     }
 
     /// Begins to move words.
@@ -127,19 +165,23 @@ impl Chain {
             .write(|w| w.set_multi_chan_trigger(1 << first));
     }
 
-    /// Sees which blocks are through and acknowledges their interrupts.
-    pub(crate) fn retire(&mut self) {
+    /// Sees which blocks are through and acknowledges their interrupts. Returns whether there were any: nobody else
+    /// will be told then that there is room.
+    pub(crate) fn retire(&mut self) -> bool {
+        let before = self.queued;
         let done = DMA.intr(0).read() & ALL;
         // In the order in which they were queued; both may be through.
         while self.queued > 0 && done & 1 << DMA_PULSE[self.oldest] != 0 {
-            let block = &mut self.blocks[self.oldest];
-            self.through = self.through.wrapping_add(block.words().len() as u32);
-            block.clear();
+            let part = self.parts[self.oldest];
+            self.through = self.through.wrapping_add(part.words);
+            self.steps_through += part.steps;
+            self.blocks[self.oldest].clear();
             self.oldest = (self.oldest + 1) % 2;
             self.queued -= 1;
         }
         self.dry |= done & 1 << DMA_REST != 0;
         DMA.intr(0).write_value(done);
+        self.queued < before
     }
 
     /// Lets the chain end with the block that the DMA is at, and takes no further one.
@@ -166,17 +208,21 @@ impl Chain {
         let mut words = self.through;
         for turn in 0..self.queued {
             let index = (self.oldest + turn) % 2;
-            let start = self.blocks[index].words().as_ptr() as u32;
             // A channel that has not begun still points at the start.
-            let bytes = DMA.ch(DMA_PULSE[index]).read_addr().read().wrapping_sub(start);
+            let at = DMA.ch(DMA_PULSE[index]).read_addr().read();
+            let bytes = at.wrapping_sub(self.parts[index].start);
             words = words.wrapping_add(bytes / 4);
         }
         words
     }
 
+    /// Steps of the parts that were moved whole.
+    pub(crate) const fn steps_through(&self) -> u64 {
+        self.steps_through
+    }
+
     /// Stops at once and takes no further block; what is in the FIFO stays there.
     pub(crate) fn stop(&mut self) {
-        self.queued = 0;
         self.cut = true;
         abort([DMA_PULSE[0], DMA_PULSE[1], DMA_REST]);
         // An aborted channel may say that it is through (erratum RP2040-E13).
@@ -205,11 +251,11 @@ pub(crate) fn set_count(channel: usize, words: u32) {
 }
 
 /// Makes `channel` ready to move `words` to `fifo` and then to trigger `next`.
-fn set_up(channel: usize, words: &[u32], fifo: u32, next: usize) {
+fn set_up(channel: usize, words: *const [u32], fifo: u32, next: usize) {
     // The words are in memory before the DMA is told of them.
     fence(Ordering::SeqCst);
     let ch = DMA.ch(channel);
-    ch.read_addr().write_value(words.as_ptr() as u32);
+    ch.read_addr().write_value(words.cast::<u32>() as u32);
     ch.write_addr().write_value(fifo);
     set_count(channel, words.len() as u32);
     link(channel, next);

@@ -9,6 +9,9 @@
 //! The times of a run count from the first step's start, or from the first SYNC edge if every step waits for
 //! one; state machines are started in one tick, so the counts of all of them are the same time.
 //!
+//! A free-running table whose steps are too short to be told one by one is played as a
+//! [burst](rcg_firmware::burst).
+//!
 //! # Tradeoffs
 //! A stop ends the run with the block that is being played: one step, or up to a millisecond of short ones.
 //! The end of a run is noticed by the poll, up to a millisecond late; its time is exact all the same.
@@ -19,10 +22,11 @@ use embassy_rp::gpio::Level;
 use embassy_rp::pac::PIO0 as PIO;
 use embassy_rp::peripherals::PIO0;
 use embassy_rp::pio::{Config, Direction, FifoJoin, Pin, Pio, ShiftConfig, ShiftDirection, StateMachine};
+use rcg_firmware::burst::Burst;
 use rcg_firmware::progress::Progress;
 use rcg_firmware::pulse::WordFormat;
 use rcg_firmware::session::Session;
-use rcg_protocol::{Extent, Pace, Polarity, Program, Start, Ticks};
+use rcg_protocol::{Extent, Pace, Polarity, Start, Ticks};
 
 use super::capture::Capture;
 use super::chain::Chain;
@@ -43,8 +47,18 @@ const PULL: u16 = 0b100_00000_101_00000;
 /// How long a block should be: in about that time the poll comes round, and a stop takes effect.
 const BLOCK_US: u32 = 1000;
 
+/// Steps shorter than this are played as a burst where that is possible. The CPU needs about half of it for a
+/// step with its record and its two STROBE edges.
+const TOO_SHORT_US: u32 = 40;
+
+/// Steps that one turn fetches at most: the UART's FIFO is full after 350 µs, the lock is held for less than half of it.
+const STEPS_PER_TURN: usize = 4;
+
+/// Edges that one turn reports at most.
+const EDGES_PER_TURN: usize = 8;
+
 /// How far the engine is.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy)]
 enum Phase {
     /// Outputs at rest, nothing moves.
     Resting,
@@ -52,6 +66,15 @@ enum Phase {
     Primed,
     /// Started at this time on the controller's clock.
     Started(Ticks),
+    /// Halted, with reports of the time before that are left to make.
+    Halted {
+        /// When it was started.
+        started: Ticks,
+        /// When it was halted, from then on.
+        after: Ticks,
+        /// Words that the state machine had taken.
+        taken: u32,
+    },
 }
 
 /// The pulse engine.
@@ -59,10 +82,7 @@ pub(crate) struct Engine {
     clock: Clock,
     machine: StateMachine<'static, PIO0, SM_PULSE>,
     outputs: [Pin<'static, PIO0>; 2],
-    strobe: Capture<SM_STROBE>,
-    sync: Capture<SM_SYNC>,
-    chain: Chain,
-    progress: Progress,
+    burst: Option<Burst>,
     free: (Loaded, Config<'static, PIO0>),
     paced: (Loaded, Config<'static, PIO0>),
     phase: Phase,
@@ -72,10 +92,16 @@ pub(crate) struct Engine {
     sync_timeout: Ticks,
     /// Steps of the run, unless it is a stream.
     total: Option<u64>,
+    /// A block was cut short because there was nothing to fill it with.
+    starved: bool,
     /// The start of the run, from the tick in which the state machines started.
     origin: Option<Ticks>,
     /// The channels that chain and captures use by number.
     _dma: DmaParts,
+    progress: Progress,
+    chain: Chain,
+    strobe: Capture<SM_STROBE>,
+    sync: Capture<SM_SYNC>,
 }
 
 impl Engine {
@@ -130,6 +156,7 @@ impl Engine {
             strobe: Capture::new(sm1, strobe, DMA_STROBE, &edges),
             sync: Capture::new(sm2, sync, DMA_SYNC, &edges),
             progress: Progress::new(Pace::FreeRunning),
+            burst: None,
             free: (free, free_config),
             paced: (paced, paced_config),
             phase: Phase::Resting,
@@ -137,14 +164,18 @@ impl Engine {
             polarity: Polarity::default(),
             sync_timeout: Ticks::ZERO,
             total: None,
+            starved: false,
             origin: None,
             _dma: parts.dma,
         }
     }
 
-    /// Sets everything up for `program`. The blocks are filled by the turns that follow.
-    pub(crate) fn prime(&mut self, program: &Program) {
-        self.halt();
+    /// Sets everything up for the session's program. The blocks are filled by the turns that follow.
+    pub(crate) fn prime(&mut self, session: &mut Session) {
+        let Some(&program) = session.sequencer().program() else {
+            return;
+        };
+        self.stop();
         self.pace = program.pace;
         self.polarity = program.polarity;
         self.sync_timeout = program.sync_timeout.to_ticks(self.clock.hz());
@@ -160,22 +191,29 @@ impl Engine {
         self.machine.restart();
         self.sync.set_polarity(program.polarity.sync_active_low);
         self.strobe.set_polarity(program.polarity.strobe_active_low);
-        self.chain
-            .prepare(WordFormat::new(program.pace, program.polarity));
+        self.chain.prepare(self.format());
         self.progress = Progress::new(program.pace);
+        self.burst = session.burst(self.clock.micros(TOO_SHORT_US), self.clock.micros(BLOCK_US));
+        self.starved = false;
         self.origin = None;
         self.phase = Phase::Primed;
     }
 
     /// Starts, at once or with the first SYNC edge.
     pub(crate) fn go(&mut self, start: Start, session: &mut Session) {
-        if self.phase != Phase::Primed {
+        if !matches!(self.phase, Phase::Primed) {
             return;
         }
         self.queue_rest_of_block();
         self.chain.start();
         self.strobe.prepare();
         self.sync.prepare();
+        if self.burst.is_some() {
+            self.strobe.mute();
+            if start == Start::AtOnce {
+                self.sync.mute();
+            }
+        }
         // By now the DMA has filled the FIFO, or moved all there is. The first word goes to the shift register,
         // so that the first tick of the program sets the pins.
         let entry = u16::from(self.loaded().0.entry[usize::from(start == Start::OnSync)]);
@@ -201,22 +239,55 @@ impl Engine {
         }
     }
 
-    /// Brings the outputs to rest and forgets everything, at once.
+    /// Brings the outputs to rest at once. The turns that follow report what is left to report, and then that the
+    /// engine has halted.
     pub(crate) fn halt(&mut self) {
-        PIO.ctrl().modify(|w| w.set_sm_enable(w.sm_enable() & !MACHINES));
-        self.rest();
-        self.chain.stop();
+        self.freeze();
+        let (started, after, taken) = if let Phase::Started(started) = self.phase {
+            let elapsed = self.clock.now().saturating_sub(started);
+            (started, self.strobe.stopped_at(elapsed), self.taken())
+        } else {
+            (Ticks::ZERO, Ticks::ZERO, 0)
+        };
+        self.phase = Phase::Halted {
+            started,
+            after,
+            taken,
+        };
+    }
+
+    /// Brings the outputs to rest and forgets everything, at once.
+    fn stop(&mut self) {
+        self.freeze();
         self.strobe.stop();
         self.sync.stop();
         self.phase = Phase::Resting;
     }
 
-    /// Does one small piece of work. Returns whether there may be more.
+    /// All state machines stop in the same tick, and the outputs rest.
+    fn freeze(&mut self) {
+        PIO.ctrl().modify(|w| w.set_sm_enable(w.sm_enable() & !MACHINES));
+        self.rest();
+        self.chain.stop();
+    }
+
+    /// Does one small piece of work: about as much as the UART can wait for. Returns whether there may be more.
     pub(crate) fn turn(&mut self, session: &mut Session) -> bool {
         self.chain.retire();
         match self.phase {
             Phase::Resting => false,
             Phase::Primed => self.feed(session),
+            Phase::Halted {
+                started,
+                after,
+                taken,
+            } => {
+                let more = self.report_edges(session, started, after);
+                if !more {
+                    self.report_halt(session, after, taken);
+                }
+                more
+            }
             Phase::Started(at) => {
                 // Taken before the edges are looked at: all that came up to now, or nearly, is among them.
                 let elapsed = self.clock.now().saturating_sub(at);
@@ -229,28 +300,38 @@ impl Engine {
                 // The chain has a deadline, what is reported has not. But before a paced step can be fetched the
                 // session has to know which ones have begun.
                 let paced = self.pace == Pace::EachOnSync;
-                let more = (paced && self.report_edge(session, at, elapsed))
-                    || self.feed(session)
-                    || self.report_edge(session, at, elapsed);
-                if !more {
-                    self.report_progress(session, elapsed);
-                }
-                more
+                let more = (paced && self.report_edges(session, at, elapsed))
+                    | self.feed(session)
+                    | self.report_edges(session, at, elapsed);
+                more || self.report_progress(session, elapsed)
             }
         }
     }
 
-    /// Fetches a step for the block that is being filled, and queues the block when it is long enough.
+    /// Fetches some steps for the block that is being filled. Returns whether there may be more.
     fn feed(&mut self, session: &mut Session) -> bool {
+        (0..STEPS_PER_TURN).all(|_| self.feed_one(session))
+    }
+
+    /// Fetches a step, and queues the block when it is long enough.
+    fn feed_one(&mut self, session: &mut Session) -> bool {
+        if let Some(burst) = &mut self.burst {
+            let store = session.sequencer().store();
+            let slice = self.chain.has_room().then(|| burst.next_slice(store)).flatten();
+            if let Some((range, steps)) = &slice {
+                self.chain.append(store.slice(range.clone()), *steps);
+            }
+            return slice.is_some();
+        }
         let Some(block) = self.chain.filling() else {
             return false;
         };
         if !block.is_full()
             && !self.progress.is_full()
-            && let Some(fetched) = session.next_step()
+            && let Some(fetched) = session.next_step(|word| block.push(word))
         {
-            block.push(&fetched.words, fetched.period);
-            self.progress.push(fetched.words.len(), fetched.period);
+            block.end_step(fetched.period);
+            self.progress.push(fetched.words, fetched.period);
             let (full, ticks) = (block.is_full(), block.ticks());
             // A paced step is a block of its own.
             let enough = self.chain.enough(self.clock.micros(BLOCK_US));
@@ -260,7 +341,9 @@ impl Engine {
             true
         } else {
             // Nothing more to be had now. While it is not started a block can wait for more.
-            self.phase != Phase::Primed && self.queue_rest_of_block()
+            let queued = !matches!(self.phase, Phase::Primed) && self.queue_rest_of_block();
+            self.starved |= queued;
+            queued
         }
     }
 
@@ -281,6 +364,10 @@ impl Engine {
             .set_pins(Level::from(self.polarity.proj_active_low), &[proj]);
         self.machine
             .set_pins(Level::from(self.polarity.cam_active_low), &[cam]);
+    }
+
+    fn format(&self) -> WordFormat {
+        WordFormat::new(self.pace, self.polarity)
     }
 
     fn loaded(&self) -> &(Loaded, Config<'static, PIO0>) {

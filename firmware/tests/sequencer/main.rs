@@ -57,8 +57,10 @@ pub(crate) fn go(s: &mut Sequencer) {
 /// Fires all that there is, as the engine does.
 pub(crate) fn play(s: &mut Sequencer) -> Vec<(StepId, Vec<u32>, u64)> {
     let mut played = Vec::new();
-    while let Some(fetched) = s.next_step() {
-        played.push((fetched.step, fetched.words.to_vec(), fetched.begins.0));
+    let mut words = Vec::new();
+    while let Some(fetched) = s.next_step(|word| words.push(word)) {
+        assert_eq!(fetched.words, words.len());
+        played.push((fetched.step, std::mem::take(&mut words), fetched.begins.0));
         s.fired(played.len() as u64);
     }
     played

@@ -271,7 +271,7 @@ fn abort_and_failure_end_what_is_armed_or_running_and_nothing_else() {
         assert_eq!(s.abort(), live, "{}", situation.name);
         assert_eq!(s.state(), if live { Aborted } else { situation.state });
         assert_eq!(s.fault(), fault);
-        assert!(s.next_step().is_none());
+        assert!(s.next_step(|_| ()).is_none());
 
         let mut s = Sequencer::new();
         (situation.enter)(&mut s);

@@ -40,6 +40,8 @@ pub(crate) struct Bench {
     pub(crate) seq: u32,
     pub(crate) engine: Vec<Engine>,
     pub(crate) events: Vec<Event>,
+    /// When the engine finds that it has halted, from the start of the run.
+    pub(crate) halts_at: u64,
 }
 
 impl Bench {
@@ -51,6 +53,7 @@ impl Bench {
             seq: 0,
             engine: Vec::new(),
             events: Vec::new(),
+            halts_at: 0,
         };
         bench.id = bench.hello(1, 1).session;
         bench
@@ -63,7 +66,7 @@ impl Bench {
             seq: Seq(seq),
             request,
         };
-        self.session.request(Ticks(now), message);
+        self.session.request(Ticks(now), &message);
         self.actions()
     }
 
@@ -71,7 +74,12 @@ impl Bench {
         let mut responses = Vec::new();
         while let Some(action) = self.session.action() {
             match action {
-                Action::Engine(engine) => self.engine.push(engine),
+                Action::Engine(engine) => {
+                    self.engine.push(engine);
+                    if engine == Engine::Halt {
+                        self.session.halted(Ticks(self.halts_at));
+                    }
+                }
                 Action::Send(ToHost::Event(event)) => self.events.push(event),
                 Action::Send(ToHost::Response(response)) => responses.push(response),
             }

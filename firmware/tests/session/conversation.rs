@@ -48,7 +48,7 @@ fn before_the_first_hello_nobody_is_served() {
             seq: Seq(1),
             request: Request::Abort,
         };
-        session.request(Ticks(0), message);
+        session.request(Ticks(0), &message);
     }
     assert_eq!((session.counters().executed, session.counters().stale), (0, 3));
 }
@@ -107,7 +107,7 @@ fn a_repeated_status_tells_how_things_stand_now() {
     bench.ask(0, Request::Arm).unwrap();
     bench.ask(0, Request::Start).unwrap();
     bench.session.begun(Ticks(0));
-    assert!(bench.session.next_step().is_some());
+    assert!(bench.session.next_step(|_| ()).is_some());
     bench.session.fired(1, Ticks(PERIOD));
     bench.session.drained(Ticks(PERIOD));
     bench.actions();

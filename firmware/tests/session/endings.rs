@@ -14,20 +14,21 @@ fn abort_halts_the_engine_and_tells_how_far_the_run_came() {
         if started {
             bench.ask(0, Request::Start).unwrap();
             bench.session.begun(Ticks(1000));
-            while bench.session.next_step().is_some() {}
+            while bench.session.next_step(|_| ()).is_some() {}
             bench.session.fired(2, Ticks(2 * PERIOD));
         }
         bench.engine.clear();
         bench.actions();
         bench.events.clear();
         let now = 1000 + 2 * PERIOD + 300;
+        bench.halts_at = if started { now - 1000 } else { 0 };
         let Ok(Reply::Status(status)) = bench.ask(now, Request::Abort) else {
             panic!("no status")
         };
         let done = if started { 2 } else { 0 };
         assert_eq!((status.state, status.steps_done), (State::Aborted, done));
         assert_eq!(bench.engine, [Engine::Halt]);
-        let at = Ticks(if started { now - 1000 } else { 0 });
+        let at = Ticks(bench.halts_at);
         let ended = Event::Ended {
             run: 1,
             state: State::Aborted,
@@ -126,7 +127,7 @@ fn any_frame_keeps_the_run_alive_and_zero_means_for_ever() {
 fn a_missing_sync_edge_and_a_lost_engine_end_the_run_by_name() {
     for (lose, fault) in [
         (
-            Session::sync_missing as fn(&mut Session, Ticks),
+            Session::sync_missing as fn(&mut Session),
             Fault::SyncTimeout { step: StepId(2) },
         ),
         (Session::engine_failed, Fault::Engine),
@@ -136,7 +137,8 @@ fn a_missing_sync_edge_and_a_lost_engine_end_the_run_by_name() {
         bench.go(0);
         bench.session.fired(2, Ticks(2 * PERIOD));
         bench.engine.clear();
-        lose(&mut bench.session, Ticks(3 * PERIOD));
+        bench.halts_at = 3 * PERIOD;
+        lose(&mut bench.session);
         bench.actions();
         assert_eq!(bench.engine, [Engine::Halt]);
         let ended = Event::Ended {
@@ -148,7 +150,7 @@ fn a_missing_sync_edge_and_a_lost_engine_end_the_run_by_name() {
         };
         assert_eq!(bench.events.last(), Some(&ended));
         // Once only, and not without a run.
-        lose(&mut bench.session, Ticks(4 * PERIOD));
+        lose(&mut bench.session);
         bench.actions();
         assert_eq!((bench.engine.len(), bench.events.last()), (1, Some(&ended)));
     }

@@ -12,7 +12,7 @@ use crate::bench::{Bench, MS, PERIOD, STEP, program, table};
 fn fire(bench: &mut Bench, steps: u64, drain: bool) {
     let mut fetched = 0;
     for step in 0..steps {
-        while fetched < step + 4 && bench.session.next_step().is_some() {
+        while fetched < step + 4 && bench.session.next_step(|_| ()).is_some() {
             fetched += 1;
         }
         let begins = step * PERIOD;
@@ -120,7 +120,7 @@ fn spurious_strobes_are_told_and_counted() {
     let mut bench = Bench::new();
     bench.load(table(1, 1000), &[STEP]);
     bench.go(0);
-    let _ = bench.session.next_step();
+    let _ = bench.session.next_step(|_| ());
     for at in [250, 1000, 2000] {
         bench.session.strobe(true, Ticks(at));
         bench.session.strobe(false, Ticks(at + 10));
@@ -143,10 +143,10 @@ fn triggers_of_paced_steps_count_from_their_sync_edge() {
     };
     bench.load(paced, &[STEP]);
     bench.go(0);
-    while bench.session.next_step().is_some() {}
+    while bench.session.next_step(|_| ()).is_some() {}
     let syncs = [1_000, 400_000, 999_999];
     for (done, sync) in (1..).zip(syncs) {
-        bench.session.step_synced(Ticks(sync));
+        bench.session.sync(Ticks(sync), true);
         bench.session.strobe(true, Ticks(sync + SYNC_LATENCY + 207));
         bench.session.strobe(false, Ticks(sync + SYNC_LATENCY + 500));
         bench.session.fired(done, Ticks(sync + SYNC_LATENCY + PERIOD));
@@ -168,10 +168,10 @@ fn triggers_of_paced_steps_count_from_their_sync_edge() {
 #[test]
 fn a_stream_tells_when_it_has_room_again() {
     let mut bench = Bench::new();
-    bench.load(program(Extent::Stream), &[STEP; 40]);
+    bench.load(program(Extent::Stream), &[STEP; 160]);
     bench.go(0);
     let room = bench.session.sequencer().room();
-    fire(&mut bench, 20, true);
+    fire(&mut bench, 140, true);
     let rooms: Vec<u32> = bench
         .events
         .iter()
@@ -180,6 +180,6 @@ fn a_stream_tells_when_it_has_room_again() {
             _ => None,
         })
         .collect();
-    assert_eq!(rooms.len(), 2, "at 8 and at 16 steps");
-    assert!(rooms[0] >= room + 8 && rooms[1] == rooms[0] + 8);
+    assert_eq!(rooms.len(), 2, "at 64 and at 128 steps");
+    assert!(rooms[0] >= room + 64 && rooms[1] == rooms[0] + 64);
 }

@@ -8,7 +8,7 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
-use rcg_firmware::pulse::{Edge, Played, Reader, SYNC_LATENCY, WordFormat};
+use rcg_firmware::pulse::{Edge, Played, Reader, SYNC_LATENCY, StepWords, WordFormat};
 use rcg_firmware::session::{Action, Engine, Session};
 use rcg_protocol::{Decoder, MAX_FRAME, Pace, Polarity, Start, Ticks, ToDevice, encode};
 
@@ -28,6 +28,8 @@ struct Run {
     started: Ticks,
     steps: u64,
     strobes: VecDeque<StrobeEdge>,
+    /// The SYNC edge that the session was told of last.
+    last_sync: Option<Ticks>,
 }
 
 /// A link to the simulated controller.
@@ -86,25 +88,30 @@ impl VirtualController {
             started: self.now,
             steps: 0,
             strobes: VecDeque::new(),
+            last_sync: None,
         });
         self.session.begun(self.now);
     }
 
     fn halt(&mut self) {
         self.primed = None;
+        let mut at = Ticks::ZERO;
         if let Some(mut run) = self.run.take() {
             let mut stage = self.stage.lock();
-            let at = self.now.saturating_sub(run.started).max(run.reader.now());
+            at = self.now.saturating_sub(run.started).max(run.reader.now());
             run.reader.halt(at, |edge| {
                 stage.edge(edge, to_s(run.started + edge.at));
             });
         }
+        self.session.halted(at);
     }
 
     /// Plays one step, or ends the run.
     fn play(&mut self) {
         let Some(mut run) = self.run.take() else { return };
-        let Some(fetched) = self.session.next_step() else {
+        let mut words = StepWords::new();
+        let push = |word| words.push(word).expect("a step has room for its words");
+        if self.session.next_step(push).is_none() {
             // The engine rests after its last word, as if one more of resting levels followed.
             let end = run.reader.now();
             let (stage, started, strobes) = (&self.stage, run.started, &mut run.strobes);
@@ -114,9 +121,9 @@ impl VirtualController {
             self.report_strobes(&mut run, f64::INFINITY);
             self.session.drained(self.now.saturating_sub(run.started));
             return;
-        };
+        }
         let mut synced = None;
-        for &word in &fetched.words {
+        for &word in &words {
             let stage = &self.stage;
             let started = run.started;
             let strobes = &mut run.strobes;
@@ -129,13 +136,13 @@ impl VirtualController {
                 strobes.extend(stage.lock().edge(edge, to_s(started + edge.at)));
             };
             if run.reader.play(word, next_sync, emit) == Played::NoSync {
-                self.session.sync_missing(run.reader.now());
+                self.session.sync_missing();
                 self.run = Some(run);
                 return;
             }
         }
         if let Some(edge) = synced {
-            self.session.step_synced(edge);
+            self.report_syncs(&mut run, edge);
         }
         self.now = run.started + run.reader.now();
         run.steps += 1;
@@ -143,6 +150,21 @@ impl VirtualController {
         self.report_strobes(&mut run, now_s);
         self.session.fired(run.steps, run.reader.now());
         self.run = Some(run);
+    }
+
+    /// Tells the session of the SYNC edges up to `begins_step`, which began a step.
+    fn report_syncs(&mut self, run: &mut Run, begins_step: Ticks) {
+        while let Some(last) = run.last_sync {
+            let from = run.started + last + Ticks(1);
+            let edge = to_ticks(self.stage.lock().next_sync_s(to_s(from))).saturating_sub(run.started);
+            if edge >= begins_step {
+                break;
+            }
+            self.session.sync(edge, false);
+            run.last_sync = Some(edge);
+        }
+        self.session.sync(begins_step, true);
+        run.last_sync = Some(begins_step);
     }
 
     /// Tells the session of the strobe edges up to `until_s`.
@@ -170,7 +192,7 @@ impl Link for VirtualController {
     fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
         for &byte in bytes {
             match self.decoder.push::<ToDevice>(byte) {
-                Some(Ok(message)) => self.session.request(self.now, message),
+                Some(Ok(message)) => self.session.request(self.now, &message),
                 Some(Err(_)) => self.session.corrupt_frame(),
                 None => {}
             }

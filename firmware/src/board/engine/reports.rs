@@ -10,7 +10,7 @@ use rcg_firmware::pulse::{SYNC_LATENCY, WAIT_LEAD};
 use rcg_firmware::session::Session;
 use rcg_protocol::{Pace, Ticks};
 
-use super::Engine;
+use super::{EDGES_PER_TURN, Engine};
 use crate::board::SM_PULSE;
 
 /// An edge is in memory this long after it came: four microseconds hold the input synchroniser, the FIFO, the
@@ -18,8 +18,13 @@ use crate::board::SM_PULSE;
 const SETTLED_AFTER_US: u32 = 4;
 
 impl Engine {
+    /// Reports some edges of both lines. Returns whether there may be more.
+    pub(super) fn report_edges(&mut self, session: &mut Session, started: Ticks, elapsed: Ticks) -> bool {
+        (0..EDGES_PER_TURN).all(|_| self.report_edge(session, started, elapsed))
+    }
+
     /// Reports the earlier of the next edges of both lines, if there is one.
-    pub(super) fn report_edge(&mut self, session: &mut Session, started: Ticks, elapsed: Ticks) -> bool {
+    fn report_edge(&mut self, session: &mut Session, started: Ticks, elapsed: Ticks) -> bool {
         let (sync, strobe) = (self.sync.peek(elapsed), self.strobe.peek(elapsed));
         // At the same time SYNC is first: it can be what made the camera expose.
         if let Some(sync) = sync
@@ -55,25 +60,29 @@ impl Engine {
             session.begun(started + origin);
         }
         let edge = at.saturating_sub(self.origin.unwrap_or(at));
-        if paced && self.progress.sync(edge) {
-            session.step_synced(edge);
+        if paced {
+            session.sync(edge, self.progress.sync(edge));
+        } else if self.burst.is_some() {
+            self.sync.mute(); // the edge that started the burst is the only one of interest
         }
     }
 
-    /// Reports how far the engine is, and sees whether it has come to its end.
-    pub(super) fn report_progress(&mut self, session: &mut Session, elapsed: Ticks) {
-        // In this order: a stall that was seen while the chain is not dry even afterwards is not the end of the
-        // run; and a word that leaves the FIFO after the moved ones were counted can only be missed, not be
-        // counted too much.
+    /// Reports how far the engine is, and sees whether it has come to its end. Returns whether there is room in the
+    /// chain since then.
+    pub(super) fn report_progress(&mut self, session: &mut Session, elapsed: Ticks) -> bool {
+        // In this order: a stall that was seen while the chain is not dry even afterwards is not the end of the run.
         let stalled = PIO.fdebug().read().txstall() & 1 << SM_PULSE != 0;
-        let moved = self.chain.moved();
-        let waiting = u32::from(self.machine.tx().level());
-        self.chain.retire();
+        let taken = self.taken();
+        let waiting = self.machine.tx().level();
+        let room = self.chain.retire();
 
         let elapsed = elapsed.saturating_sub(self.clock.micros(SETTLED_AFTER_US));
         let now = elapsed.saturating_sub(self.origin.unwrap_or(elapsed));
         if self.origin.is_some() {
-            let fired = self.progress.fired(moved.wrapping_sub(waiting), now);
+            let fired = match self.burst {
+                Some(_) => self.chain.steps_through(),
+                None => self.progress.fired(taken, now),
+            };
             session.fired(fired, now);
         }
 
@@ -83,15 +92,22 @@ impl Engine {
             None => Some(elapsed),
         };
         if self.strobe.lost() || self.sync.lost() || (stalled && !dry) {
-            session.engine_failed(now);
+            session.engine_failed();
         } else if (dry && stalled && waiting == 0) || (self.chain.is_cut() && self.stands_between_steps()) {
-            self.finish(session, moved);
+            self.finish(session);
         } else if let Some(awaited) = awaited_since
             && self.sync_timeout > Ticks::ZERO
             && awaited > self.sync_timeout
         {
-            session.sync_missing(now);
+            session.sync_missing();
         }
+        room
+    }
+
+    /// Words that the state machine has taken; wraps. A word that leaves the FIFO meanwhile can only be missed.
+    pub(super) fn taken(&mut self) -> u32 {
+        let moved = self.chain.moved();
+        moved.wrapping_sub(u32::from(self.machine.tx().level()))
     }
 
     /// Whether the engine waits for a SYNC edge that cannot come any more.
@@ -102,17 +118,44 @@ impl Engine {
     }
 
     /// All that was moved was played, but for a step that still waits for SYNC.
-    fn finish(&mut self, session: &mut Session, moved: u32) {
-        let fired = self.progress.fired(moved, Ticks(u64::MAX));
-        let end = self.progress.ended();
-        self.halt();
-        session.fired(fired, end);
-        // A stream that ran dry is the host's affair, unplayed steps of this side are the engine's.
-        let complete = fired == self.total.unwrap_or(self.progress.fetched());
+    fn finish(&mut self, session: &mut Session) {
+        let (fired, end) = if let Some(burst) = &self.burst {
+            let fired = self.chain.steps_through();
+            (
+                fired,
+                burst.duration_of(fired, session.sequencer().store(), self.format()),
+            )
+        } else {
+            let fired = self.progress.fired(self.chain.moved(), Ticks(u64::MAX));
+            (fired, self.progress.ended())
+        };
+        // A stream that ran dry is the host's affair, and so are steps that came when it was already running dry.
+        // Other unplayed steps are the engine's.
+        let complete = match self.total {
+            Some(total) => fired == total,
+            None => fired == self.progress.fetched() || self.starved,
+        };
         if complete || session.sequencer().is_stopping() {
+            self.stop();
+            session.fired(fired, end);
             session.drained(end);
         } else {
-            session.engine_failed(end);
+            session.engine_failed();
         }
+    }
+
+    /// All edges of the time before the halt are reported; `after` and `taken` as in
+    /// [`Phase::Halted`](super::Phase::Halted).
+    pub(super) fn report_halt(&mut self, session: &mut Session, after: Ticks, taken: u32) {
+        let now = after.saturating_sub(self.origin.unwrap_or(after));
+        if self.origin.is_some() {
+            let fired = match &self.burst {
+                Some(burst) => burst.fired(now, session.sequencer().store(), self.format()),
+                None => self.progress.fired(taken, now),
+            };
+            session.fired(fired, now);
+        }
+        self.stop();
+        session.halted(now);
     }
 }

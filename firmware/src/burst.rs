@@ -1,0 +1,131 @@
+//! A table that is played from where it lies, because its steps are too short to be handed over one by one.
+//!
+//! # Design
+//! The DMA reads the words of the table in slices of whole steps, with no copy in between; the CPU only says
+//! where the next slice is. A slice would last long enough for that even if it held the shortest steps only,
+//! and a table that is shorter is written several times behind itself ([`Store::unroll`]).
+//!
+//! # Tradeoffs
+//! Nothing is told of single steps: STROBE is not watched, and there are no step records. A stop takes effect
+//! with the slice.
+
+use core::ops::Range;
+
+use rcg_protocol::Ticks;
+
+use crate::pulse::{Outline, WordFormat};
+use crate::store::Store;
+
+/// What is left to play of a table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Burst {
+    /// Steps of one pass.
+    steps: u32,
+    /// Words of one pass.
+    words: usize,
+    /// Length of one pass.
+    length: Ticks,
+    /// Passes that lie behind each other in the store.
+    copies: u32,
+    /// Steps of a slice; a slice of all steps may hold several passes.
+    slice_steps: u32,
+    cycles_left: u32,
+    /// The next step of the pass, and its word.
+    next: (u32, usize),
+}
+
+impl Burst {
+    /// The table in `store`: `steps` steps which together last `length` and of which the shortest lasts
+    /// `shortest`, to be played `cycles` times, in slices that last for `slice_for`.
+    #[must_use]
+    pub fn new(
+        store: &mut Store,
+        (steps, length, shortest): (u32, Ticks, Ticks),
+        cycles: u32,
+        slice_for: Ticks,
+    ) -> Self {
+        let words = store.table().len();
+        let slice_steps = slice_for.0.div_ceil(shortest.0.max(1)).min(u64::from(steps)) as u32;
+        let wanted = slice_for.0.div_ceil(length.0.max(1)).min(u64::from(cycles)) as usize;
+        let copies = if slice_steps == steps {
+            store.unroll(wanted) as u32
+        } else {
+            1
+        };
+        Self {
+            steps,
+            words,
+            length,
+            copies,
+            slice_steps,
+            cycles_left: cycles,
+            next: (0, 0),
+        }
+    }
+
+    /// The next slice: its words as a range of the store's ring, and how many steps they are; `None` if there is
+    /// none left.
+    pub fn next_slice(&mut self, store: &Store) -> Option<(Range<usize>, u64)> {
+        if self.cycles_left == 0 {
+            return None;
+        }
+        if self.slice_steps == self.steps {
+            let passes = self.copies.min(self.cycles_left);
+            self.cycles_left -= passes;
+            return Some((0..passes as usize * self.words, u64::from(passes * self.steps)));
+        }
+        let (from, begin) = self.next;
+        // What is left of the pass is not worth a slice of its own if it is shorter than one.
+        let whole = self.steps - from >= 2 * self.slice_steps;
+        let to = if whole {
+            from + self.slice_steps
+        } else {
+            self.steps
+        };
+        let end = begin
+            + (from..to)
+                .map(|step| store.step_words(step as usize))
+                .sum::<usize>();
+        self.next = (to, end);
+        if to == self.steps {
+            self.next = (0, 0);
+            self.cycles_left -= 1;
+        }
+        Some((begin..end, u64::from(to - from)))
+    }
+
+    /// How many steps are fired whole `now` after the start of the run, if nothing stops it before.
+    #[must_use]
+    pub fn fired(&self, now: Ticks, store: &Store, format: WordFormat) -> u64 {
+        let passes = now.0 / self.length.0.max(1);
+        let mut left = now.0 - passes * self.length.0;
+        let mut words = store.table().iter();
+        let mut fired = passes * u64::from(self.steps);
+        for step in 0..self.steps {
+            let mut outline = Outline::new(format);
+            words
+                .by_ref()
+                .take(store.step_words(step as usize))
+                .for_each(|&word| outline.add(word));
+            let Some(rest) = left.checked_sub(outline.period().0) else {
+                break;
+            };
+            left = rest;
+            fired += 1;
+        }
+        fired
+    }
+
+    /// How long the first `steps` steps last.
+    #[must_use]
+    pub fn duration_of(&self, steps: u64, store: &Store, format: WordFormat) -> Ticks {
+        let passes = steps / u64::from(self.steps.max(1));
+        let rest = (steps - passes * u64::from(self.steps)) as usize;
+        let words = (0..rest).map(|step| store.step_words(step)).sum();
+        let mut outline = Outline::new(format);
+        for &word in &store.table()[..words] {
+            outline.add(word);
+        }
+        Ticks(passes * self.length.0) + outline.period()
+    }
+}
