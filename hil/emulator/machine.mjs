@@ -63,6 +63,7 @@ export class Machine {
     this.chip = new Chip(this, this.wires, before, this.options);
     this.wires.connect(this.chip.mcu);
     this.chip.mcu.onBreak = (code) => this.halt(`BKPT ${code}`);
+    this.chip.mcu.onLockup = (address) => this.halt(`lockup at 0x${address.toString(16)}`);
     this.usb = new UsbHost(this.chip.mcu.usbCtrl, this.chip.clock, (bytes) => {
       if (this.link === 'usb') this.receive(bytes);
     });

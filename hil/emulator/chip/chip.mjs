@@ -6,7 +6,7 @@
 // second-stage boot loader, at the rate of the ring oscillator.
 import { IRQ, RP2040 } from '../stock.mjs';
 import { CycleClock } from './clock.mjs';
-import { Core } from './core.mjs';
+import { Cpu } from './cpu.mjs';
 import { paceDma } from './dma.mjs';
 import { Pad } from '../lines/wires.mjs';
 import { Pio } from './pio.mjs';
@@ -38,7 +38,7 @@ export class Chip {
     mcu.addClockListener((hz) => clock.setRate(hz));
     if (before) this.takeOver(before.mcu);
 
-    mcu.core = new Core(mcu);
+    mcu.core = new Cpu(mcu);
     mcu.ppb = new Ppb(mcu, 'PPB', () => time.requestReset());
     mcu.gpio = mcu.gpio.map((_, index) => new Pad(mcu, index, wires));
     paceDma(mcu.dma);

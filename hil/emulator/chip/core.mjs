@@ -87,8 +87,8 @@ export class Core extends CortexM0Core {
     super.exceptionEntry(number);
   }
 
-  /** SEV, which stock only writes to its log. */
-  sendEvent() {
-    this.eventRegistered = true;
+  /** WFI or WFE: sleeps unless something is pending already. */
+  sleep() {
+    this.waiting = !this.wakes();
   }
 }
