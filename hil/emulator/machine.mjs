@@ -17,6 +17,9 @@ const PINS = 30;
 const WATCHED = new Set([LINES.proj, LINES.cam, LINES.sync, LINES.strobe]);
 const OUTPUTS = new Set([LINES.proj, LINES.cam]);
 
+/** The parts of a cycle, see above; in the last one the CPU begins an instruction. */
+const Phase = { events: 0, tick: 1, over: 2 };
+
 export class Machine {
   /** A machine with `image` in its flash, spoken to over `link` ("uart" or "usb"). */
   constructor(image, { link = 'uart', lazy = true } = {}) {
@@ -25,10 +28,10 @@ export class Machine {
     this.options = { lazy };
     /** The cycle that is now: all up to it have been played. */
     this.cycle = 0;
-    /** The cycle up to which the PIO has been played, or shall be before anything that concerns it. */
-    this.ticked = 0;
-    /** The cycle from which a change that is made now can be seen. */
-    this.stamp = 1;
+    /** Which part of the cycle it is. */
+    this.phase = Phase.over;
+    /** Nothing is due before this cycle; something may be in it. */
+    this.due = 0;
     /** The cycle at which the CPU begins its next instruction. */
     this.cpuFree = 0;
     /** Cycles in which the CPU has worked. */
@@ -45,7 +48,7 @@ export class Machine {
     this.why = null;
     this.resetRequested = false;
     this.plugged = true;
-    this.world = new World();
+    this.world = new World((cycle) => this.expect(cycle));
     this.wires = new Wires(PINS, WATCHED, (pin, level) => this.edge(pin, level));
     this.strobe = null;
     this.vsync = null;
@@ -77,29 +80,49 @@ export class Machine {
     return this.chip.mcu.core;
   }
 
+  /** The cycle up to which the PIO has been played, or has to be before anything touches it. */
+  get ticked() {
+    return this.phase === Phase.events ? this.cycle - 1 : this.cycle;
+  }
+
+  /** The cycle from which a change that is made now is seen. */
+  get stamp() {
+    return this.phase === Phase.over ? this.cycle + 1 : this.cycle;
+  }
+
+  /** Something is due in `cycle`. */
+  expect(cycle) {
+    if (cycle < this.due) this.due = cycle;
+  }
+
   /** Lets up to `cycles` pass; less when something of `until` comes, a reset or a halt. Says why it ended. */
   run(cycles, until = []) {
     const end = this.cycle + cycles;
     this.until = new Set(until);
     this.why = null;
     while (this.cycle < end && this.why === null) {
-      const { core } = this;
+      const { core } = this.chip.mcu;
       if (core.waiting) {
         this.pass(Math.min(end, this.nextEvent()));
         this.cpuFree = this.cycle;
         continue;
       }
-      if (this.cpuFree <= this.cycle) {
-        const address = core.PC;
-        const spent = core.executeInstruction();
-        this.profile?.count(address, spent);
-        this.busy += spent;
-        this.cpuFree = this.cycle + spent;
-        if (this.resetRequested) this.reset();
-      }
-      this.pass(Math.min(end, this.cpuFree));
+      if (this.cpuFree <= this.cycle) this.execute(core);
+      const target = Math.min(end, this.cpuFree);
+      if (target < this.due) this.cycle = target;
+      else this.pass(target);
     }
     return this.why ?? 'cycles';
+  }
+
+  /** Lets the CPU begin its next instruction. */
+  execute(core) {
+    const address = core.registers[15];
+    const spent = core.executeInstruction();
+    if (this.profile !== null) this.profile.count(address, spent);
+    this.busy += spent;
+    this.cpuFree = this.cycle + spent;
+    if (this.resetRequested) this.reset();
   }
 
   /** The next cycle in which something is due. */
@@ -111,35 +134,27 @@ export class Machine {
   /** Lets time pass until the end of cycle `end`. */
   pass(end) {
     for (;;) {
-      const cycle = this.nextEvent();
-      if (cycle > end) break;
-      this.play(Math.max(cycle, this.ticked + 1));
+      this.due = this.nextEvent();
+      if (this.due > end) break;
+      this.play(Math.max(this.due, this.ticked + 1));
       if (this.why !== null) return;
     }
-    this.setCycle(end);
-    this.ticked = end;
-    this.stamp = end + 1;
+    this.cycle = end;
   }
 
   /** Plays `cycle`, in which something is due; none before it is. */
   play(cycle) {
     const { clock, mcu } = this.chip;
-    this.setCycle(cycle);
-    this.ticked = cycle - 1;
-    this.stamp = cycle;
+    this.cycle = cycle;
+    this.phase = Phase.events;
     clock.fire();
     this.world.fire(cycle);
     for (const pio of mcu.pio) if (pio.quiet < cycle) pio.catchUp();
-    this.ticked = cycle;
+    this.phase = Phase.tick;
     for (const pio of mcu.pio) if (pio.quiet < cycle) pio.tick();
     for (const pio of mcu.pio) pio.reportPins();
-    this.stamp = cycle + 1;
+    this.phase = Phase.over;
     if (this.resetRequested) this.reset();
-  }
-
-  setCycle(cycle) {
-    this.cycle = cycle;
-    this.chip.clock.cycle = cycle;
   }
 
   requestReset() {

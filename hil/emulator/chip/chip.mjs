@@ -23,11 +23,11 @@ const PIO = [0x50200, 0x50300];
 
 export class Chip {
   /**
-   * `time` is the machine: `cycle`, `ticked`, `outputsChanged`, `requestReset`, `warn`. `before` is the chip
+   * `time` is the machine: `cycle`, `ticked`, `expect`, `outputsChanged`, `requestReset`, `warn`. `before` is the chip
    * whose memories this one goes on with, if it is not the first.
    */
   constructor(time, wires, before, options) {
-    const clock = new CycleClock(time.cycle, 1);
+    const clock = new CycleClock(time);
     const mcu = new RP2040(clock);
     this.clock = clock;
     this.mcu = mcu;

@@ -39,16 +39,20 @@ class Alarm {
 }
 
 export class CycleClock {
-  /** A clock at `cycle` with no nanoseconds passed, at `hz`. */
-  constructor(cycle, hz) {
-    /** The cycle that is now. */
-    this.cycle = cycle;
+  /** A clock that reads `time.cycle` and tells `time.expect` when its next alarm is due; no time has passed. */
+  constructor(time) {
+    this.time = time;
     /** The cycle at which the next alarm is due. */
     this.next = Infinity;
     this.alarms = [];
-    this.baseCycle = cycle;
+    this.baseCycle = time.cycle;
     this.baseNanos = 0;
-    this.nanosPerCycle = 1e9 / hz;
+    this.nanosPerCycle = 1;
+  }
+
+  /** The cycle that is now. */
+  get cycle() {
+    return this.time.cycle;
   }
 
   get nanos() {
@@ -70,6 +74,7 @@ export class CycleClock {
     this.nanosPerCycle = 1e9 / hz;
     for (const alarm of this.alarms) alarm.cycle = this.cycleAt(alarm.nanos);
     this.next = this.alarms.length ? this.alarms[0].cycle : Infinity;
+    this.time.expect(this.next);
   }
 
   /** Calls all alarms that are due by now. */
@@ -94,6 +99,7 @@ export class CycleClock {
     while (at > 0 && this.alarms[at - 1].cycle > alarm.cycle) at--;
     this.alarms.splice(at, 0, alarm);
     this.next = this.alarms[0].cycle;
+    this.time.expect(this.next);
   }
 
   remove(alarm) {

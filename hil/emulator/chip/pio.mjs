@@ -46,8 +46,8 @@ const RXSTALL = 1 << 0;
 
 export class Pio extends BasePeripheral {
   /**
-   * `time` tells the cycle until which the block shall have run (`time.ticked`) and is told when pins change
-   * (`time.outputsChanged`). `lazy: false` makes every cycle count.
+   * `time` tells the cycle until which the block shall have run (`ticked`), and is told of the cycle that
+   * counts next (`expect`) and of pins that have changed (`outputsChanged`). `lazy: false` makes every cycle count.
    */
   constructor(rp2040, name, firstIrq, index, time, { lazy = true } = {}) {
     super(rp2040, name);
@@ -105,6 +105,7 @@ export class Pio extends BasePeripheral {
     this.catchUp();
     this.at = this.time.ticked;
     this.quiet = this.running.length ? this.at : Infinity;
+    this.time.expect(this.quiet + 1);
   }
 
   setInputs(inputs) {

@@ -1,7 +1,9 @@
 // What happens outside of the chip, by cycle: input edges, bytes on the UART line. It outlives a reset.
 
 export class World {
-  constructor() {
+  /** `expect` is told of the cycle of an event that is new. */
+  constructor(expect) {
+    this.expect = expect;
     /** The cycle of the next event. */
     this.next = Infinity;
     this.events = [];
@@ -14,6 +16,7 @@ export class World {
     const event = { cycle, action };
     this.events.splice(index, 0, event);
     this.next = this.events[0].cycle;
+    this.expect(this.next);
     return event;
   }
 

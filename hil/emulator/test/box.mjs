@@ -81,7 +81,7 @@ export class Box {
     const { machine } = this;
     for (let i = 0; i < machine.edges.length; i += 3) this.edges.push(machine.edges.slice(i, i + 3));
     machine.edges.length = 0;
-    this.bytes.push(...machine.received.splice(0));
+    for (const byte of machine.received.splice(0)) this.bytes.push(byte);
   }
 
   run(cycles, until) {
