@@ -11,6 +11,7 @@ import { Wires } from './lines/wires.mjs';
 import { World } from './lines/world.mjs';
 import { UartLine } from './link/uart-line.mjs';
 import { UsbHost } from './link/usb-host.mjs';
+import { randomFrom } from './random.mjs';
 
 export const LINES = { proj: 2, cam: 3, sync: 4, strobe: 5, led: 25 };
 const PINS = 30;
@@ -37,6 +38,8 @@ export class Machine {
     /** Cycles in which the CPU has worked. */
     this.busy = 0;
     this.overruns = 0;
+    /** What the ring oscillator's random bit is drawn from; it goes on over resets. */
+    this.random = randomFrom(0);
     this.warnings = new Map();
     this.warn = (component, text) => {
       const warning = `${component}: ${text}`;

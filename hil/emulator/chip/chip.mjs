@@ -7,24 +7,28 @@
 import { IRQ, RP2040 } from '../stock.mjs';
 import { CycleClock } from './clock.mjs';
 import { Cpu } from './cpu.mjs';
-import { paceDma } from './dma.mjs';
+import { paceDma, resetDma } from './dma.mjs';
 import { Pad } from '../lines/wires.mjs';
 import { Pio } from './pio.mjs';
 import { Ppb } from './ppb.mjs';
+import { Registers, Resets, Rosc, VREG_AND_CHIP_RESET } from './registers.mjs';
 import { Uart } from './uart.mjs';
 import { UsbDevice } from './usb-device.mjs';
 
 const VECTORS = 0x10000100;
 const UART0 = 0x40034;
 const UART1 = 0x40038;
+const RESETS = 0x4000c;
 const WATCHDOG = 0x40058;
+const ROSC = 0x40060;
+const VREG = 0x40064;
 const USB = 0x50110;
 const PIO = [0x50200, 0x50300];
 
 export class Chip {
   /**
-   * `time` is the machine: `cycle`, `ticked`, `expect`, `outputsChanged`, `requestReset`, `warn`. `before` is the chip
-   * whose memories this one goes on with, if it is not the first.
+   * `time` is the machine: `cycle`, `ticked`, `expect`, `outputsChanged`, `requestReset`, `random`, `warn`.
+   * `before` is the chip whose memories this one goes on with, if it is not the first.
    */
   constructor(time, wires, before, options) {
     const clock = new CycleClock(time);
@@ -51,9 +55,24 @@ export class Chip {
     mcu.uart = mcu.uart.map((stock) => new Uart(mcu, stock.name, stock.irq, stock.dreq));
     mcu.peripherals[UART0] = mcu.uart[0];
     mcu.peripherals[UART1] = mcu.uart[1];
+    mcu.peripherals[ROSC] = new Rosc(mcu, 'ROSC', time.random);
+    mcu.peripherals[VREG] = new Registers(mcu, 'VREG_AND_CHIP_RESET', VREG_AND_CHIP_RESET);
+    mcu.peripherals[RESETS] = new Resets(mcu, 'RESETS', {
+      2: () => resetDma(mcu.dma),
+      5: () => mcu.gpio.forEach((pad) => pad.resetControl()),
+      8: () => mcu.gpio.forEach((pad) => pad.resetPad()),
+      10: () => mcu.pio[0].reset(),
+      11: () => mcu.pio[1].reset(),
+      22: () => mcu.uart[0].reset(),
+      23: () => mcu.uart[1].reset(),
+    });
     mcu.usbCtrl = new UsbDevice(mcu, 'USB');
     mcu.peripherals[USB] = mcu.usbCtrl;
-    this.watchdog.onWatchdogTrigger = () => time.requestReset();
+    this.watchdog.onWatchdogTrigger = () => {
+      // Stock's alarm would go off again, and again, in the same instant.
+      this.watchdog.alarm.enable = false;
+      time.requestReset();
+    };
   }
 
   get uart() {

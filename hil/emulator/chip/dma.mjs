@@ -25,6 +25,15 @@ class PacedChannel extends RPDMAChannel {
   }
 }
 
+/** Brings `dma` to its reset state; the requests of the peripherals stay. */
+export function resetDma(dma) {
+  for (const channel of dma.channels) channel.transferAlarm.cancel();
+  paceDma(dma);
+  Object.assign(dma, { intRaw: 0, intEnable0: 0, intForce0: 0, intEnable1: 0, intForce1: 0 });
+  Object.assign(dma, { timer0: 0, timer1: 0, timer2: 0, timer3: 0 });
+  dma.checkInterrupts();
+}
+
 /** Gives `dma` channels that take time. */
 export function paceDma(dma) {
   dma.channels = dma.channels.map((_, index) => new PacedChannel(dma, dma.rp2040, index));

@@ -55,12 +55,17 @@ export class Pio extends BasePeripheral {
     this.firstDreq = index * 8;
     this.time = time;
     this.lazy = lazy;
-    this.instructions = new Uint32Array(32);
     /** Levels of all inputs as the machines see them. */
     this.inputs = 0;
+    this.reported = { values: 0, directions: 0 };
+    this.reset();
+  }
+
+  /** Everything as it is after a reset. */
+  reset() {
+    this.instructions = new Uint32Array(32);
     this.pinValues = 0;
     this.pinDirections = 0;
-    this.reported = { values: 0, directions: 0 };
     this.irq = 0;
     this.fdebug = 0;
     this.inputSyncBypass = 0;
@@ -69,10 +74,13 @@ export class Pio extends BasePeripheral {
     this.machines = [0, 1, 2, 3].map((i) => new StateMachine(this, i));
     this.running = [];
     /** The cycle until which it has run. */
-    this.at = time.ticked;
+    this.at = this.time.ticked;
     /** The cycle until which nothing happens that matters to others. */
     this.quiet = Infinity;
     for (const machine of this.machines) this.fifoChanged(machine);
+    this.signalled = true;
+    this.updateInterrupts();
+    this.reportPins();
   }
 
   /** One cycle, the one after `at`. What it did to the pins is told by `reportPins`. */

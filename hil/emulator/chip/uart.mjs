@@ -28,6 +28,9 @@ const INT_OVERRUN = 1 << 10;
 
 const DR_OVERRUN = 1 << 11;
 
+/** Receiver and transmitter on, the whole off. */
+const CR_RESET = 0x300;
+
 const DEPTH = 32;
 /** Levels that IFLS chooses from: 1/8, 1/4, 1/2, 3/4, 7/8. */
 const LEVELS = [4, 8, 16, 24, 28];
@@ -37,6 +40,22 @@ const TIMEOUT_BITS = 32;
 export class Uart extends RPUART {
   constructor(rp2040, name, irq, dreq) {
     super(rp2040, name, irq, dreq);
+    /** Bytes that were lost because the FIFO was full. */
+    this.overruns = 0;
+    this.sent = rp2040.clock.createAlarm(() => this.byteSent());
+    this.silent = rp2040.clock.createAlarm(() => {
+      if (!this.rxFIFO.empty) this.raise(INT_RX_TIMEOUT);
+    });
+    this.reset();
+  }
+
+  /** Everything as it is after a reset. */
+  reset() {
+    this.ctrlRegister = CR_RESET;
+    this.lineCtrlRegister = 0;
+    this.intDivisor = 0;
+    this.fracDivisor = 0;
+    this.interruptMask = 0;
     this.rxFIFO = new FIFO(DEPTH);
     this.txFIFO = new FIFO(DEPTH);
     this.levels = 0x12;
@@ -44,12 +63,9 @@ export class Uart extends RPUART {
     this.raw = 0;
     this.shifting = -1;
     this.overrun = false;
-    /** Bytes that were lost because the FIFO was full. */
-    this.overruns = 0;
-    this.sent = rp2040.clock.createAlarm(() => this.byteSent());
-    this.silent = rp2040.clock.createAlarm(() => {
-      if (!this.rxFIFO.empty) this.raise(INT_RX_TIMEOUT);
-    });
+    this.sent.cancel();
+    this.silent.cancel();
+    this.checkInterrupts();
   }
 
   /** Bits of a character with start, stop and parity bits. */

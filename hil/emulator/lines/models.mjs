@@ -4,16 +4,7 @@
 // Both are events of the world. The strobe reacts to the edges of CAM, the vsync runs by itself and keeps only
 // its next pulse in the world's list. Equal requests make equal edges: the jitter is drawn from a seed.
 
-/** Uniform numbers in [0, 1) (mulberry32). */
-export function randomFrom(seed) {
-  let state = seed >>> 0;
-  return () => {
-    state = (state + 0x6d2b79f5) >>> 0;
-    let mixed = Math.imul(state ^ (state >>> 15), state | 1);
-    mixed ^= mixed + Math.imul(mixed ^ (mixed >>> 7), mixed | 61);
-    return ((mixed ^ (mixed >>> 14)) >>> 0) / 2 ** 32;
-  };
-}
+import { randomFrom } from '../random.mjs';
 
 /** A line that is driven by events which can be taken back. */
 class Driver {

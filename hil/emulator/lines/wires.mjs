@@ -18,6 +18,18 @@ export class Pad extends GPIOPin {
     this.wires = wires;
   }
 
+  resetControl() {
+    this.ctrl = 0x1f;
+    this.irqEnableMask = 0;
+    this.irqForceMask = 0;
+    this.checkForUpdates();
+  }
+
+  resetPad() {
+    this.padValue = PAD_RESET;
+    this.checkForUpdates();
+  }
+
   /** Called by whatever changes this pin's output, function, overrides or pad control. */
   checkForUpdates() {
     this.wires?.update(this.index);

@@ -116,6 +116,7 @@ export class Box {
   hello() {
     // Ok(Identity { protocol, schema, nonce, session }): the session stands at the end.
     const nonce = 42;
+    this.session = 0;
     const reply = this.request('hello', varint(nonce));
     const tail = reply.slice(reply.lastIndexOf(nonce) + 1);
     this.session = tail.reduce((sum, byte, i) => sum + (byte & 0x7f) * 2 ** (7 * i), 0);
