@@ -123,9 +123,12 @@ export class Box {
     return this;
   }
 
-  /** Loads a table that is played at once. */
-  load(steps, cycles = 1) {
-    const program = [0, ...varint(steps.length), ...varint(cycles), 0, 0, 0, 0, 0, 0, 0, ...varint(60_000_000)];
+  /** Loads a table: played at once, or each step on its SYNC edge. */
+  load(steps, cycles = 1, { paced = false } = {}) {
+    const when = paced ? [1, 1] : [0, 0];
+    const polarity = [0, 0, 0, 0];
+    const extent = [0, ...varint(steps.length), ...varint(cycles)];
+    const program = [...extent, ...when, ...polarity, ...varint(0), ...varint(60_000_000)];
     this.request('load', program);
     for (let first = 0; first < steps.length; first += 8) {
       const part = steps.slice(first, first + 8);
