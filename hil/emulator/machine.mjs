@@ -103,6 +103,7 @@ export class Machine {
     const end = this.cycle + cycles;
     this.until = new Set(until);
     this.why = null;
+    if (this.resetRequested) this.reset();
     while (this.cycle < end && this.why === null) {
       const { core } = this.chip.mcu;
       if (core.waiting) {

@@ -6,7 +6,7 @@ import { test } from 'node:test';
 import { fileURLToPath } from 'node:url';
 import { Pio } from '../chip/pio.mjs';
 import { randomFrom } from '../random.mjs';
-import { Box, step, withoutFirmware } from './box.mjs';
+import { Box, step, withoutFirmware } from '../rig/box.mjs';
 
 const PYTHON = fileURLToPath(new URL('../.venv/bin/python', import.meta.url));
 const TRACE = fileURLToPath(new URL('../oracle/trace.py', import.meta.url));
