@@ -32,7 +32,7 @@ export function sleepingMachine(options) {
   return machine;
 }
 
-function stockRig() {
+export function stockRig() {
   const mcu = new RP2040(new SimulationClock());
   mcu.logger = { debug() {}, info() {}, warn() {}, error() {} };
   // Without it the stock alarm goes off for ever in the instant of the bite.
@@ -52,7 +52,7 @@ function stockRig() {
   };
 }
 
-function mendedRig() {
+export function mendedRig() {
   const machine = sleepingMachine();
   return {
     get mcu() {
