@@ -57,7 +57,7 @@ export class Requests {
     } catch {
       return { error: 'expected one JSON object per line' };
     }
-    const handler = HANDLERS[request?.op];
+    const handler = Object.hasOwn(HANDLERS, request?.op) ? HANDLERS[request.op] : undefined;
     if (!handler) return { error: `op: expected one of ${Object.keys(HANDLERS).join(', ')}` };
     try {
       return handler(this, this.machine, request);

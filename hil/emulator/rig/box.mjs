@@ -4,7 +4,7 @@ import { fileURLToPath } from 'node:url';
 import { readImage } from '../image.mjs';
 import { Machine } from '../machine.mjs';
 
-const ELF =
+export const ELF =
   process.env.RCG_FIRMWARE_ELF ??
   fileURLToPath(new URL('../../../target/thumbv6m-none-eabi/firmware/rcg-firmware', import.meta.url));
 
