@@ -184,6 +184,8 @@ export class Machine {
   }
 
   edge(pin, level) {
+    // An input that nobody drives has no edges to tell: its level is the chip's own pull.
+    if (!OUTPUTS.has(pin) && this.wires.outside[pin] < 0) return;
     this.edges.push(this.stamp, pin, level);
     if (pin === LINES.cam) this.strobe?.camEdge(this.stamp, level);
     if (OUTPUTS.has(pin) && this.until.has('edge')) this.why ??= 'edge';

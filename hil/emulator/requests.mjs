@@ -131,7 +131,9 @@ const HANDLERS = {
     const length = take(request, 'length', 'count');
     const memory = memoryAt(machine, address, length);
     if (memory) return { bytes: hex(memory) };
-    if (address % 4 || length % 4) throw new BadRequest('read: address: expected memory, or whole words of a register');
+    if (address % 4 || length % 4) {
+      throw new BadRequest('read: address: expected RAM, flash, or whole words of registers');
+    }
     const words = Buffer.alloc(length);
     for (let at = 0; at < length; at += 4) words.writeUInt32LE(machine.chip.mcu.readUint32(address + at) >>> 0, at);
     return { bytes: hex(words) };

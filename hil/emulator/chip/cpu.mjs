@@ -5,14 +5,13 @@
 // other addresses through the bus of rp2040js. An exception entry is a step of its own, so that its cycles
 // pass before the handler begins.
 //
-// The stock interpreter tries some sixty comparisons per instruction, is wrong about a few flags (shifts by a
-// register of 0, ADCS and SBCS at the borders), and knows no faults: what cannot be executed or reached is
-// logged and passed over, so that a hard fault never comes.
+// The stock interpreter tries some sixty comparisons per instruction, and knows no faults: what cannot be
+// executed or reached is logged and passed over, so that a hard fault never comes.
 //
 // # Tradeoffs
 // Code takes no time to come from flash, and buses are never contended.
-import { Core } from './core.mjs';
-import { memoryAccess } from './memory.mjs';
+import { Alu } from './alu.mjs';
+import { FAULT } from './memory.mjs';
 
 /** Cycles from an interrupt to its handler: Cortex-M0+ Technical Reference Manual. */
 const ENTRY_CYCLES = 15;
@@ -24,10 +23,7 @@ const SP = 13;
 const LR = 14;
 const PC = 15;
 
-/** Thrown where an instruction cannot be executed. */
-export const FAULT = new Error('hard fault');
-
-export class Cpu extends memoryAccess(Core, FAULT) {
+export class Cpu extends Alu {
   /** Executes one instruction, or enters an exception. Returns the cycles that it takes. */
   executeInstruction() {
     if (this.interruptsUpdated && this.checkForInterrupts()) return ENTRY_CYCLES;
@@ -70,82 +66,6 @@ export class Cpu extends memoryAccess(Core, FAULT) {
     this.registers[PC] = address & ~1;
     if (!(address & 1)) throw FAULT;
     return 0;
-  }
-
-  setNZ(result) {
-    this.N = result < 0;
-    this.Z = result === 0;
-  }
-
-  /** a + b + carry with all flags; for a − b give ~b. */
-  add(a, b, carry) {
-    const unsigned = (a >>> 0) + (b >>> 0) + carry;
-    const result = unsigned | 0;
-    this.N = result < 0;
-    this.Z = result === 0;
-    this.C = unsigned > 0xffffffff;
-    this.V = ((a ^ result) & (b ^ result)) < 0;
-    return result;
-  }
-
-  /** Shifts by an amount from a register: 0 changes nothing, 32 and more are allowed. */
-  shift(kind, value, amount) {
-    let result = value | 0;
-    if (amount > 0) {
-      const ror = amount & 31;
-      switch (kind) {
-        case 0b00:
-          this.C = amount <= 32 && !!((value >>> (32 - amount)) & 1);
-          result = amount < 32 ? value << amount : 0;
-          break;
-        case 0b01:
-          this.C = amount <= 32 && !!((value >>> (amount - 1)) & 1);
-          result = amount < 32 ? (value >>> amount) | 0 : 0;
-          break;
-        case 0b10:
-          this.C = !!((value >> Math.min(amount - 1, 31)) & 1);
-          result = value >> Math.min(amount, 31);
-          break;
-        default:
-          result = ror ? (value >>> ror) | (value << (32 - ror)) : value | 0;
-          this.C = result < 0;
-      }
-    }
-    this.setNZ(result);
-    return result;
-  }
-
-  condition(code) {
-    switch (code) {
-      case 0:
-        return this.Z;
-      case 1:
-        return !this.Z;
-      case 2:
-        return this.C;
-      case 3:
-        return !this.C;
-      case 4:
-        return this.N;
-      case 5:
-        return !this.N;
-      case 6:
-        return this.V;
-      case 7:
-        return !this.V;
-      case 8:
-        return this.C && !this.Z;
-      case 9:
-        return !this.C || this.Z;
-      case 10:
-        return this.N === this.V;
-      case 11:
-        return this.N !== this.V;
-      case 12:
-        return !this.Z && this.N === this.V;
-      default:
-        return this.Z || this.N !== this.V;
-    }
   }
 
   execute(address) {
@@ -286,60 +206,6 @@ export class Cpu extends memoryAccess(Core, FAULT) {
     }
   }
 
-  dataProcessing(operation, d, m) {
-    const r = this.registers;
-    switch (operation) {
-      case 0b0000:
-        this.setNZ((r[d] &= r[m]) | 0);
-        break;
-      case 0b0001:
-        this.setNZ((r[d] ^= r[m]) | 0);
-        break;
-      case 0b0010:
-        r[d] = this.shift(0b00, r[d], r[m] & 0xff);
-        break;
-      case 0b0011:
-        r[d] = this.shift(0b01, r[d], r[m] & 0xff);
-        break;
-      case 0b0100:
-        r[d] = this.shift(0b10, r[d], r[m] & 0xff);
-        break;
-      case 0b0101:
-        r[d] = this.add(r[d], r[m], this.C ? 1 : 0);
-        break;
-      case 0b0110:
-        r[d] = this.add(r[d], ~r[m], this.C ? 1 : 0);
-        break;
-      case 0b0111:
-        r[d] = this.shift(0b11, r[d], r[m] & 0xff);
-        break;
-      case 0b1000:
-        this.setNZ(r[d] & r[m]);
-        break;
-      case 0b1001:
-        r[d] = this.add(0, ~r[m], 1);
-        break;
-      case 0b1010:
-        this.add(r[d], ~r[m], 1);
-        break;
-      case 0b1011:
-        this.add(r[d], r[m], 0);
-        break;
-      case 0b1100:
-        this.setNZ((r[d] |= r[m]) | 0);
-        break;
-      case 0b1101:
-        this.setNZ((r[d] = Math.imul(r[d], r[m])) | 0);
-        break;
-      case 0b1110:
-        this.setNZ((r[d] &= ~r[m]) | 0);
-        break;
-      default:
-        this.setNZ((r[d] = ~r[m]) | 0);
-    }
-    return 1;
-  }
-
   /** ADD, CMP and MOV of all registers, BX and BLX. */
   high(op) {
     const r = this.registers;
@@ -358,32 +224,6 @@ export class Cpu extends memoryAccess(Core, FAULT) {
     const result = op & 0x200 ? value : (d === PC ? r[PC] + 2 : r[d]) + value;
     r[d] = d === PC ? result & ~1 : d === SP ? result & ~3 : result;
     return d === PC ? 2 : 1;
-  }
-
-  extend(kind, d, value) {
-    switch (kind & 3) {
-      case 0:
-        this.registers[d] = (value << 16) >> 16;
-        break;
-      case 1:
-        this.registers[d] = (value << 24) >> 24;
-        break;
-      case 2:
-        this.registers[d] = value & 0xffff;
-        break;
-      default:
-        this.registers[d] = value & 0xff;
-    }
-    return 1;
-  }
-
-  reverse(kind, d, value) {
-    const swapped = ((value & 0x00ff00ff) << 8) | ((value >>> 8) & 0x00ff00ff);
-    if (kind === 0b000) this.registers[d] = (swapped << 16) | (swapped >>> 16);
-    else if (kind === 0b001) this.registers[d] = swapped;
-    else if (kind === 0b011) this.registers[d] = (swapped << 16) >> 16;
-    else throw FAULT;
-    return 1;
   }
 
   push(list) {

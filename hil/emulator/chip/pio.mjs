@@ -2,7 +2,7 @@
 //
 // # Design
 // `tick` plays one cycle of all machines. Between two ticks that matter the block is behind the CPU: `quiet` is
-// the last cycle until which every machine keeps to itself (StateMachine.privateCycles), and `catchUp` plays
+// the last cycle until which every machine keeps to itself (lazy-machine.mjs), and `catchUp` plays
 // what is missing when somebody looks or interferes. Whoever changes what the machines see (registers, FIFOs,
 // inputs) calls `touch` first, after which every cycle counts again until the next tick has looked.
 //
@@ -10,7 +10,7 @@
 // cycles of the CPU; ignores FJOIN; refills the output shift register too late; and makes the wait of one
 // instruction end in the middle of a register access.
 import { BasePeripheral } from '../stock.mjs';
-import { StateMachine } from './state-machine.mjs';
+import { LazyMachine } from './lazy-machine.mjs';
 
 const CTRL = 0x000;
 const FSTAT = 0x004;
@@ -71,7 +71,7 @@ export class Pio extends BasePeripheral {
     this.inputSyncBypass = 0;
     // INTE and INTF of both interrupts.
     this.interrupts = [0, 0, 0, 0];
-    this.machines = [0, 1, 2, 3].map((i) => new StateMachine(this, i));
+    this.machines = [0, 1, 2, 3].map((i) => new LazyMachine(this, i));
     this.running = [];
     /** The cycle until which it has run. */
     this.at = this.time.ticked;
@@ -202,10 +202,10 @@ export class Pio extends BasePeripheral {
       case FDEBUG:
         return this.fdebug;
       case FLEVEL:
-        return this.machines.reduce(
-          (bits, { index, tx, rx }) => (bits | (tx.itemCount << (8 * index)) | (rx.itemCount << (8 * index + 4))) >>> 0,
-          0,
-        );
+        return this.machines.reduce((bits, { index, tx, rx }) => {
+          const levels = tx.itemCount | (rx.itemCount << 4);
+          return (bits | (levels << (8 * index))) >>> 0;
+        }, 0);
       case IRQ:
         return this.irq;
       case IRQ_FORCE:
@@ -257,7 +257,7 @@ export class Pio extends BasePeripheral {
     this.touch();
     if (offset >= INSTR_MEM0 && offset < SM0_CLKDIV) {
       this.instructions[(offset - INSTR_MEM0) >> 2] = value & 0xffff;
-      for (const machine of this.machines) machine.loops.clear();
+      for (const machine of this.machines) machine.forgetLoops();
       return;
     }
     if (offset >= SM0_CLKDIV && offset < INTR) {

@@ -1,7 +1,7 @@
 // The private peripheral bus: NVIC and system control block.
 //
-// Stock keeps what NVIC_ISPR pends for ever, lets NVIC_ICPR clear only what no peripheral can raise, and does not know
-// AIRCR, by which software resets the chip.
+// Stock keeps what NVIC_ISPR pends for ever, lets NVIC_ICPR clear only what no peripheral can raise, and does
+// not know AIRCR, by which software resets the chip.
 import { RPPPB } from '../stock.mjs';
 
 const NVIC_ISPR = 0x200;

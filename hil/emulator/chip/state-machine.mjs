@@ -1,9 +1,8 @@
 // One PIO state machine: what each instruction does, cycle by cycle (RP2040 data sheet, sections 3.4 and 3.5).
 //
 // # Design
-// `step` plays one cycle. `privateCycles` says for how many cycles to come nothing but the machine's own pc, X
-// and Y can change, as long as the inputs and the FIFOs stay as they are; `skip` plays that many at once. The
-// block (pio.mjs) uses the two to pass time quickly without a difference in the outcome.
+// `step` plays one cycle. An instruction that cannot be finished says what it waits for, and is played again in
+// the next cycle. Pins, flags and what FIFOs tell others are the block's (pio.mjs).
 import { FIFO } from '../stock.mjs';
 
 const AUTOPUSH = 1 << 16;
@@ -19,9 +18,6 @@ const EXEC_STALLED = 0x80000000;
 
 /** What a machine waits for before it goes on. */
 export const Stall = { none: 0, pin: 1, tx: 2, push: 3, irq: 4 };
-
-/** Longest loop of jumps that is looked for; the memory has 32 instructions. */
-const LONGEST_LOOP = 32;
 
 function reverseBits(x) {
   let result = 0;
@@ -52,11 +48,10 @@ export class StateMachine {
     this.pinCtrl = 0x5 << 26;
     this.tx = new FIFO(4);
     this.rx = new FIFO(4);
-    this.loops = new Map();
     this.configured();
   }
 
-  /** Takes the fields of the control registers apart. */
+  /** Takes the fields of the control registers apart; to be called when they have changed. */
   configured() {
     const { execCtrl, shiftCtrl, pinCtrl } = this;
     this.wrapTop = (execCtrl >> 12) & 0x1f;
@@ -68,7 +63,6 @@ export class StateMachine {
     this.sideCount = (pinCtrl >>> 29) & 0x7;
     this.delayMask = (1 << (5 - this.sideCount)) - 1;
     this.inBase = (pinCtrl >> 15) & 0x1f;
-    this.loops.clear();
   }
 
   restart() {
@@ -425,85 +419,5 @@ export class StateMachine {
       case 0b100:
         return this.pio.setDirections(value, base, count);
     }
-  }
-
-  /** For how many cycles from now nothing can change but pc, X, Y and the delay. */
-  privateCycles() {
-    if (this.divider !== 256) return 0;
-    if (this.autopull && this.osrCount >= this.pullThreshold && !this.tx.empty) return 0;
-    if (this.delay > 0) return this.delay;
-    switch (this.stall) {
-      case Stall.none:
-        break;
-      case Stall.pin: {
-        const opcode = this.exec >= 0 ? this.exec : this.pio.instructions[this.pc];
-        return this.wait(opcode & 0xff) === Stall.pin ? Infinity : 0;
-      }
-      case Stall.tx:
-        // An `out` whose register was filled in the last cycle goes on now.
-        return this.tx.empty && !(this.autopull && this.osrCount < this.pullThreshold) ? Infinity : 0;
-      case Stall.push:
-        return this.rx.full ? Infinity : 0;
-      default:
-        return 0;
-    }
-    if (this.exec >= 0) return 0;
-    const loop = this.loop();
-    return loop ? loop.cycles * this.passes(loop) : 0;
-  }
-
-  /** Plays `cycles` cycles, no more than `privateCycles` said. */
-  skip(cycles) {
-    if (this.stall !== Stall.none) return;
-    if (this.delay > 0) {
-      this.delay -= cycles;
-      return;
-    }
-    const loop = this.loop();
-    const passes = Math.floor(cycles / loop.cycles);
-    this.x = (this.x - passes * loop.x) >>> 0;
-    this.y = (this.y - passes * loop.y) >>> 0;
-    for (let rest = cycles - passes * loop.cycles; rest > 0; rest--) this.step();
-  }
-
-  /** Passes of `loop` in which no counter is found at zero. */
-  passes(loop) {
-    return Math.min(
-      loop.x ? Math.floor(this.x / loop.x) : Infinity,
-      loop.y ? Math.floor(this.y / loop.y) : Infinity,
-    );
-  }
-
-  /** The loop of jumps that the machine is in while the inputs stay, or null. */
-  loop() {
-    const level = (this.pio.inputs >>> this.jmpPin) & 1;
-    const key = (this.pc << 1) | level;
-    let loop = this.loops.get(key);
-    if (loop === undefined) {
-      loop = this.findLoop(level);
-      this.loops.set(key, loop);
-    }
-    return loop;
-  }
-
-  findLoop(level) {
-    if (this.sideCount) return null;
-    const loop = { cycles: 0, x: 0, y: 0 };
-    let { pc } = this;
-    for (let length = 0; length < LONGEST_LOOP; length++) {
-      const opcode = this.pio.instructions[pc];
-      if (opcode >>> 13 !== 0) return null;
-      loop.cycles += 1 + ((opcode >> 8) & 0x1f);
-      const condition = (opcode >> 5) & 0x7;
-      let taken = true;
-      if (condition === 0b010) loop.x++;
-      else if (condition === 0b100) loop.y++;
-      else if (condition === 0b110) taken = level === 1;
-      else if (condition !== 0b000) return null;
-      if (taken) pc = opcode & 0x1f;
-      else pc = pc === this.wrapTop ? this.wrapBottom : (pc + 1) & 0x1f;
-      if (pc === this.pc) return loop;
-    }
-    return null;
   }
 }

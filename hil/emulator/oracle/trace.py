@@ -1,8 +1,8 @@
 """Plays a PIO program in rp2040-pio-emulator and prints the state after each instruction, as JSON.
 
 Reads one JSON object on stdin: `opcodes` (all 32), `options` of `pioemu.emulate`, the `state` to begin with
-(`program_counter`, `x_register`, `pin_directions`), the `words`, of which the first is in the OSR, `inputs` (levels of all pins
-as bits, by clock cycle) and `cycles`. Each row that it prints is
+(`program_counter`, `x_register`, `pin_directions`), the `words`, of which the first is in the OSR, `inputs`
+(levels of all pins as bits, by clock cycle) and `cycles`. Each row that it prints is
 [clock, pc, X, Y, OSR, bits out of OSR, ISR, bits in ISR, output pins, [words that were pushed]].
 """
 

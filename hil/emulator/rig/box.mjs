@@ -109,7 +109,8 @@ export class Box {
         if (body[0] !== 0) throw new Error(`${name} is refused: ${Buffer.from(body).toString('hex')}`);
         return body.slice(1);
       }
-      if (!found && this.run(end - this.machine.cycle, ['frame']) === 'cycles') throw new Error(`${name}: no answer`);
+      if (found) continue;
+      if (this.run(end - this.machine.cycle, ['frame']) === 'cycles') throw new Error(`${name}: no answer`);
     }
   }
 
@@ -124,9 +125,8 @@ export class Box {
   }
 
   /** Loads a table: played at once, or each step on its SYNC edge. */
-  load(steps, cycles = 1, { paced = false } = {}) {
+  load(steps, cycles = 1, { paced = false, polarity = [0, 0, 0, 0] } = {}) {
     const when = paced ? [1, 1] : [0, 0];
-    const polarity = [0, 0, 0, 0];
     const extent = [0, ...varint(steps.length), ...varint(cycles)];
     const program = [...extent, ...when, ...polarity, ...varint(0), ...varint(60_000_000)];
     this.request('load', program);

@@ -43,7 +43,8 @@ function trace(options, paced, cut) {
   box.load([STEP, step({ cam: [5, 50], period: 12_000 })], 40, { paced });
   const { machine } = box;
   machine.setStrobe({ delay: 111, width: 0, ignore: [3] });
-  machine.setVsync({ first: machine.cycle + 200_000, period: 20_000, width: 500, jitter: 900, seed: 5, missing: [7] });
+  const first = machine.cycle + 200_000;
+  machine.setVsync({ first, period: 20_000, width: 500, jitter: 900, seed: 5, missing: [7] });
   box.start();
   cut(box);
   return {
@@ -157,7 +158,11 @@ test('the profile names the functions and counts every cycle', { skip }, () => {
   assert.ok(samples.some(([name]) => name === 'TIMER_IRQ_0'));
 });
 
-test('lines that nobody drives rest where the firmware pulls them', { skip }, () => {
-  const { wires } = new Box().hello().machine;
-  assert.deepEqual([SYNC, STROBE].map((pin) => wires.levels[pin]), [0, 0]);
+test('lines that nobody drives rest where the firmware pulls them, and have no edges', { skip }, () => {
+  const box = new Box().hello();
+  const levels = () => [SYNC, STROBE].map((pin) => box.machine.wires.levels[pin]);
+  assert.deepEqual(levels(), [0, 0]);
+  box.load([STEP], 1, { polarity: [0, 0, 1, 1] }).request('arm');
+  assert.deepEqual(levels(), [1, 1]);
+  assert.deepEqual(box.edges.filter(([, pin]) => pin === SYNC || pin === STROBE), []);
 });
