@@ -1,10 +1,10 @@
 // A state machine that need not be stepped while it only counts or waits.
 //
 // # Design
-// `privateCycles` says for how many cycles to come nothing but the machine's own pc, X, Y and delay can change, as
-// long as the inputs and the FIFOs stay as they are; `skip` plays that many at once. Programs spend nearly all of
-// their time stalled or in short loops of jumps that count X or Y down, whatever else they do, so loops are found
-// in the instructions as they are, and remembered.
+// After a cycle was played, `privateCycles` says for how many cycles to come nothing but the machine's own pc, X,
+// Y and delay can change, as long as the inputs and the FIFOs stay as they are; `skip` plays that many at once.
+// Programs spend nearly all of their time stalled or in short loops of jumps that count X or Y down, whatever
+// else they do, so loops are found in the instructions as they are, and remembered.
 //
 // # Tradeoffs
 // A machine with a clock divider is never passed over, nor is a loop with side-set.
@@ -28,7 +28,6 @@ export class LazyMachine extends StateMachine {
   /** For how many cycles from now nothing can change but pc, X, Y and the delay. */
   privateCycles() {
     if (this.divider !== 256) return 0;
-    if (this.autopull && this.osrCount >= this.pullThreshold && !this.tx.empty) return 0;
     if (this.delay > 0) return this.delay;
     switch (this.stall) {
       case Stall.none:

@@ -37,6 +37,16 @@ for (const options of [{ link: 'uart' }, USB]) {
   });
 }
 
+test('a level is seen by the PIO in the cycle in which it is on the wire', { skip }, () => {
+  const box = new Box().hello().load([STEP], 20, { paced: true });
+  box.machine.setVsync({ first: box.machine.cycle + 200_000, period: 20_001, width: 500 });
+  box.start().run(700_000);
+  const [sync, proj] = [SYNC, PROJ].map((pin) => rises(box, pin));
+  assert.equal(proj.length, 20);
+  // The firmware's SYNC_LATENCY.
+  assert.ok(proj.every((cycle, i) => cycle - sync[i] === 2));
+});
+
 /** What can be seen of a run; `cut(box)` lets the time pass. */
 function trace(options, paced, cut) {
   const box = new Box({ ...options }).hello();

@@ -118,3 +118,54 @@ test('cycles that are passed over make no difference', () => {
   const words = [3, 400, 2 * 4 + 1, 4000 * 4 + 2, 1, 0, 8 + 3, 12].map(Number);
   assert.deepEqual(play(words, { lazy: true }), play(words, { lazy: false }));
 });
+
+/** What machine 0 has become after `cycles` of `program`. */
+function after(program, cycles, { words = [], shift = SHIFT_RIGHT, pins = 0, side = 0 } = {}) {
+  const machine = sleepingMachine();
+  const { mcu } = machine.chip;
+  load(mcu, program);
+  mcu.writeUint32(SHIFTCTRL, shift);
+  mcu.writeUint32(PINCTRL, ((side << 29) | pins) >>> 0);
+  for (const word of words) mcu.writeUint32(TXF0, word);
+  mcu.writeUint32(CTRL, 1 | (1 << 4));
+  machine.run(cycles);
+  mcu.readUint32(CTRL);
+  const [pio] = mcu.pio;
+  return { ...pio.machines[0], pins: pio.pinValues, irq: pio.irq };
+}
+
+test('instructions that the firmware does not use', () => {
+  const outPins = (32 << 20) | 0;
+  const setPins = (5 << 26) | (30 << 5);
+  for (const [name, found, expected] of [
+    ['set y, 5 [3]', after([0xe345, 0xe047], 4), { y: 5, pc: 1 }],
+    ['its delay is over', after([0xe345, 0xe047], 5), { y: 7 }],
+    ['pull; mov exec, osr (set x, 9)', after([0x80a0, 0xa087, 0x0002], 3, { words: [0xe029] }), { x: 9, pc: 2 }],
+    ['pull; out exec, 16 (set x, 9)', after([0x80a0, 0x60f0, 0x0002], 3, { words: [0xe029] }), { x: 9, pc: 2 }],
+    ['pull noblock takes X', after([0xe023, 0x8080, 0x0002], 2), { osr: 3, osrCount: 0 }],
+    ['mov y, ::x', after([0xe021, 0xa051, 0x0002], 2), { y: 0x80000000 }],
+    ['in x, 4 to the right', after([0xe02b, 0x4024, 0x0002], 2), { isr: 0xb0000000, isrCount: 4 }],
+    ['in x, 4 to the left', after([0xe02b, 0x4024, 0x0002], 2, { shift: 0 }), { isr: 0xb, isrCount: 4 }],
+    ['set pins around the end', after([0xe007, 0x0001], 1, { pins: setPins }), { pins: 1 }],
+    ['mov pins, ~null', after([0xa00b, 0x0001], 1, { pins: outPins }), { pins: 0x3fffffff }],
+    ['nop side 1', after([0xb042, 0x0001], 1, { side: 1 }), { pins: 1 }],
+    ['irq wait 1', after([0xc021, 0xe025], 5), { irq: 2, pc: 0, x: 0 }],
+    ['irq 1; wait 1 irq 1', after([0xc001, 0x20c1, 0x0002], 2), { irq: 0, pc: 2 }],
+    ['jmp y-- from 0 falls through and wraps', after([0x0080, 0x0001], 1), { y: 0xffffffff, pc: 1 }],
+    ['jmp x != y', after([0xe021, 0x00a3, 0xe047, 0x0003], 3), { y: 0, pc: 3 }],
+    ['jmp !osre', after([0x00e2, 0xe025, 0x0002], 2), { x: 5 }],
+  ]) {
+    for (const [field, value] of Object.entries(expected)) assert.equal(found[field], value, `${name}: ${field}`);
+  }
+});
+
+test('a clock divider makes instructions last as long', () => {
+  const machine = sleepingMachine();
+  const { mcu } = machine.chip;
+  load(mcu, [JMP_X_DEC_0]);
+  mcu.writeUint32(PIO + 0xc8, (2 << 16) | (0x80 << 8));
+  mcu.writeUint32(INSTR, MOV_X_NOT_NULL);
+  mcu.writeUint32(CTRL, 1);
+  machine.run(1000);
+  assert.equal(0xffffffff - mcu.pio[0].machines[0].x, 400);
+});

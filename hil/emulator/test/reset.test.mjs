@@ -1,4 +1,6 @@
-import { mend } from '../rig/rigs.mjs';
+import assert from 'node:assert/strict';
+import { test } from 'node:test';
+import { mend, sleepingMachine } from '../rig/rigs.mjs';
 
 const GPIO5_CTRL = 0x40014000 + 8 * 5 + 4;
 const SIO_FUNCTION = 5;
@@ -61,3 +63,22 @@ mend(
   ({ mcu }) => new Set(Array.from({ length: 100 }, () => mcu.readUint32(RANDOMBIT) & 1)).size,
   { stock: 1, right: 2 },
 );
+
+test('memory, scratch registers, the wires and the reason outlive a reset', () => {
+  const machine = sleepingMachine();
+  const scratch0 = WATCHDOG + 0x0c;
+  machine.chip.mcu.writeUint32(0x20001000, 0x1234);
+  machine.chip.mcu.writeUint32(scratch0, 0x5678);
+  machine.drive(4, 1);
+  machine.run(10);
+  const { cycle } = machine;
+  machine.chip.mcu.writeUint32(WATCHDOG, 0x80000000);
+  assert.equal(machine.run(10), 'reset');
+  const { mcu } = machine.chip;
+  assert.deepEqual(
+    [mcu.readUint32(0x20001000), mcu.readUint32(scratch0), mcu.readUint32(WATCHDOG + 8), machine.wires.levels[4]],
+    [0x1234, 0x5678, 2, 1],
+  );
+  assert.ok(machine.cycle >= cycle, 'cycles never go back');
+  assert.equal(mcu.clkSys, 6.5e6, 'and the clocks are those after a reset');
+});
