@@ -1,0 +1,178 @@
+// The real firmware in the machine: links, edges, resets, and that passing over cycles makes no difference.
+import assert from 'node:assert/strict';
+import { test } from 'node:test';
+import { Profile } from '../profile.mjs';
+import { Box, frame, step, unframe, withoutFirmware } from '../rig/box.mjs';
+
+const skip = withoutFirmware;
+const HZ = 125_000_000;
+const [PROJ, CAM, SYNC, STROBE] = [2, 3, 4, 5];
+/** 9,523 steps per second. */
+const STEP = step({ proj: [0, 1250], cam: [1000, 10_000], period: 13_125 });
+const USB = { link: 'usb', bootMs: 40 };
+const NOWHERE = 0x60000000;
+
+const rises = (box, pin) => box.edges.filter(([, line, level]) => line === pin && level).map(([cycle]) => cycle);
+const distances = (cycles) => new Set(cycles.slice(1).map((cycle, i) => cycle - cycles[i]));
+
+test('frames of this test are those of the protocol', () => {
+  // Request::Ping(42) in session 0x1234 with number 7: protocol/tests/wire_v1.rs
+  const bytes = [0xb4, 0x24, 7, 2, 42];
+  assert.equal(Buffer.from(frame(bytes)).toString('hex'), '0ab42407022a71dcf7e000');
+  assert.deepEqual(unframe(frame(bytes).slice(0, -1)), bytes);
+});
+
+for (const options of [{ link: 'uart' }, USB]) {
+  test(`over ${options.link}: all edges of a run are on their ticks`, { skip }, () => {
+    const box = new Box(options).hello().load([STEP], 300);
+    box.machine.setStrobe({ delay: 625, width: 8000 });
+    box.start().run(300 * 13_125 + HZ / 100);
+    const [proj, cam, strobe] = [PROJ, CAM, STROBE].map((pin) => rises(box, pin));
+    assert.deepEqual([proj.length, cam.length, strobe.length], [300, 300, 300]);
+    assert.deepEqual([...distances(cam)], [13_125]);
+    assert.ok(cam.every((cycle, i) => cycle - proj[i] === 1000 && strobe[i] - cycle === 625));
+    const falls = box.edges.filter(([, line, level]) => line === CAM && !level).map(([cycle]) => cycle);
+    assert.ok(falls.every((cycle, i) => cycle - cam[i] === 10_000));
+    assert.equal(box.machine.chip.uart.overruns, 0);
+  });
+}
+
+test('a level is seen by the PIO in the cycle in which it is on the wire', { skip }, () => {
+  const box = new Box().hello().load([STEP], 20, { paced: true });
+  box.machine.setVsync({ first: box.machine.cycle + 200_000, period: 20_001, width: 500 });
+  box.start().run(700_000);
+  const [sync, proj] = [SYNC, PROJ].map((pin) => rises(box, pin));
+  assert.equal(proj.length, 20);
+  // The firmware's SYNC_LATENCY.
+  assert.ok(proj.every((cycle, i) => cycle - sync[i] === 2));
+});
+
+/** What can be seen of a run; `cut(box)` lets the time pass. */
+function trace(options, paced, cut) {
+  const box = new Box({ ...options }).hello();
+  box.load([STEP, step({ cam: [5, 50], period: 12_000 })], 40, { paced });
+  const { machine } = box;
+  machine.setStrobe({ delay: 111, width: 0, ignore: [3] });
+  const first = machine.cycle + 200_000;
+  machine.setVsync({ first, period: 20_000, width: 500, jitter: 900, seed: 5, missing: [7] });
+  box.start();
+  cut(box);
+  return {
+    edges: box.edges,
+    bytes: box.bytes,
+    busy: machine.busy,
+    cycle: machine.cycle,
+    registers: [...machine.core.registers],
+    ram: Buffer.from(machine.chip.mcu.sram).toString('base64'),
+  };
+}
+
+const whole = (box) => box.run(2_000_000);
+
+for (const paced of [false, true]) {
+  const kind = paced ? 'each step on a SYNC edge' : 'free-running';
+  test(`${kind}: cycles that are passed over make no difference`, { skip }, () => {
+    for (const link of [{ link: 'uart' }, USB]) {
+      const lazy = trace(link, paced, whole);
+      assert.ok(lazy.edges.length > 300);
+      assert.deepEqual(trace({ ...link, lazy: false }, paced, whole), lazy);
+    }
+  });
+
+  test(`${kind}: it does not matter in which pieces time passes`, { skip }, () => {
+    const pieces = (box) => {
+      const end = box.machine.cycle + 2_000_000;
+      for (let piece = 1; box.machine.cycle < end; piece = (piece * 7 + 1) % 4001) {
+        box.run(Math.min(piece, end - box.machine.cycle));
+      }
+    };
+    assert.deepEqual(trace({}, paced, pieces), trace({}, paced, whole));
+  });
+}
+
+/** A box in a run, with PROJ and CAM high. */
+function runningBox(options) {
+  const box = new Box(options).hello().load([STEP], 100_000).start();
+  while (!(box.machine.wires.levels[PROJ] && box.machine.wires.levels[CAM])) box.run(HZ / 1000, ['edge']);
+  box.edges.length = 0;
+  return box;
+}
+
+/** The box answers after a reset, in a session that is new. */
+function answersAnew(box, before) {
+  box.bytes.length = 0;
+  box.hello();
+  assert.notEqual(box.session, before);
+}
+
+test('a hard fault drives the outputs low and resets the chip', { skip }, () => {
+  const box = runningBox();
+  const { session } = box;
+  const at = box.machine.cycle;
+  box.machine.jump(NOWHERE);
+  assert.equal(box.run(HZ / 100), 'reset');
+  assert.deepEqual(box.edges.map(([, ...edge]) => edge), [[PROJ, 0], [CAM, 0]]);
+  assert.ok(box.edges[1][0] - at < 200, 'within a few instructions');
+  assert.equal(box.run(HZ / 100), 'cycles');
+  assert.deepEqual(box.edges.length, 2, 'and they stay low');
+  answersAnew(box, session);
+});
+
+test('a CPU that hangs is reset by the watchdog, which brings the outputs to rest', { skip }, () => {
+  const box = runningBox();
+  const { session, machine } = box;
+  const loop = 0x20041000;
+  machine.chip.mcu.writeUint16(loop, 0xe7fe);
+  machine.jump(loop, 0, 1);
+  const at = machine.cycle;
+  assert.equal(box.run(HZ), 'reset');
+  const millis = (machine.cycle - at) / (HZ / 1000);
+  assert.ok(millis > 490 && millis <= 500, `${millis} ms`);
+  assert.deepEqual([...machine.wires.levels.slice(PROJ, CAM + 1)], [0, 0]);
+  box.run(HZ / 100);
+  answersAnew(box, session);
+});
+
+test('a USB cable can be pulled and put back', { skip }, () => {
+  const box = new Box(USB).hello();
+  box.machine.plug(false);
+  box.run(HZ / 10);
+  assert.throws(() => box.request('status', [], { limit: HZ / 10 }), /no answer/);
+  box.machine.plug(true);
+  box.run(HZ / 10);
+  box.request('status');
+});
+
+test('USB moves at most 19 packets per millisecond', { skip }, () => {
+  const box = new Box(USB).hello();
+  const { mcu } = box.machine.chip;
+  let packets = 0;
+  const give = mcu.usbCtrl.giveOut.bind(mcu.usbCtrl);
+  mcu.usbCtrl.giveOut = (...packet) => {
+    packets++;
+    give(...packet);
+  };
+  box.machine.send(new Array(64 * 100).fill(1));
+  box.run(3 * (HZ / 1000));
+  assert.ok(packets > 40 && packets <= 58, `${packets} packets in 3 ms`);
+});
+
+test('the profile names the functions and counts every cycle', { skip }, () => {
+  const box = new Box();
+  const { machine } = box;
+  machine.profile = new Profile(machine.image);
+  const before = machine.busy;
+  box.run(HZ / 100);
+  const samples = machine.profile.samples();
+  assert.equal(samples.reduce((sum, [, cycles]) => sum + cycles, 0), machine.busy - before);
+  assert.ok(samples.some(([name]) => name === 'TIMER_IRQ_0'));
+});
+
+test('lines that nobody drives rest where the firmware pulls them, and have no edges', { skip }, () => {
+  const box = new Box().hello();
+  const levels = () => [SYNC, STROBE].map((pin) => box.machine.wires.levels[pin]);
+  assert.deepEqual(levels(), [0, 0]);
+  box.load([STEP], 1, { polarity: [0, 0, 1, 1] }).request('arm');
+  assert.deepEqual(levels(), [1, 1]);
+  assert.deepEqual(box.edges.filter(([, pin]) => pin === SYNC || pin === STROBE), []);
+});
