@@ -10,7 +10,7 @@ use rcg_protocol::{
 };
 use serialport::{SerialPort as _, TTYPort};
 
-use crate::command::refuses;
+use crate::command::{quick, refuses};
 
 /// Runs `test` with the name of a port at whose other end `answer` answers what it is asked.
 fn with_peer(answer: impl Fn(&Request) -> Option<Reply> + Sync, test: impl FnOnce(&str)) {
@@ -165,4 +165,40 @@ fn an_answer_of_another_kind_fails() {
             refuses(&["controller", "info", "--port", port], "", 1, &parts);
         },
     );
+}
+
+#[test]
+fn a_trigger_box_measures_with_its_wires_only() {
+    let scratch = tempfile::tempdir().unwrap();
+    let refused = |more: &[&str], parts: &[&str]| {
+        let mut arguments = quick(&scratch.path().join("m"));
+        arguments.extend(more.iter().map(|&argument| argument.to_owned()));
+        refuses(&arguments, "", 2, parts);
+        let dir = scratch.path().to_str().unwrap();
+        refuses(&[&["capture", dir], more].concat(), "", 2, parts);
+    };
+    for port in ["/dev/ttyACM0", "auto"] {
+        let why = "real cameras and projectors cannot be driven yet";
+        refused(&["--port", port], &["--port", port, "expected --wires HOST:PORT", why]);
+    }
+    for with_sim in [&["--wires", "localhost:1"][..], &["--wires", "localhost:1", "--port", "sim"]] {
+        refused(with_sim, &["--wires localhost:1", "expected the --port", "found the simulated one"]);
+    }
+    assert!(!scratch.path().join("m").exists(), "nothing was begun");
+}
+
+#[test]
+fn wires_without_a_bridge_are_named() {
+    with_peer(answers_everything, |port| {
+        let scratch = tempfile::tempdir().unwrap();
+        let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        for (wires, code, part) in [
+            (free.to_string(), 1, "expected a bridge that listens, found none"),
+            ("nowhere".to_owned(), 2, "expected HOST:PORT of a bridge"),
+        ] {
+            let mut arguments = quick(&scratch.path().join(&wires));
+            arguments.extend(["--port", port, "--wires", &wires].map(str::to_owned));
+            refuses_a_new(&arguments, code, &[&wires, part]);
+        }
+    });
 }
