@@ -76,6 +76,10 @@ pub fn prepare(
         .with_image_size(request.image_size)
         .map_err(MeasurementError::from)?;
     let exposure_s = if let Some(exposure_s) = request.exposure_s {
+        if setup.trigger_box.is_some() {
+            // What does not answer is named before anything is written.
+            setup.open(&scaled, &request)?;
+        }
         exposure_s
     } else {
         progress.begin("pilot capture", 1, "runs");
