@@ -12,8 +12,8 @@ use rcg::measurement::Measurement;
 use rcg::plan::{Plan, Request};
 use rcg::progress::Silent;
 use rcg::rig::Rig;
+use rcg::setup::Setup;
 use rcg::store::{BrdfLayout, BrdfRows, BrdfWriter};
-use rcg::virtual_rig::Mischief;
 
 fn main() {
     divan::main();
@@ -34,7 +34,7 @@ fn captured(dir: &Path) -> Measurement {
         .expect("sees the sample");
     let plan = Plan::new(request, &rig, 0.004).expect("fits");
     let measurement = Measurement::create(dir, rig, plan).expect("a new directory");
-    capture(&measurement, Mischief::default(), &Silent).expect("the virtual rig works");
+    capture(&measurement, &Setup::default(), &Silent).expect("the virtual rig works");
     measurement
 }
 

@@ -8,7 +8,7 @@ use rcg::measure::{complete, prepare};
 use rcg::plan::Request;
 use rcg::progress::Silent;
 use rcg::rig::Rig;
-use rcg::virtual_rig::Mischief;
+use rcg::setup::Setup;
 
 fn main() {
     divan::main();
@@ -29,8 +29,8 @@ fn measure(bencher: Bencher, step_deg: f64) {
     bencher.counter(ItemsCount::new(directions)).bench_local(|| {
         let dir = tempfile::tempdir().expect("a place for files");
         let out = dir.path().join("m");
-        let mischief = Mischief::default();
-        let m = prepare(&out, &rig, request.clone(), mischief, &Silent).expect("plans");
-        complete(&m, mischief, &|| Duration::ZERO, &Silent).expect("measures")
+        let setup = Setup::default();
+        let m = prepare(&out, &rig, request.clone(), &setup, &Silent).expect("plans");
+        complete(&m, &setup, &|| Duration::ZERO, &Silent).expect("measures")
     });
 }

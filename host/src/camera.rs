@@ -67,6 +67,14 @@ pub enum CameraError {
         /// What was asked for.
         asked_s: f64,
     },
+    /// The camera does not work.
+    #[error("camera {camera}: {reason}")]
+    Failed {
+        /// The camera.
+        camera: String,
+        /// Why not.
+        reason: String,
+    },
     /// The camera is gone.
     #[error("camera {camera}: the connection has ended")]
     Disconnected {

@@ -22,6 +22,8 @@ use crate::schedule::Timing;
 
 /// How often an exposure is tried.
 pub const ATTEMPTS: u8 = 8;
+/// Frames that are taken in between two events of the controller.
+const FRAMES_AT_ONCE: usize = 64;
 /// Frames may be this late after the last strobe.
 const FRAMES_LATE: Duration = Duration::from_millis(500);
 
@@ -241,12 +243,21 @@ impl Instrument {
                 Some(Event::SpuriousStrobe { on, .. }) => haul.spurious_on.push(on.0),
                 _ => {}
             }
-            while let Some(frame) = camera.next_frame(Duration::ZERO)? {
+            // More than an event has records, but not so many that the host falls silent over them.
+            for _ in 0..FRAMES_AT_ONCE {
+                let Some(frame) = camera.next_frame(Duration::ZERO)? else {
+                    break;
+                };
                 haul.frames.push(frame);
             }
             recorded(haul.records.len());
             Ok(())
-        })?;
+        });
+        if let Err(CaptureError::Camera(_)) = ending {
+            // Nobody looks any more: the lines shall rest. If they cannot be told to, the dead-man switch does it.
+            device.abort().ok();
+        }
+        let ending = ending?;
         if ending.state != State::Done {
             let reason = ending.fault.map_or(String::new(), |fault| format!(": {fault}"));
             let Ending {

@@ -8,7 +8,7 @@
 //! | the instrument | [`rig`] (its description), [`optics`] (pixels ↔ directions), [`direction`] |
 //! | what to measure | [`incident`] (directions of light), [`pattern`], [`schedule`], [`pilot`] (exposure time), [`plan`] |
 //! | the world | [`link`], [`device`] and [`run`] (trigger box), [`camera`], [`projector`], or [`virtual_rig`] for all three |
-//! | capture | [`capture`] (fire, collect, repeat), [`pairing`] (which frame belongs to which trigger) |
+//! | capture | [`setup`] (which instrument), [`capture`] (fire, collect, repeat), [`pairing`] (which frame belongs to which trigger) |
 //! | files | [`store`] (Zarr), [`measurement`] (the directory and its stages) |
 //! | the result | [`assemble`] (with the private `resample`), [`disk`] (outgoing directions), [`provenance`], [`brdf`] (look-up) |
 //! | judgement | [`sample`] (known materials), [`reflectance`], [`evaluate`], [`render`], [`report`] |
@@ -49,5 +49,6 @@ pub mod rig;
 pub mod run;
 pub mod sample;
 pub mod schedule;
+pub mod setup;
 pub mod store;
 pub mod virtual_rig;

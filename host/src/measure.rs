@@ -1,26 +1,25 @@
 //! The main job: plan, capture, assemble, evaluate and report on a virtual rig, in one go.
 
 use std::path::Path;
-use std::sync::Arc;
 use std::time::Duration;
 
 use serde_json::{Map, json};
 
 use crate::assemble::{AssembleError, Assembled, assemble};
 use crate::brdf::{Brdf, BrdfError};
-use crate::capture::{Instrument, Tally};
-use crate::device::{Device, DeviceError, Patience};
+use crate::capture::Tally;
+use crate::device::DeviceError;
 use crate::evaluate::evaluate;
-use crate::link::Link;
 use crate::measurement::{Measurement, MeasurementError, State};
 use crate::pilot::pilot;
 use crate::plan::{Plan, Request};
 use crate::progress::Progress;
 use crate::report::{Elapsed, ReportError, Summary, report};
 use crate::rig::Rig;
-use crate::sample::{Sample, SampleError};
+use crate::sample::SampleError;
+use crate::setup::Setup;
 use crate::store::StoreError;
-use crate::virtual_rig::{Behaviour, Mischief, Noise, VirtualRig};
+use crate::virtual_rig::WiresError;
 
 /// Why a measurement failed.
 #[derive(Debug, thiserror::Error)]
@@ -40,6 +39,9 @@ pub enum MeasureError {
     /// The controller.
     #[error(transparent)]
     Device(#[from] DeviceError),
+    /// The wires between the trigger box and the virtual rig.
+    #[error(transparent)]
+    Wires(#[from] WiresError),
     /// Figures and report.
     #[error(transparent)]
     Report(#[from] ReportError),
@@ -49,46 +51,6 @@ impl From<StoreError> for MeasureError {
     fn from(error: StoreError) -> Self {
         Self::Brdf(error.into())
     }
-}
-
-impl Instrument {
-    /// A virtual instrument that is truly as `rig` says, with `sample` in it.
-    ///
-    /// # Errors
-    /// [`DeviceError`].
-    pub fn simulated(rig: &Rig, sample: Arc<dyn Sample>, behaviour: Behaviour) -> Result<Self, DeviceError> {
-        let VirtualRig {
-            controller,
-            camera,
-            projector,
-        } = VirtualRig::new(rig, sample, behaviour);
-        let link: Box<dyn Link> = Box::new(controller);
-        let device = Device::connect(link, 1, Patience::default())?;
-        Ok(Self {
-            device,
-            camera: Box::new(camera),
-            projector: Box::new(projector),
-        })
-    }
-}
-
-/// The virtual instrument that `request` asks for; `rig` has its camera image scaled.
-///
-/// # Errors
-/// [`MeasureError`].
-pub fn simulated(rig: &Rig, request: &Request, mischief: Mischief) -> Result<Instrument, MeasureError> {
-    let spec = request.sample.as_deref().unwrap_or(DEFAULT_SAMPLE);
-    let sample: Arc<dyn Sample> = Arc::from(crate::sample::parse(spec)?);
-    let noise = if request.noise { Noise::On } else { Noise::Off };
-    Ok(Instrument::simulated(
-        rig,
-        sample,
-        Behaviour {
-            noise,
-            seed: request.seed,
-            mischief,
-        },
-    )?)
 }
 
 /// What the virtual rig holds unless told otherwise.
@@ -103,7 +65,7 @@ pub fn prepare(
     out: &Path,
     rig: &Rig,
     request: Request,
-    mischief: Mischief,
+    setup: &Setup,
     progress: &dyn Progress,
 ) -> Result<Measurement, MeasureError> {
     Measurement::check_new(out)?;
@@ -114,10 +76,14 @@ pub fn prepare(
         .with_image_size(request.image_size)
         .map_err(MeasurementError::from)?;
     let exposure_s = if let Some(exposure_s) = request.exposure_s {
+        if setup.trigger_box.is_some() {
+            // What does not answer is named before anything is written.
+            setup.open(&scaled, &request)?;
+        }
         exposure_s
     } else {
         progress.begin("pilot capture", 1, "runs");
-        let mut instrument = simulated(&scaled, &request, mischief)?;
+        let mut instrument = setup.open(&scaled, &request)?;
         let exposure_s = pilot(&scaled, request.step_deg, &mut instrument)?;
         progress.end();
         exposure_s
@@ -126,16 +92,16 @@ pub fn prepare(
     Ok(Measurement::create(out, scaled, plan)?)
 }
 
-/// Captures what is missing of `measurement` on its virtual rig.
+/// Captures what is missing of `measurement` with the instrument that `setup` opens.
 ///
 /// # Errors
 /// [`MeasureError`].
 pub fn capture(
     measurement: &Measurement,
-    mischief: Mischief,
+    setup: &Setup,
     progress: &dyn Progress,
 ) -> Result<Tally, MeasureError> {
-    let mut instrument = simulated(&measurement.rig, &measurement.plan.request, mischief)?;
+    let mut instrument = setup.open(&measurement.rig, &measurement.plan.request)?;
     progress.begin("capture", measurement.plan.len(), "exposures");
     let tally = measurement.capture(&mut instrument, &mut |done| progress.reach(done))?;
     progress.end();
@@ -172,13 +138,13 @@ pub fn assemble_measurement(
 /// [`MeasureError`].
 pub fn complete(
     measurement: &Measurement,
-    mischief: Mischief,
+    setup: &Setup,
     clock: &dyn Fn() -> Duration,
     progress: &dyn Progress,
 ) -> Result<Summary, MeasureError> {
     let mut elapsed = Elapsed::default();
     let began = clock();
-    let tally = capture(measurement, mischief, progress)?;
+    let tally = capture(measurement, setup, progress)?;
     let captured = clock();
     elapsed.capture = (captured.saturating_sub(began)).as_secs_f64();
     let assembled = assemble_measurement(measurement, progress)?;

@@ -7,17 +7,20 @@
 //! - [`line`]: one direction of a link, with what can go wrong on it
 //! - [`world`]: the clock, the lines, the peer; and [`MockLink`], a client's end of it
 //! - [`books`]: the laws that hold after whatever has happened
+//! - [`bridge`]: the firmware's own logic behind a real port and real wires; the one thing in real time
 //! - [`controller`]: the firmware's own logic as a peer, with a journal of what it really did
 //! - [`strangers`]: peers that are no controller of this version
 
 #![forbid(unsafe_code)]
 
 pub mod books;
+pub mod bridge;
 pub mod controller;
 pub mod line;
 pub mod strangers;
 pub mod world;
 
+pub use bridge::Bridge;
 pub use controller::{Controller, TICK_NS};
 pub use line::Faults;
 pub use world::{MockLink, Peer};

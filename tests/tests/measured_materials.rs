@@ -9,7 +9,7 @@ use rcg::measure::{complete, prepare};
 use rcg::plan::Request;
 use rcg::progress::Silent;
 use rcg::rig::Rig;
-use rcg::virtual_rig::Mischief;
+use rcg::setup::Setup;
 
 /// Median relative error of `file` in the folder of measured materials, outside the hole, θ ≤ 80°.
 fn median_error(file: &str) -> Option<f64> {
@@ -30,8 +30,8 @@ fn median_error(file: &str) -> Option<f64> {
     };
     let dir = tempfile::tempdir().unwrap();
     let rig = Rig::load("rcg-1").unwrap();
-    let measurement = prepare(&dir.path().join("m"), &rig, request, Mischief::default(), &Silent).unwrap();
-    let summary = complete(&measurement, Mischief::default(), &|| Duration::ZERO, &Silent).unwrap();
+    let measurement = prepare(&dir.path().join("m"), &rig, request, &Setup::default(), &Silent).unwrap();
+    let summary = complete(&measurement, &Setup::default(), &|| Duration::ZERO, &Silent).unwrap();
     let against = summary.evaluation.against_reference.unwrap();
     println!("{file}: {:?}, blur {:?}", against.relative_error, against.blur);
     Some(against.relative_error.median)

@@ -11,6 +11,7 @@ use rcg::plan::{Plan, Request};
 use rcg::progress::Silent;
 use rcg::provenance::Provenance;
 use rcg::rig::Rig;
+use rcg::setup::Setup;
 use rcg::virtual_rig::Mischief;
 
 /// Moves the camera's pulse by this many seconds.
@@ -54,7 +55,7 @@ fn chain(preset: &str, sample: &str, exposure_s: f64, moved: &Moved) -> f64 {
         exposure_s,
         moved,
     );
-    capture(&measurement, Mischief::default(), &Silent).unwrap();
+    capture(&measurement, &Setup::default(), &Silent).unwrap();
     assemble_measurement(&measurement, &Silent).unwrap();
     judge(&measurement)
         .against_reference
@@ -95,7 +96,11 @@ fn missed_triggers_dropped_and_doubled_frames_change_nothing_but_the_tally() {
             0.01,
             &Moved(0.0),
         );
-        let tally = capture(&measurement, mischief, &Silent).unwrap();
+        let setup = Setup {
+            trigger_box: None,
+            mischief,
+        };
+        let tally = capture(&measurement, &setup, &Silent).unwrap();
         assemble_measurement(&measurement, &Silent).unwrap();
         let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
         let chunks: Vec<_> = (0..brdf.chunks())
@@ -141,7 +146,7 @@ fn the_stated_uncertainty_is_that_of_the_noise() {
         0.0333,
         &Moved(0.0),
     );
-    capture(&measurement, Mischief::default(), &Silent).unwrap();
+    capture(&measurement, &Setup::default(), &Silent).unwrap();
     assemble_measurement(&measurement, &Silent).unwrap();
     let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
     let truth = 0.5 / std::f64::consts::PI;
@@ -179,7 +184,7 @@ fn a_known_brdf_is_judged_without_error_and_a_wrong_one_is_not() {
         0.0333,
         &Moved(0.0),
     );
-    let summary = complete(&measurement, Mischief::default(), &|| Duration::ZERO, &Silent).unwrap();
+    let summary = complete(&measurement, &Setup::default(), &|| Duration::ZERO, &Silent).unwrap();
     // Energy: a white furnace of albedo 0.5, seen almost whole by this rig.
     for albedo in &summary.evaluation.albedo {
         assert!((albedo.albedo / albedo.seen - 0.5).abs() < 0.005, "{albedo:?}");

@@ -5,12 +5,14 @@
 //! clock of its own, real or virtual, so that time-outs mean the same on all of them and tests need not wait.
 
 mod memory;
+mod port;
 mod serial;
 
 use std::io;
 use std::time::Duration;
 
 pub use memory::{MemoryLink, memory_pair};
+pub use port::{nonce, open};
 pub use serial::{BAUD, SerialLink, ports};
 
 /// A stream of bytes to and from the controller.

@@ -80,8 +80,7 @@ impl VirtualController {
     fn go(&mut self, start: Start) {
         let Some(reader) = self.primed.take() else { return };
         if start == Start::OnSync {
-            let edge = to_ticks(self.stage.lock().next_sync_s(to_s(self.now)));
-            self.now = edge + Ticks(SYNC_LATENCY);
+            self.now = self.stage.lock().next_sync(self.now) + Ticks(SYNC_LATENCY);
         }
         self.run = Some(Run {
             reader,
@@ -100,7 +99,7 @@ impl VirtualController {
             let mut stage = self.stage.lock();
             at = self.now.saturating_sub(run.started).max(run.reader.now());
             run.reader.halt(at, |edge| {
-                stage.edge(edge, to_s(run.started + edge.at));
+                stage.edge(edge.line, edge.level, run.started + edge.at);
             });
         }
         self.session.halted(at);
@@ -116,9 +115,9 @@ impl VirtualController {
             let end = run.reader.now();
             let (stage, started, strobes) = (&self.stage, run.started, &mut run.strobes);
             run.reader.halt(end, |edge| {
-                strobes.extend(stage.lock().edge(edge, to_s(started + edge.at)));
+                strobes.extend(stage.lock().edge(edge.line, edge.level, started + edge.at));
             });
-            self.report_strobes(&mut run, f64::INFINITY);
+            self.report_strobes(&mut run, Ticks(u64::MAX));
             self.session.drained(self.now.saturating_sub(run.started));
             return;
         }
@@ -128,12 +127,11 @@ impl VirtualController {
             let started = run.started;
             let strobes = &mut run.strobes;
             let next_sync = |from: Ticks| {
-                let edge = to_ticks(stage.lock().next_sync_s(to_s(started + from)));
-                synced = Some(edge.saturating_sub(started));
+                synced = Some(stage.lock().next_sync(started + from) - started);
                 synced
             };
             let emit = |edge: Edge| {
-                strobes.extend(stage.lock().edge(edge, to_s(started + edge.at)));
+                strobes.extend(stage.lock().edge(edge.line, edge.level, started + edge.at));
             };
             if run.reader.play(word, next_sync, emit) == Played::NoSync {
                 self.session.sync_missing();
@@ -146,8 +144,8 @@ impl VirtualController {
         }
         self.now = run.started + run.reader.now();
         run.steps += 1;
-        let now_s = to_s(self.now);
-        self.report_strobes(&mut run, now_s);
+        let now = self.now;
+        self.report_strobes(&mut run, now);
         self.session.fired(run.steps, run.reader.now());
         self.run = Some(run);
     }
@@ -156,7 +154,7 @@ impl VirtualController {
     fn report_syncs(&mut self, run: &mut Run, begins_step: Ticks) {
         while let Some(last) = run.last_sync {
             let from = run.started + last + Ticks(1);
-            let edge = to_ticks(self.stage.lock().next_sync_s(to_s(from))).saturating_sub(run.started);
+            let edge = self.stage.lock().next_sync(from) - run.started;
             if edge >= begins_step {
                 break;
             }
@@ -167,25 +165,14 @@ impl VirtualController {
         run.last_sync = Some(begins_step);
     }
 
-    /// Tells the session of the strobe edges up to `until_s`.
-    fn report_strobes(&mut self, run: &mut Run, until_s: f64) {
-        while run.strobes.front().is_some_and(|edge| edge.at_s <= until_s) {
-            let Some(edge) = run.strobes.pop_front() else {
-                break;
-            };
-            let at = to_ticks(edge.at_s);
-            self.now = self.now.max(at);
-            self.session.strobe(edge.active, at.saturating_sub(run.started));
+    /// Tells the session of the strobe edges up to `until`.
+    fn report_strobes(&mut self, run: &mut Run, until: Ticks) {
+        while let Some(edge) = run.strobes.pop_front_if(|edge| edge.at <= until) {
+            self.now = self.now.max(edge.at);
+            self.session
+                .strobe(edge.active, edge.at.saturating_sub(run.started));
         }
     }
-}
-
-fn to_s(ticks: Ticks) -> f64 {
-    ticks.0 as f64 / f64::from(CLOCK_HZ)
-}
-
-fn to_ticks(at_s: f64) -> Ticks {
-    Ticks((at_s * f64::from(CLOCK_HZ)).round() as u64)
 }
 
 impl Link for VirtualController {
@@ -202,7 +189,7 @@ impl Link for VirtualController {
     }
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, LinkError> {
-        let deadline = self.now + to_ticks(timeout.as_secs_f64());
+        let deadline = self.now + Ticks((timeout.as_secs_f64() * f64::from(CLOCK_HZ)).round() as u64);
         while self.to_host.is_empty() && self.now < deadline {
             if self.run.is_some() {
                 self.play();
@@ -220,7 +207,7 @@ impl Link for VirtualController {
     }
 
     fn now(&self) -> Duration {
-        Duration::from_secs_f64(to_s(self.now))
+        Duration::from_secs_f64(self.now.0 as f64 / f64::from(CLOCK_HZ))
     }
 
     fn peer(&self) -> &'static str {

@@ -11,6 +11,7 @@
 //! - [`scene`]: light and sample → charge of every camera pixel
 //! - [`sensor`]: charge → digital numbers, with noise
 //! - [`controller`]: the firmware's own library in virtual time
+//! - [`wires`]: the edges of a trigger box elsewhere, in place of the simulated one
 //!
 //! Everything is a function of the rig, the sample and a seed: the same measurement, even if it was
 //! interrupted and resumed, gives the same bits.
@@ -20,6 +21,7 @@ mod light;
 mod scene;
 mod sensor;
 mod stage;
+mod wires;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -35,9 +37,11 @@ use crate::sample::Sample;
 pub use controller::{CLOCK_HZ, VirtualController};
 pub use sensor::Noise;
 pub use stage::Mischief;
+pub use wires::{Wires, WiresError};
 
 use scene::Scene;
 use stage::{Shot, Stage};
+use wires::Attached;
 
 /// How the virtual rig behaves beyond what its rig file says.
 #[derive(Clone, Copy, Debug)]
@@ -64,19 +68,48 @@ impl VirtualRig {
     /// A rig that is truly as `rig` says, with `sample` in it.
     #[must_use]
     pub fn new(rig: &Rig, sample: Arc<dyn Sample>, behaviour: Behaviour) -> Self {
-        let scene = Arc::new(Scene::new(rig, sample));
-        let stage = SharedStage(Arc::new(Mutex::new(Stage::new(rig, behaviour))));
+        let stage = SharedStage::new(rig, behaviour, CLOCK_HZ);
+        let (camera, projector) = optics_of(rig, sample, behaviour, &stage);
         Self {
-            controller: VirtualController::new(stage.clone(), behaviour.seed as u32),
-            camera: VirtualCamera {
-                stage: stage.clone(),
-                scene: scene.clone(),
-                behaviour,
-                ready: Vec::new().into_iter(),
-            },
-            projector: VirtualProjector { stage, scene },
+            controller: VirtualController::new(stage, behaviour.seed as u32),
+            camera,
+            projector,
         }
     }
+
+    /// Camera and projector of such a rig, at the wires of a trigger box elsewhere.
+    ///
+    /// # Errors
+    /// [`WiresError`].
+    pub fn wired(
+        rig: &Rig,
+        sample: Arc<dyn Sample>,
+        behaviour: Behaviour,
+        wires: Wires,
+    ) -> Result<(VirtualCamera, VirtualProjector), WiresError> {
+        let stage = SharedStage::new(rig, behaviour, wires.clock_hz());
+        let (mut camera, projector) = optics_of(rig, sample, behaviour, &stage);
+        camera.wires = Some(wires.attach(stage)?);
+        Ok((camera, projector))
+    }
+}
+
+fn optics_of(
+    rig: &Rig,
+    sample: Arc<dyn Sample>,
+    behaviour: Behaviour,
+    stage: &SharedStage,
+) -> (VirtualCamera, VirtualProjector) {
+    let scene = Arc::new(Scene::new(rig, sample));
+    let camera = VirtualCamera {
+        stage: stage.clone(),
+        scene: scene.clone(),
+        behaviour,
+        ready: Vec::new().into_iter(),
+        wires: None,
+    };
+    let stage = stage.clone();
+    (camera, VirtualProjector { stage, scene })
 }
 
 impl VirtualController {
@@ -88,7 +121,7 @@ impl VirtualController {
             seed: 0,
             mischief: Mischief::default(),
         };
-        Self::new(SharedStage(Arc::new(Mutex::new(Stage::new(rig, behaviour)))), 0)
+        Self::new(SharedStage::new(rig, behaviour, CLOCK_HZ), 0)
     }
 }
 
@@ -97,11 +130,18 @@ impl VirtualController {
 struct SharedStage(Arc<Mutex<Stage>>);
 
 impl SharedStage {
+    fn new(rig: &Rig, behaviour: Behaviour, clock_hz: u32) -> Self {
+        Self(Arc::new(Mutex::new(Stage::new(rig, behaviour, clock_hz))))
+    }
+
     fn lock(&self) -> MutexGuard<'_, Stage> {
         // A panic elsewhere leaves the stage as it was between two edges.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
+
+/// Images that are computed at a time: all cores are busy, and the host is never silent for long in between.
+const IMAGES: usize = 64;
 
 /// The simulated camera. Images are computed when they are fetched, on all cores.
 pub struct VirtualCamera {
@@ -109,6 +149,8 @@ pub struct VirtualCamera {
     scene: Arc<Scene>,
     behaviour: Behaviour,
     ready: std::vec::IntoIter<Frame>,
+    /// The wires, where the edges come from elsewhere.
+    wires: Option<Attached>,
 }
 
 impl Camera for VirtualCamera {
@@ -124,7 +166,7 @@ impl Camera for VirtualCamera {
 
     fn next_frame(&mut self, _timeout: Duration) -> Result<Option<Frame>, CameraError> {
         if self.ready.len() == 0 {
-            let shots: Vec<Shot> = self.stage.lock().take_shots();
+            let shots: Vec<Shot> = self.stage.lock().take_shots(IMAGES);
             let frames: Vec<Frame> = shots
                 .into_par_iter()
                 .map(|shot| {
@@ -142,6 +184,14 @@ impl Camera for VirtualCamera {
                 })
                 .collect();
             self.ready = frames.into_iter();
+        }
+        if self.ready.len() == 0
+            && let Some(error) = self.wires.as_mut().and_then(Attached::failure)
+        {
+            return Err(CameraError::Failed {
+                camera: "virtual".to_owned(),
+                reason: error.to_string(),
+            });
         }
         Ok(self.ready.next())
     }

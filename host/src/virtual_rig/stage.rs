@@ -1,11 +1,14 @@
 //! What happens on the optical bench: edges in, exposures out.
+//!
+//! # Design
+//! Times are whole ticks of the controller's clock. The rig's delays are rounded to ticks once, and seconds come from
+//! differences of ticks only: when a run begins on that clock changes no bit of its images.
 
 use std::collections::VecDeque;
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use rcg_firmware::pulse::Edge;
-use rcg_protocol::{Level, Line};
+use rcg_protocol::{Level, Line, Ticks};
 
 use super::Behaviour;
 use super::light::Light;
@@ -22,10 +25,11 @@ pub struct Mischief {
     pub doubled_frames: f64,
 }
 
-/// An edge of the STROBE line, in seconds on the controller's clock.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// An edge of the STROBE line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct StrobeEdge {
-    pub(super) at_s: f64,
+    /// On the controller's clock.
+    pub(super) at: Ticks,
     pub(super) active: bool,
 }
 
@@ -41,30 +45,31 @@ pub(super) struct Shot {
 }
 
 struct Open {
-    from_s: f64,
+    from: Ticks,
     missed: bool,
 }
 
 /// The bench.
 pub(super) struct Stage {
-    settle_s: f64,
-    exposure_delay_s: f64,
-    readout_s: f64,
+    clock_hz: u32,
+    settle: Ticks,
+    exposure_delay: Ticks,
+    readout: Ticks,
     overlap: bool,
-    sync_period_s: f64,
+    sync_period: Ticks,
     behaviour: Behaviour,
     patterns: Vec<Light>,
     /// Fingerprint of the loaded patterns, and how often in a row the same ones were run.
     fingerprint: u64,
     last_run: (u64, u64),
     /// Which light begins at which time; the last entry holds on.
-    timeline: VecDeque<(f64, Light)>,
+    timeline: VecDeque<(Ticks, Light)>,
     next_pattern: usize,
     open: Option<Open>,
-    busy_until_s: f64,
+    busy_until: Ticks,
     exposures: u64,
     triggers: u64,
-    shots: Vec<Shot>,
+    shots: VecDeque<Shot>,
 }
 
 /// The camera's clock is this far ahead of the controller's.
@@ -73,24 +78,30 @@ const CAMERA_CLOCK_AHEAD_S: f64 = 1000.0;
 const CAMERA_CLOCK_RATE: f64 = 1.0 + 20e-6;
 
 impl Stage {
-    pub(super) fn new(rig: &Rig, behaviour: Behaviour) -> Self {
+    /// A bench at rest; times count ticks of a clock of `clock_hz`.
+    pub(super) fn new(rig: &Rig, behaviour: Behaviour, clock_hz: u32) -> Self {
+        let nearest = |s: f64| Ticks((s * f64::from(clock_hz)).round() as u64);
+        // As short as the rig says or shorter: a schedule that just fits in seconds fits in ticks too. The hair is
+        // for products such as 5 µs × 125 MHz, which may come out below 625.
+        let within = |s: f64| Ticks((s * f64::from(clock_hz) + 1e-6) as u64);
         Self {
-            settle_s: rig.projector.settle_s,
-            exposure_delay_s: rig.camera.exposure_delay_s,
-            readout_s: rig.camera.readout_s,
+            clock_hz,
+            settle: nearest(rig.projector.settle_s),
+            exposure_delay: within(rig.camera.exposure_delay_s),
+            readout: within(rig.camera.readout_s),
             overlap: rig.camera.overlap,
-            sync_period_s: rig.projector.min_period_s,
+            sync_period: nearest(rig.projector.min_period_s).max(Ticks(1)),
             behaviour,
             patterns: Vec::new(),
             fingerprint: 0,
             last_run: (0, 0),
-            timeline: VecDeque::from([(f64::NEG_INFINITY, Light::DARK)]),
+            timeline: VecDeque::from([(Ticks::ZERO, Light::DARK)]),
             next_pattern: 0,
             open: None,
-            busy_until_s: f64::NEG_INFINITY,
+            busy_until: Ticks::ZERO,
             exposures: 0,
             triggers: 0,
-            shots: Vec::new(),
+            shots: VecDeque::new(),
         }
     }
 
@@ -98,7 +109,7 @@ impl Stage {
         self.patterns.clear();
         self.fingerprint = 0;
         self.next_pattern = 0;
-        self.timeline = VecDeque::from([(f64::NEG_INFINITY, Light::DARK)]);
+        self.timeline = VecDeque::from([(Ticks::ZERO, Light::DARK)]);
     }
 
     pub(super) fn load_pattern(&mut self, lit: &[u32], light: Light) {
@@ -123,18 +134,24 @@ impl Stage {
         self.shots.clear();
     }
 
-    pub(super) fn take_shots(&mut self) -> Vec<Shot> {
-        std::mem::take(&mut self.shots)
+    /// The oldest exposures that are over, `most` of them.
+    pub(super) fn take_shots(&mut self, most: usize) -> Vec<Shot> {
+        self.shots.drain(..most.min(self.shots.len())).collect()
     }
 
-    /// The first edge of the projector's vsync at or after `at_s`.
-    pub(super) fn next_sync_s(&self, at_s: f64) -> f64 {
-        (at_s / self.sync_period_s).ceil() * self.sync_period_s
+    /// From one edge of the projector's vsync to the next; one of them is at tick 0.
+    pub(super) const fn sync_period(&self) -> Ticks {
+        self.sync_period
     }
 
-    /// An output edge of the controller, at `at_s` on its clock; times never decrease.
-    pub(super) fn edge(&mut self, edge: Edge, at_s: f64) -> Option<StrobeEdge> {
-        match (edge.line, edge.level) {
+    /// The first edge of the projector's vsync at or after `at`.
+    pub(super) const fn next_sync(&self, at: Ticks) -> Ticks {
+        Ticks(at.0.div_ceil(self.sync_period.0) * self.sync_period.0)
+    }
+
+    /// An output of the controller takes a level, at `at` on its clock; times never decrease.
+    pub(super) fn edge(&mut self, line: Line, level: Level, at: Ticks) -> Option<StrobeEdge> {
+        match (line, level) {
             (Line::Proj, Level::Active) => {
                 let light = self
                     .patterns
@@ -142,77 +159,80 @@ impl Stage {
                     .copied()
                     .unwrap_or(Light::DARK);
                 self.next_pattern += 1;
-                self.timeline.push_back((at_s + self.settle_s, light));
+                self.timeline.push_back((at + self.settle, light));
                 None
             }
-            (Line::Cam, Level::Active) => self.open_shutter(at_s),
-            (Line::Cam, Level::Inactive) => self.close_shutter(at_s),
+            (Line::Cam, Level::Active) => self.open_shutter(at),
+            (Line::Cam, Level::Inactive) => self.close_shutter(at),
             _ => None,
         }
     }
 
-    fn open_shutter(&mut self, at_s: f64) -> Option<StrobeEdge> {
-        let from_s = at_s + self.exposure_delay_s;
+    fn open_shutter(&mut self, at: Ticks) -> Option<StrobeEdge> {
+        let from = at + self.exposure_delay;
         self.triggers += 1;
-        let ready_s = if self.overlap {
-            self.busy_until_s - self.readout_s
+        let ready = if self.overlap {
+            self.busy_until.saturating_sub(self.readout)
         } else {
-            self.busy_until_s
+            self.busy_until
         };
         let unlucky = self.chance(1, self.triggers, self.behaviour.mischief.missed_triggers);
-        // A hair of tolerance: times are sums of floating point numbers.
-        let missed = unlucky || from_s < ready_s - 1e-12;
-        self.open = Some(Open { from_s, missed });
+        let missed = unlucky || from < ready;
+        self.open = Some(Open { from, missed });
         (!missed).then_some(StrobeEdge {
-            at_s: from_s,
+            at: from,
             active: true,
         })
     }
 
-    fn close_shutter(&mut self, at_s: f64) -> Option<StrobeEdge> {
-        let Open { from_s, missed } = self.open.take()?;
+    fn close_shutter(&mut self, at: Ticks) -> Option<StrobeEdge> {
+        let Open { from, missed } = self.open.take()?;
         if missed {
             return None;
         }
-        let to_s = at_s + self.exposure_delay_s;
-        self.busy_until_s = to_s + self.readout_s;
-        let seen = self.seen(from_s, to_s);
+        let to = at + self.exposure_delay;
+        self.busy_until = to + self.readout;
+        let seen = self.seen(from, to);
         let id = self.exposures;
         self.exposures += 1;
         let shot = Shot {
             id,
-            timestamp_s: CAMERA_CLOCK_AHEAD_S + from_s * CAMERA_CLOCK_RATE,
-            exposure_s: to_s - from_s,
+            timestamp_s: CAMERA_CLOCK_AHEAD_S + self.seconds(from) * CAMERA_CLOCK_RATE,
+            exposure_s: self.seconds(to - from),
             seen,
             seed: self.seed(0, id),
         };
         if self.chance(3, id, self.behaviour.mischief.doubled_frames) {
-            self.shots.push(shot.clone());
+            self.shots.push_back(shot.clone());
         }
         if !self.chance(2, id, self.behaviour.mischief.dropped_frames) {
-            self.shots.push(shot);
+            self.shots.push_back(shot);
         }
         Some(StrobeEdge {
-            at_s: to_s,
+            at: to,
             active: false,
         })
     }
 
     /// Which light was visible for how long between two times. The camera's delay may reach past edges that
     /// are not known yet, but never past a settling time: patterns outlive it.
-    fn seen(&mut self, from_s: f64, to_s: f64) -> Vec<(Light, f64)> {
-        while self.timeline.get(1).is_some_and(|next| next.0 <= from_s) {
+    fn seen(&mut self, from: Ticks, to: Ticks) -> Vec<(Light, f64)> {
+        while self.timeline.get(1).is_some_and(|next| next.0 <= from) {
             self.timeline.pop_front();
         }
         let mut seen = Vec::with_capacity(1);
-        for (index, &(begins_s, light)) in self.timeline.iter().enumerate() {
-            let ends_s = self.timeline.get(index + 1).map_or(f64::INFINITY, |next| next.0);
-            let visible_s = ends_s.min(to_s) - begins_s.max(from_s);
-            if visible_s > 0.0 && light.irradiance > 0.0 {
-                seen.push((light, visible_s));
+        for (index, &(begins, light)) in self.timeline.iter().enumerate() {
+            let ends = self.timeline.get(index + 1).map_or(to, |next| next.0.min(to));
+            let visible = ends.saturating_sub(begins.max(from));
+            if visible > Ticks::ZERO && light.irradiance > 0.0 {
+                seen.push((light, self.seconds(visible)));
             }
         }
         seen
+    }
+
+    fn seconds(&self, ticks: Ticks) -> f64 {
+        ticks.0 as f64 / f64::from(self.clock_hz)
     }
 
     /// A seed that depends on what is measured, not on when: a resumed run draws the same.
@@ -239,10 +259,10 @@ fn mix(state: u64, value: u64) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use rcg_protocol::Ticks;
-
     use super::*;
     use crate::virtual_rig::Noise;
+
+    const CLOCK_HZ: u32 = 125_000_000;
 
     fn light(irradiance: f64) -> Light {
         Light {
@@ -258,7 +278,7 @@ mod tests {
             seed: 1,
             mischief: Mischief::default(),
         };
-        let mut stage = Stage::new(&Rig::load("rcg-1").unwrap(), behaviour);
+        let mut stage = Stage::new(&Rig::load("rcg-1").unwrap(), behaviour, CLOCK_HZ);
         for index in 1..=4 {
             stage.load_pattern(&[index], light(f64::from(index)));
         }
@@ -266,15 +286,14 @@ mod tests {
         stage
     }
 
+    fn ticks(at_s: f64) -> Ticks {
+        Ticks((at_s * f64::from(CLOCK_HZ)).round() as u64)
+    }
+
     fn pulse(stage: &mut Stage, line: Line, at_s: f64, width_s: f64) -> [Option<StrobeEdge>; 2] {
-        let edge = |level| Edge {
-            at: Ticks::ZERO,
-            line,
-            level,
-        };
         [
-            stage.edge(edge(Level::Active), at_s),
-            stage.edge(edge(Level::Inactive), at_s + width_s),
+            stage.edge(line, Level::Active, ticks(at_s)),
+            stage.edge(line, Level::Inactive, ticks(at_s + width_s)),
         ]
     }
 
@@ -294,8 +313,8 @@ mod tests {
         pulse(&mut stage, Line::Proj, 0.0, 5e-6);
         let [on, off] = pulse(&mut stage, Line::Cam, 0.0333, 0.01).map(Option::unwrap);
         assert!(on.active && !off.active);
-        assert!((on.at_s - 0.033_305).abs() < 1e-12 && (off.at_s - 0.043_305).abs() < 1e-12);
-        assert_eq!(seen(&stage.take_shots()), [[(1.0, 10_000.0)]]);
+        assert_eq!((on.at, off.at), (ticks(0.033_305), ticks(0.043_305)));
+        assert_eq!(seen(&stage.take_shots(usize::MAX)), [[(1.0, 10_000.0)]]);
     }
 
     #[test]
@@ -305,7 +324,10 @@ mod tests {
         pulse(&mut stage, Line::Proj, 0.1, 5e-6);
         // Pattern 2 is stable at 133.3 ms: 4 ms of this exposure come before.
         pulse(&mut stage, Line::Cam, 0.1293 - 5e-6, 0.01);
-        assert_eq!(seen(&stage.take_shots()), [[(1.0, 4_000.0), (2.0, 6_000.0)]]);
+        assert_eq!(
+            seen(&stage.take_shots(usize::MAX)),
+            [[(1.0, 4_000.0), (2.0, 6_000.0)]]
+        );
     }
 
     #[test]
@@ -316,7 +338,7 @@ mod tests {
             pulse(&mut stage, Line::Proj, 0.1 * f64::from(step + 1), 5e-6);
         }
         pulse(&mut stage, Line::Cam, 0.6, 0.01);
-        assert_eq!(seen(&stage.take_shots()), [[], []]);
+        assert_eq!(seen(&stage.take_shots(usize::MAX)), [[], []]);
     }
 
     #[test]
@@ -325,7 +347,7 @@ mod tests {
         assert!(pulse(&mut stage, Line::Cam, 0.0, 0.01)[0].is_some());
         assert_eq!(pulse(&mut stage, Line::Cam, 0.02, 0.01), [None, None]);
         assert!(pulse(&mut stage, Line::Cam, 0.0361, 0.01)[0].is_some());
-        let ids: Vec<u64> = stage.take_shots().iter().map(|shot| shot.id).collect();
+        let ids: Vec<u64> = stage.take_shots(usize::MAX).iter().map(|shot| shot.id).collect();
         assert_eq!(ids, [0, 1]);
     }
 
@@ -335,13 +357,64 @@ mod tests {
             for shot in 0..3 {
                 pulse(stage, Line::Cam, 0.1 * f64::from(shot), 0.01);
             }
-            stage.take_shots().iter().map(|shot| shot.seed).collect()
+            stage
+                .take_shots(usize::MAX)
+                .iter()
+                .map(|shot| shot.seed)
+                .collect()
         };
         let (mut first, mut second) = (stage(), stage());
         let drawn = seeds(&mut first);
         assert_eq!(drawn, seeds(&mut second));
-        first.busy_until_s = f64::NEG_INFINITY;
+        first.busy_until = Ticks::ZERO;
         first.arm_camera();
         assert!(seeds(&mut first).iter().all(|seed| !drawn.contains(seed)));
+    }
+
+    #[test]
+    fn images_do_not_know_when_their_run_began() {
+        // An exposure of an odd number of ticks over two patterns, with a third of the triggers missed.
+        let shots = |start: u64| {
+            let mut stage = stage();
+            stage.behaviour.mischief.missed_triggers = 0.3;
+            let mut shots = Vec::new();
+            for step in 0..12 {
+                let at = |offset: u64| Ticks(start + step * 11_574_999 + offset);
+                let mut edge = |line, level, offset| stage.edge(line, level, at(offset));
+                edge(Line::Proj, Level::Active, 0);
+                edge(Line::Proj, Level::Inactive, 625);
+                edge(Line::Cam, Level::Active, 3_999_997);
+                edge(Line::Cam, Level::Inactive, 4_999_998);
+            }
+            for shot in stage.take_shots(usize::MAX) {
+                let seen: Vec<_> = shot.seen.iter().map(|(light, s)| (*light, s.to_bits())).collect();
+                shots.push((shot.id, shot.seed, shot.exposure_s.to_bits(), seen));
+            }
+            shots
+        };
+        let first = shots(0);
+        assert!(first.len() < 12 && first.iter().any(|shot| shot.3.len() == 2));
+        for start in [1, 7_654_321, 125_000_000_003, (1 << 50) + 1] {
+            assert_eq!(shots(start), first, "from tick {start}");
+        }
+    }
+
+    #[test]
+    fn a_rounded_schedule_never_meets_a_busy_camera() {
+        let mut rig = Rig::load("rcg-1").unwrap();
+        (rig.projector.settle_s, rig.camera.exposure_delay_s) = (0.0, 0.0);
+        for n in 0..64 {
+            // Half a tick each is the worst: 4 ns.
+            let (readout_ns, exposure_ns) = (26_000_000 + n, 10_000_000 + n / 8);
+            rig.camera.readout_s = f64::from(readout_ns) / 1e9;
+            let timing = crate::schedule::Timing::new(&rig, f64::from(exposure_ns) / 1e9).unwrap();
+            let step = timing.step(CLOCK_HZ);
+            let mut stage = Stage::new(&rig, stage().behaviour, CLOCK_HZ);
+            for start in [Ticks(3), Ticks(3) + step.period] {
+                let opened = stage.edge(Line::Cam, Level::Active, start + step.cam.at);
+                assert!(opened.is_some(), "{readout_ns} ns of read-out, {exposure_ns} ns");
+                stage.edge(Line::Cam, Level::Inactive, start + step.cam.at + step.cam.width);
+            }
+        }
     }
 }

@@ -6,11 +6,12 @@ use std::thread;
 use std::time::Duration;
 
 use rcg_protocol::{
-    Decoder, Identity, MAX_FRAME, Reply, Request, Response, SCHEMA_HASH, SessionId, ToDevice, ToHost, encode,
+    Decoder, Identity, Info, MAX_FRAME, PROTOCOL_VERSION, Reply, Request, Response, SCHEMA_HASH, SessionId,
+    Status, Ticks, ToDevice, ToHost, encode,
 };
 use serialport::{SerialPort as _, TTYPort};
 
-use crate::command::refuses;
+use crate::command::{quick, refuses};
 
 /// Runs `test` with the name of a port at whose other end `answer` answers what it is asked.
 fn with_peer(answer: impl Fn(&Request) -> Option<Reply> + Sync, test: impl FnOnce(&str)) {
@@ -132,7 +133,7 @@ fn a_trigger_box_of_another_version_is_named_with_both_versions() {
 #[test]
 fn a_trigger_box_of_another_schema_is_named_too() {
     with_peer(
-        |request| identity(request, rcg_protocol::PROTOCOL_VERSION, !SCHEMA_HASH),
+        |request| identity(request, PROTOCOL_VERSION, !SCHEMA_HASH),
         |port| {
             let (ours, theirs) = (format!("{SCHEMA_HASH:016x}"), format!("{:016x}", !SCHEMA_HASH));
             let parts = [port, "expected", &ours, "found", &theirs];
@@ -165,4 +166,73 @@ fn an_answer_of_another_kind_fails() {
             refuses(&["controller", "info", "--port", port], "", 1, &parts);
         },
     );
+}
+
+#[test]
+fn a_trigger_box_measures_with_its_wires_only() {
+    let scratch = tempfile::tempdir().unwrap();
+    let refused = |more: &[&str], parts: &[&str]| {
+        let mut arguments = quick(&scratch.path().join("m"));
+        arguments.extend(more.iter().map(|&argument| argument.to_owned()));
+        refuses(&arguments, "", 2, parts);
+        let dir = scratch.path().to_str().unwrap();
+        refuses(&[&["capture", dir], more].concat(), "", 2, parts);
+    };
+    for port in ["/dev/ttyACM0", "auto"] {
+        let why = "real cameras and projectors cannot be driven yet";
+        refused(
+            &["--port", port],
+            &["--port", port, "expected --wires HOST:PORT", why],
+        );
+    }
+    for with_sim in [
+        &["--wires", "localhost:1"][..],
+        &["--wires", "localhost:1", "--port", "sim"],
+    ] {
+        refused(
+            with_sim,
+            &[
+                "--wires localhost:1",
+                "expected the --port",
+                "found the simulated one",
+            ],
+        );
+    }
+    assert!(!scratch.path().join("m").exists(), "nothing was begun");
+}
+
+/// A trigger box with nothing to do.
+fn idle_box(request: &Request) -> Option<Reply> {
+    Some(match request {
+        Request::Describe => Reply::Info(Info {
+            firmware: (0, 1, 0),
+            clock_hz: 125_000_000,
+            max_steps: 1,
+            max_words: 1,
+            shortest_free: 3,
+            shortest_sync: 5,
+            longest_period: Ticks(1),
+        }),
+        Request::Abort | Request::Status => Reply::Status(Status::default()),
+        _ => return identity(request, PROTOCOL_VERSION, SCHEMA_HASH),
+    })
+}
+
+#[test]
+fn wires_without_a_bridge_are_named() {
+    with_peer(idle_box, |port| {
+        let scratch = tempfile::tempdir().unwrap();
+        let free = std::net::TcpListener::bind("127.0.0.1:0")
+            .unwrap()
+            .local_addr()
+            .unwrap();
+        for (wires, code, part) in [
+            (free.to_string(), 1, "expected a bridge that listens, found none"),
+            ("nowhere".to_owned(), 2, "expected HOST:PORT of a bridge"),
+        ] {
+            let mut arguments = quick(&scratch.path().join(&wires));
+            arguments.extend(["--port", port, "--wires", &wires].map(str::to_owned));
+            refuses(&arguments, "", code, &[&wires, part]);
+        }
+    });
 }

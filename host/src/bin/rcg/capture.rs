@@ -6,7 +6,7 @@ use rcg::measurement::Measurement;
 
 use crate::Done;
 use crate::output::Output;
-use crate::request::MischiefArgs;
+use crate::request::SetupArgs;
 
 /// Capture the frames of a planned measurement, or what is missing of them.
 #[derive(Debug, clap::Args)]
@@ -15,12 +15,13 @@ pub(crate) struct Args {
     #[arg(value_name = "DIR")]
     dir: PathBuf,
     #[command(flatten)]
-    mischief: MischiefArgs,
+    setup: SetupArgs,
 }
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
+    let setup = args.setup.setup()?;
     let measurement = Measurement::open(&args.dir)?;
-    let tally = rcg::measure::capture(&measurement, args.mischief.mischief(), output)?;
+    let tally = rcg::measure::capture(&measurement, &setup, output)?;
     output.print(&tally, || {
         format!(
             "{} exposures paired; {} triggers missed, {} frames dropped, {} taken again\n",

@@ -13,6 +13,7 @@ use rcg::reflectance::SourceError;
 use rcg::rig::RigError;
 use rcg::sample::SampleError;
 use rcg::store::StoreError;
+use rcg::virtual_rig::WiresError;
 
 /// A failed command.
 #[derive(Debug)]
@@ -146,6 +147,7 @@ impl Blame for MeasureError {
             Self::Brdf(error) => error.is_input(),
             Self::Sample(_) | Self::Assemble(AssembleError::Mismatch { .. }) => true,
             Self::Device(error) => error.is_input(),
+            Self::Wires(error) => matches!(error, WiresError::Address { .. }),
             Self::Assemble(AssembleError::Store(error)) => error.is_input(),
             Self::Report(_) => false,
         }

@@ -10,7 +10,7 @@ use rcg::rig::Rig;
 
 use crate::Done;
 use crate::output::{Output, table};
-use crate::request::{MischiefArgs, RequestArgs};
+use crate::request::{RequestArgs, SetupArgs};
 
 /// Plan, capture, assemble, evaluate and report in one go.
 #[derive(Debug, clap::Args)]
@@ -24,11 +24,11 @@ pub(crate) struct Args {
     #[arg(long)]
     resume: bool,
     #[command(flatten)]
-    mischief: MischiefArgs,
+    setup: SetupArgs,
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
-    let mischief = args.mischief.mischief();
+    let setup = args.setup.setup()?;
     let rig = Rig::load(rig)?;
     let measurement = if args.resume && Measurement::exists(&args.out) {
         let measurement = Measurement::open(&args.out)?;
@@ -39,10 +39,10 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         if args.resume {
             Measurement::sweep(&args.out)?;
         }
-        prepare(&args.out, &rig, args.request.request(None), mischief, output)?
+        prepare(&args.out, &rig, args.request.request(None), &setup, output)?
     };
     let began = Instant::now();
-    let summary = complete(&measurement, mischief, &|| began.elapsed(), output)?;
+    let summary = complete(&measurement, &setup, &|| began.elapsed(), output)?;
     output.print(&summary, || {
         let mut lines = lines(&summary);
         lines.push(("report", measurement.path("report.html").display().to_string()));

@@ -29,7 +29,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let rig = Rig::load(rig)?;
     let request = args.request.request(None);
     let plan = if let Some(out) = &args.out {
-        prepare(out, &rig, request, args.mischief.mischief(), output)?.plan
+        prepare(out, &rig, request, &args.mischief.setup(), output)?.plan
     } else {
         let exposure_s = request.exposure_s.unwrap_or(rig.camera.exposure_s);
         request.sample.as_deref().map(rcg::sample::parse).transpose()?;

@@ -2,7 +2,10 @@
 
 use rcg::measure::DEFAULT_SAMPLE;
 use rcg::plan::Request;
+use rcg::setup::{Setup, TriggerBox};
 use rcg::virtual_rig::Mischief;
+
+use crate::failure::Failure;
 
 /// What is measured. An argument that is not given has its default, or on `--resume` the value of before.
 #[derive(Clone, Debug, clap::Args)]
@@ -70,13 +73,61 @@ pub(crate) struct MischiefArgs {
 }
 
 impl MischiefArgs {
-    /// As the virtual rig takes it.
-    pub(crate) const fn mischief(&self) -> Mischief {
-        Mischief {
-            missed_triggers: self.missed_triggers,
-            dropped_frames: self.dropped_frames,
-            doubled_frames: self.doubled_frames,
+    /// The virtual rig with the simulated trigger box.
+    pub(crate) const fn setup(&self) -> Setup {
+        Setup {
+            trigger_box: None,
+            mischief: Mischief {
+                missed_triggers: self.missed_triggers,
+                dropped_frames: self.dropped_frames,
+                doubled_frames: self.doubled_frames,
+            },
         }
+    }
+}
+
+/// What drives the virtual rig.
+#[derive(Clone, Debug, clap::Args)]
+pub(crate) struct SetupArgs {
+    /// Port of the trigger box (/dev/ttyACM0, COM3), auto to look for it on USB, or sim for the simulated one
+    /// [default: sim]
+    #[arg(long, value_name = "PORT")]
+    port: Option<String>,
+    /// Where the lines of that trigger box end: a bridge that tells its edges and takes SYNC and STROBE
+    #[arg(long, value_name = "HOST:PORT")]
+    wires: Option<String>,
+    #[command(flatten)]
+    mischief: MischiefArgs,
+}
+
+impl SetupArgs {
+    /// As the library takes it.
+    pub(crate) fn setup(&self) -> Result<Setup, Failure> {
+        let trigger_box = match (self.port.as_deref().unwrap_or("sim"), &self.wires) {
+            ("sim", None) => None,
+            ("sim", Some(wires)) => {
+                return Err(Failure::input(format!(
+                    "--wires {wires}: expected the --port of the trigger box that they belong to, found the \
+                     simulated one, which needs no wires"
+                )));
+            }
+            (port, None) => {
+                return Err(Failure::input(format!(
+                    "--port {port}: expected --wires HOST:PORT beside it, found none: real cameras and projectors \
+                     cannot be driven yet, so that a trigger box measures with the virtual rig only (leave --port \
+                     away to simulate the trigger box too)"
+                )));
+            }
+            (port, Some(wires)) => Some(TriggerBox {
+                port: port.to_owned(),
+                wires: wires.clone(),
+            }),
+        };
+        let Setup { mischief, .. } = self.mischief.setup();
+        Ok(Setup {
+            trigger_box,
+            mischief,
+        })
     }
 }
 
