@@ -21,7 +21,8 @@ pub(crate) mod engine;
 mod last_resort;
 pub(crate) mod programs;
 
-use embassy_rp::clocks::{RoscRng, clk_sys_freq};
+use embassy_rp::clocks::{ClockConfig, RoscRng, clk_sys_freq};
+use embassy_rp::config::Config;
 use embassy_rp::gpio::{Level, Output};
 use embassy_rp::interrupt::{self, InterruptExt, Priority};
 use embassy_rp::peripherals::{
@@ -52,6 +53,10 @@ pub(crate) const DMA_REST: usize = 2;
 pub(crate) const DMA_STROBE: usize = 3;
 /// The DMA channel that stores the edges of SYNC.
 pub(crate) const DMA_SYNC: usize = 4;
+
+/// Crystal of a Pico.
+#[cfg(not(feature = "clock-200mhz"))]
+const CRYSTAL_HZ: u32 = 12_000_000;
 
 /// Bits per second of UART0: the highest rate that every USB bridge makes. From 125 MHz the PL011 divides by
 /// 8 + 31/64, which is off by 0.2 %.
@@ -150,7 +155,7 @@ pub(crate) struct Board {
 impl Board {
     /// Starts the clocks, drives the outputs low and starts the watchdog. To be called once.
     pub(crate) fn take() -> Self {
-        let p = embassy_rp::init(embassy_rp::config::Config::default());
+        let p = embassy_rp::init(Config::new(clocks()));
         force_outputs_low();
 
         let clock = Clock::new(clk_sys_freq());
@@ -188,6 +193,21 @@ impl Board {
             seed: RoscRng.next_u32() ^ Instant::now().as_ticks() as u32,
         }
     }
+}
+
+/// The chip's usual clock: 125 MHz on the RP2040, 150 MHz on the RP2350. The host is told which.
+#[cfg(not(feature = "clock-200mhz"))]
+fn clocks() -> ClockConfig {
+    ClockConfig::crystal(CRYSTAL_HZ)
+}
+
+#[cfg(all(rp2350, feature = "clock-200mhz"))]
+compile_error!("`clock-200mhz` is for the RP2040: no data sheet allows the RP2350 more than 150 MHz");
+
+/// The highest clock that the RP2040's data sheet allows, with the core voltage that it asks for.
+#[cfg(feature = "clock-200mhz")]
+fn clocks() -> ClockConfig {
+    ClockConfig::system_freq(200_000_000).expect("the PLL makes 200 MHz from 12 MHz")
 }
 
 /// Drives PROJ and CAM low and keeps them there, whatever the PIO does.
