@@ -45,6 +45,8 @@ export class Cpu extends Alu {
       this.exceptionEntry(HARD_FAULT);
     } catch (error) {
       if (error !== FAULT) throw error;
+      // In lockup nothing but a reset helps: no interrupt has a higher priority.
+      this.IPSR = HARD_FAULT;
       this.waiting = true;
       this.rp2040.onLockup(address);
     }

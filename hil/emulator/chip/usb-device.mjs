@@ -82,6 +82,11 @@ export class UsbDevice extends RPUSBController {
     return packet;
   }
 
+  /** Length of the packet that an IN endpoint holds, in bytes. */
+  inLength(endpoint) {
+    return this.rp2040.usbDPRAMView.getUint32(BUFFER_CONTROL + 8 * endpoint, true) & LENGTH;
+  }
+
   /** How many bytes an OUT endpoint takes now, or −1 if it is not armed (NAK). */
   outRoom(endpoint) {
     const control = this.rp2040.usbDPRAMView.getUint32(BUFFER_CONTROL + 8 * endpoint + 4, true);

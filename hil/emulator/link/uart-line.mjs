@@ -10,6 +10,9 @@ export class UartLine {
   /** `machine` has the world's events and the chip. */
   constructor(machine) {
     this.machine = machine;
+    /** Bytes on the way, and which of them comes next. */
+    this.queue = [];
+    this.next = 0;
     /** The cycle, with a fraction, at which the line is free. */
     this.free = 0;
   }
@@ -27,11 +30,28 @@ export class UartLine {
   /** Sends `bytes`, not before `cycle`. Returns the cycle at which the last one arrives. */
   send(bytes, cycle) {
     let at = Math.max(this.free, cycle);
+    const idle = this.next === this.queue.length;
     for (const byte of bytes) {
       at += this.characterCycles;
-      this.machine.world.at(Math.round(at), () => this.uart.receive(byte));
+      this.queue.push({ byte, arrives: Math.round(at) });
     }
     this.free = at;
+    if (idle) this.expectNext();
     return Math.round(at);
+  }
+
+  /** Only the next byte is an event of the world, however many are on the way. */
+  expectNext() {
+    if (this.next === this.queue.length) {
+      this.queue = [];
+      this.next = 0;
+      return;
+    }
+    const { byte, arrives } = this.queue[this.next];
+    this.machine.world.at(arrives, () => {
+      this.next++;
+      this.uart.receive(byte);
+      this.expectNext();
+    });
   }
 }

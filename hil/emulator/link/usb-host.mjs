@@ -1,9 +1,9 @@
 // A USB host with one full-speed device: it enumerates it and moves bytes over its CDC-ACM interface.
 //
 // # Design
-// A packet takes the time that a full packet takes at 19 of them per frame of 1 ms, in proportion to its bytes
-// with 13 of overhead; each direction has this pace by itself. A buffer that is not armed is asked for again as
-// soon as it is. Bytes of the device come when their packet is through.
+// A packet takes its share of a frame of 1 ms, into which 19 full ones fit, by its bytes and 13 of overhead; each
+// direction has this pace by itself. A buffer that is not armed is asked for again as soon as it is. Bytes are
+// there when their packet is through.
 import {
   DataDirection,
   DescriptorType,
@@ -137,7 +137,7 @@ export class UsbHost {
   armed(endpoint, out) {
     if (!this.plugged) return;
     if (endpoint === 0) this.controlArmed(out);
-    else if (!out && endpoint === this.endpoints.in) this.pace(this.bulkIn, PACKET);
+    else if (!out && endpoint === this.endpoints.in) this.pace(this.bulkIn, this.device.inLength(endpoint));
     else if (out && endpoint === this.endpoints.out && this.queue.length) {
       this.pace(this.bulkOut, Math.min(this.queue.length, PACKET));
     }
@@ -234,13 +234,13 @@ export class UsbHost {
   pace(direction, length) {
     if (direction.alarm.scheduled || this.phase === 'detached' || this.phase === 'silent') return;
     const now = this.clock.nanos;
-    direction.alarm.schedule(Math.max(direction.free, now + packetNanos(length)) - now);
+    direction.alarm.schedule(Math.max(direction.free, now) + packetNanos(length) - now);
   }
 
   takeBulk() {
     const packet = this.device.takeIn(this.endpoints.in);
     if (!packet) return;
-    this.bulkIn.free = this.clock.nanos + packetNanos(PACKET);
+    this.bulkIn.free = this.clock.nanos;
     if (packet.length) this.receive(packet);
   }
 
@@ -248,7 +248,7 @@ export class UsbHost {
     const room = this.device.outRoom(this.endpoints.out);
     if (room < 0 || this.queue.length === 0 || this.endpoints.out === 0) return;
     const packet = Uint8Array.from(this.queue.splice(0, Math.min(room, PACKET)));
-    this.bulkOut.free = this.clock.nanos + packetNanos(PACKET);
+    this.bulkOut.free = this.clock.nanos;
     this.device.giveOut(this.endpoints.out, packet);
     if (this.queue.length) this.pace(this.bulkOut, Math.min(this.queue.length, PACKET));
   }

@@ -128,6 +128,11 @@ test('a fault within a fault locks the core up, which ends the run', () => {
   // The vector of the hard fault is erased flash, hence nowhere.
   assert.equal(machine.run(1000), 'halt');
   assert.equal(machine.run(1000), 'cycles', 'and then only time passes');
+  const { busy } = machine;
+  machine.core.enabledInterrupts = 1;
+  machine.core.setInterrupt(0, true);
+  machine.run(1000);
+  assert.equal(machine.busy, busy, 'whatever interrupts');
 });
 
 test('a breakpoint ends the run', () => {

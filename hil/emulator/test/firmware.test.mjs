@@ -1,9 +1,12 @@
 // The real firmware in the machine: links, edges, resets, and that passing over cycles makes no difference.
 import assert from 'node:assert/strict';
+import { spawnSync } from 'node:child_process';
 import { test } from 'node:test';
+import { fileURLToPath } from 'node:url';
 import { Profile } from '../profile.mjs';
-import { Box, frame, step, unframe, withoutFirmware } from '../rig/box.mjs';
+import { Box, ELF, frame, step, unframe, withoutFirmware } from '../rig/box.mjs';
 
+const MAIN = fileURLToPath(new URL('../main.mjs', import.meta.url));
 const skip = withoutFirmware;
 const HZ = 125_000_000;
 const [PROJ, CAM, SYNC, STROBE] = [2, 3, 4, 5];
@@ -155,6 +158,28 @@ test('USB moves at most 19 packets per millisecond', { skip }, () => {
   box.machine.send(new Array(64 * 100).fill(1));
   box.run(3 * (HZ / 1000));
   assert.ok(packets > 40 && packets <= 58, `${packets} packets in 3 ms`);
+});
+
+test('the command runs the firmware', { skip }, () => {
+  const requests = [
+    { op: 'run', cycles: 1_000_000 },
+    { op: 'send', bytes: '04b424070aeffdb6f50d8ea23b4300' },
+    { op: 'run', cycles: HZ / 10, until: ['frame'] },
+    { op: 'stats' },
+  ];
+  const { stdout, status } = spawnSync(process.execPath, [MAIN, '--image', ELF], {
+    input: requests.map((request) => `${JSON.stringify(request)}\n`).join(''),
+  });
+  assert.equal(status, 0);
+  const [boot, sent, hello, stats] = stdout.toString().trim().split('\n').map((line) => JSON.parse(line));
+  assert.deepEqual([boot.why, boot.received], ['cycles', '']);
+  assert.notEqual(boot.rtt, '', 'the log of the boot');
+  assert.equal(hello.why, 'frame');
+  assert.ok(hello.cycle > sent.arrives);
+  const identity = unframe([...Buffer.from(hello.received, 'hex')].slice(0, -1));
+  // The nonce 0xdeadbeef comes back.
+  assert.ok(Buffer.from(identity).toString('hex').includes('effdb6f50d'));
+  assert.equal(stats.clock_hz, HZ);
 });
 
 test('the profile names the functions and counts every cycle', { skip }, () => {
