@@ -80,7 +80,7 @@ fn bench_counts_its_round_trips() {
 #[test]
 fn every_action_has_words_too() {
     for action in ["info", "status", "run", "abort", "bench"] {
-        let outcome = run(&["controller", action], "");
+        let outcome = run(&["controller", action, "--port", "sim"], "");
         assert!(
             !outcome.done().is_empty() && outcome.stderr.is_empty(),
             "{action}: {outcome:?}"
@@ -96,7 +96,8 @@ fn what_cannot_be_fired_is_refused() {
         ("--exposure-ms", "nan"),
         ("--exposure-ms", "1e9"),
     ] {
-        refuses(&["controller", "run", name, value], "", 2, &["expected", "found"]);
+        let arguments = ["controller", "run", "--port", "sim", name, value];
+        refuses(&arguments, "", 2, &["expected", "found"]);
     }
     refuses(
         &["controller", "bench", "--count", "0"],

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use rcg::device::{Device, Patience};
-use rcg::link::{Link, SerialLink};
+use rcg::link::{self, Link};
 use rcg::rig::Rig;
 use rcg::schedule::Timing;
 use rcg::virtual_rig::VirtualController;
@@ -19,8 +19,8 @@ use crate::output::Output;
 pub(crate) struct Args {
     #[command(subcommand)]
     action: Action,
-    /// Serial port of the trigger box (/dev/ttyACM0, COM3), or sim for the simulated one
-    #[arg(long, global = true, default_value = "sim", value_name = "PORT")]
+    /// Port of the trigger box (/dev/ttyACM0, COM3), auto for the only one on USB, or sim for the simulated one
+    #[arg(long, global = true, default_value = "auto", value_name = "PORT")]
     port: String,
 }
 
@@ -59,13 +59,9 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let link: Box<dyn Link> = if args.port == "sim" {
         Box::new(VirtualController::alone(&rig))
     } else {
-        Box::new(SerialLink::open(&args.port)?)
+        link::open(&args.port)?
     };
-    // Differs from run to run, which is all that a nonce has to do.
-    let nonce = std::time::SystemTime::now()
-        .duration_since(std::time::UNIX_EPOCH)
-        .map_or(1, |since| since.as_nanos() as u32);
-    let mut device = Device::connect(link, nonce, Patience::default())?;
+    let mut device = Device::connect(link, link::nonce(), Patience::default())?;
     match &args.action {
         Action::Info => info(&device, output),
         Action::Status => {

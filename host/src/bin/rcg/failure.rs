@@ -100,7 +100,10 @@ impl Blame for BrdfError {
 
 impl Blame for LinkError {
     fn is_input(&self) -> bool {
-        matches!(self, Self::NoSuchPort { .. })
+        matches!(
+            self,
+            Self::NoSuchPort { .. } | Self::NoTriggerBox { .. } | Self::SeveralTriggerBoxes { .. }
+        )
     }
 }
 
