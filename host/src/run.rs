@@ -37,6 +37,20 @@ impl<L: Link> Device<L> {
         self.follow_while(run, |_| Ok(()), event)
     }
 
+    /// Plays the table `steps` as `program` says. Tells `event` as [`follow`](Self::follow) does.
+    ///
+    /// # Errors
+    /// [`DeviceError`], or what `event` returns; the run is aborted then.
+    pub fn play<E: From<DeviceError>>(
+        &mut self,
+        program: &Program,
+        steps: &[Step],
+        event: impl FnMut(Option<&Event>) -> Result<(), E>,
+    ) -> Result<Ending, E> {
+        self.load(program, steps)?;
+        self.fire(|_| Ok(()), event)
+    }
+
     /// Plays the stream `steps`, which is fed while the run goes on; `program` says that it is one. Tells `event` as
     /// [`follow`](Self::follow) does.
     ///
@@ -50,11 +64,21 @@ impl<L: Link> Device<L> {
     ) -> Result<Ending, E> {
         let mut feed = Feed::new(steps, self.begin(program)?);
         feed.fill(self)?;
+        self.set_feeding(true);
+        let ending = self.fire(|device| feed.advance(device), event);
+        self.set_feeding(false);
+        ending
+    }
+
+    /// Fires what is loaded and follows it.
+    fn fire<E: From<DeviceError>>(
+        &mut self,
+        work: impl FnMut(&mut Self) -> Result<(), DeviceError>,
+        event: impl FnMut(Option<&Event>) -> Result<(), E>,
+    ) -> Result<Ending, E> {
         let run = self.arm()?;
         self.start()?;
-        self.set_feeding(true);
-        let ending = self.follow_while(run, |device| feed.advance(device), event);
-        self.set_feeding(false);
+        let ending = self.follow_while(run, work, event);
         if ending.is_err() {
             // Why it failed is told; that it cannot be aborted either is not news.
             self.abort().ok();

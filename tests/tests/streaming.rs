@@ -33,7 +33,11 @@ fn a_stream_longer_than_the_store_is_played_whole() {
     check_played(client.link(), 1, &program, &steps);
     check(client.link());
     let counters = client.status().unwrap().counters;
-    assert_eq!((counters.stale, counters.repeated), (0, 0), "nothing was sent in vain");
+    assert_eq!(
+        (counters.stale, counters.repeated),
+        (0, 0),
+        "nothing was sent in vain"
+    );
 }
 
 #[test]
@@ -74,7 +78,10 @@ fn a_bad_line_costs_time_and_no_step() {
         check(client.link());
     }
     assert!(played > 50, "{played} of 60 were played");
-    assert!(sent_again > 500, "{sent_again} batches were sent again: the lines are too good");
+    assert!(
+        sent_again > 500,
+        "{sent_again} batches were sent again: the lines are too good"
+    );
 }
 
 fn is_append(message: &rcg_protocol::ToDevice) -> bool {
@@ -88,7 +95,9 @@ fn a_bad_step_is_named_and_the_run_ends() {
         let mut steps = steps(LONG, 1);
         steps[bad].cam.at.0 = 1;
         let error = client
-            .stream(&program(Extent::Stream), steps.into_iter(), |_| Ok::<(), DeviceError>(()))
+            .stream(&program(Extent::Stream), steps.into_iter(), |_| {
+                Ok::<(), DeviceError>(())
+            })
             .unwrap_err();
         match error.fault() {
             Some(Fault::EdgesTooClose { step, .. }) => assert_eq!(step, bad as u64),

@@ -110,7 +110,7 @@ impl<I: Iterator<Item = Step>> Feed<I> {
                     self.room = steps;
                     self.full_until = None;
                 }
-                News::Answer(response) => self.answer(device, response)?,
+                News::Answer(response) => self.answer(device, &response)?,
             }
         }
         if self.over {
@@ -171,7 +171,7 @@ impl<I: Iterator<Item = Step>> Feed<I> {
         Ok(true)
     }
 
-    fn answer<L: Link>(&mut self, device: &Device<L>, response: Response) -> Result<(), DeviceError> {
+    fn answer<L: Link>(&mut self, device: &Device<L>, response: &Response) -> Result<(), DeviceError> {
         let of = |batch: &Batch| batch.seq == response.seq && device.session == response.session;
         let Some(place) = self.under_way.iter().position(of) else {
             return Ok(()); // of a batch that was sent again

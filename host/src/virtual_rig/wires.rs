@@ -369,7 +369,7 @@ mod tests {
             };
             assert_eq!(frame.id, 0);
             assert!(
-                (frame.timestamp_s - 1000.040_005).abs() < 1e-5,
+                (frame.timestamp_s - 1_000.040_005).abs() < 1e-5,
                 "{}",
                 frame.timestamp_s
             );
