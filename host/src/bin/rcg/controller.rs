@@ -32,13 +32,11 @@ enum Action {
     Info,
     /// How things stand, and what was counted since it was switched on
     Status,
-    /// Fire a schedule and wait for its end
     Run(run::Args),
     /// End the run after the current step
     Stop,
     /// End the run at once
     Abort,
-    /// Round trips per second, and how fast steps can be streamed; forgets the loaded schedule
     Bench(bench::Args),
 }
 
