@@ -226,10 +226,6 @@ impl Instrument {
     ) -> Result<Haul, CaptureError> {
         let step = timing.step(self.device.info().clock_hz);
         self.camera.arm()?;
-        self.device.load(&Timing::program(steps as u32), &[step])?;
-        let run = self.device.arm()?;
-        self.device.start()?;
-
         let mut haul = Haul {
             records: Vec::with_capacity(steps),
             spurious_on: Vec::new(),
@@ -237,7 +233,8 @@ impl Instrument {
         };
         let period = Duration::from_secs_f64(timing.period_s);
         let Self { device, camera, .. } = self;
-        let ending = device.follow(run, |event| -> Result<(), CaptureError> {
+        let program = Timing::program(steps as u32);
+        let ending = device.play(&program, &[step], |event| -> Result<(), CaptureError> {
             match event {
                 Some(Event::Records { records, .. }) => haul.records.extend(records),
                 Some(Event::SpuriousStrobe { on, .. }) => haul.spurious_on.push(on.0),
@@ -252,12 +249,7 @@ impl Instrument {
             }
             recorded(haul.records.len());
             Ok(())
-        });
-        if let Err(CaptureError::Camera(_)) = ending {
-            // Nobody looks any more: the lines shall rest. If they cannot be told to, the dead-man switch does it.
-            device.abort().ok();
-        }
-        let ending = ending?;
+        })?;
         if ending.state != State::Done {
             let reason = ending.fault.map_or(String::new(), |fault| format!(": {fault}"));
             let Ending {

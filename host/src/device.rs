@@ -16,7 +16,13 @@ use rcg_protocol::{
     RunId, SCHEMA_HASH, STEPS_PER_APPEND, Seq, SessionId, Status, Step, ToDevice, ToHost, encode,
 };
 
-use crate::link::{Link, LinkError};
+use crate::link::Link;
+
+mod error;
+mod feed;
+
+pub use error::DeviceError;
+pub use feed::Feed;
 
 /// How patient the client is.
 #[derive(Clone, Copy, Debug)]
@@ -37,82 +43,6 @@ impl Default for Patience {
     }
 }
 
-/// Why a request has no answer.
-#[derive(Debug, thiserror::Error)]
-pub enum DeviceError {
-    /// The link failed.
-    #[error(transparent)]
-    Link(#[from] LinkError),
-    /// Nothing answered.
-    #[error(
-        "port {peer}: expected an answer to `{request}`, found none after {attempts} attempts in {waited_s:.1} s"
-    )]
-    Timeout {
-        /// The peer.
-        peer: String,
-        /// What was asked.
-        request: &'static str,
-        /// How often.
-        attempts: u32,
-        /// How long, in seconds.
-        waited_s: f64,
-    },
-    /// The controller refused.
-    #[error("port {peer}: the controller refused `{request}`: {fault}")]
-    Refused {
-        /// The peer.
-        peer: String,
-        /// What was asked.
-        request: &'static str,
-        /// Why not.
-        fault: Fault,
-    },
-    /// The controller speaks another version.
-    #[error(
-        "port {peer}: expected protocol version {PROTOCOL_VERSION} (schema {SCHEMA_HASH:016x}), found version \
-         {version} (schema {schema:016x}): flash the firmware that belongs to this program"
-    )]
-    OtherVersion {
-        /// The peer.
-        peer: String,
-        /// Its version.
-        version: u16,
-        /// Its schema.
-        schema: u64,
-    },
-    /// The answer does not fit the question: a defect of the peer.
-    #[error("port {peer}: the answer to `{request}` is of another kind: {reply}")]
-    WrongReply {
-        /// The peer.
-        peer: String,
-        /// What was asked.
-        request: &'static str,
-        /// What came.
-        reply: String,
-    },
-    /// A batch of steps that the controller has no room for.
-    #[error("port {peer}: expected a schedule of at most {limit} steps, found {found}")]
-    TooLong {
-        /// The peer.
-        peer: String,
-        /// The controller's limit.
-        limit: u32,
-        /// Steps of the schedule.
-        found: usize,
-    },
-}
-
-impl DeviceError {
-    /// The controller's fault, if that is what it is.
-    #[must_use]
-    pub const fn fault(&self) -> Option<Fault> {
-        match self {
-            Self::Refused { fault, .. } => Some(*fault),
-            _ => None,
-        }
-    }
-}
-
 /// A connected trigger box.
 #[derive(Debug)]
 pub struct Device<L> {
@@ -123,7 +53,21 @@ pub struct Device<L> {
     patience: Patience,
     events: VecDeque<Event>,
     corrupt: u64,
+    /// Bytes that came so far.
+    heard: u64,
     info: Option<Info>,
+    /// What a [`Feed`] wants to hear of; collected while there is one.
+    news: VecDeque<News>,
+    feeding: bool,
+}
+
+/// What came for a [`Feed`], in the order of arrival.
+#[derive(Debug)]
+enum News {
+    /// An answer that nobody else waits for.
+    Answer(Response),
+    /// Steps that fit.
+    Room(u32),
 }
 
 impl<L: Link> Device<L> {
@@ -141,7 +85,10 @@ impl<L: Link> Device<L> {
             patience,
             events: VecDeque::new(),
             corrupt: 0,
+            heard: 0,
             info: None,
+            news: VecDeque::new(),
+            feeding: false,
         };
         device.open_session(nonce)?;
         Ok(device)
@@ -182,6 +129,12 @@ impl<L: Link> Device<L> {
             other => return Err(self.wrong_reply("describe", &other)),
         }
         Ok(())
+    }
+
+    /// Collects what a [`Feed`] wants to hear of, or not any more.
+    pub(crate) fn set_feeding(&mut self, feeding: bool) {
+        self.feeding = feeding;
+        self.news.clear();
     }
 
     /// What the controller is and can do.
@@ -317,7 +270,7 @@ impl<L: Link> Device<L> {
         self.ask_status(&Request::Clear)
     }
 
-    /// The next event, waiting at most `timeout` for it.
+    /// The next event, waiting at most `timeout` for it, or until a [`Feed`] has something to do.
     ///
     /// # Errors
     /// [`DeviceError::Link`].
@@ -328,9 +281,9 @@ impl<L: Link> Device<L> {
                 return Ok(Some(event));
             }
             let left = deadline.saturating_sub(self.link.now());
-            let nobody = |_: &Response| false;
-            if self.receive(left, nobody)?.is_none() && self.events.is_empty() && self.link.now() >= deadline
-            {
+            self.receive(left, |_| false)?;
+            let over = self.link.now() >= deadline || !self.news.is_empty();
+            if self.events.is_empty() && over {
                 return Ok(None);
             }
         }
@@ -355,21 +308,9 @@ impl<L: Link> Device<L> {
     }
 
     fn ask_where(&mut self, request: &Request, fits: impl Fn(&Reply) -> bool) -> Result<Reply, DeviceError> {
-        self.seq = self.seq.wrapping_add(1);
-        let hello = matches!(request, Request::Hello { .. });
-        let session = if hello { SessionId(0) } else { self.session };
-        let seq = Seq(self.seq);
         let mut buffer = [0; MAX_FRAME];
-        let frame = encode(
-            &ToDevice {
-                session,
-                seq,
-                request: request.clone(),
-            },
-            &mut buffer,
-        )
-        .expect("MAX_FRAME holds every message");
-        let began = self.link.now();
+        let (session, seq, frame) = self.number(request.clone(), &mut buffer);
+        let (began, heard) = (self.link.now(), self.heard);
         for attempt in 0..self.patience.attempts.max(1) {
             if attempt > 0 {
                 // If the delimiter before was lost, the retry must not be glued to what went before it.
@@ -403,7 +344,23 @@ impl<L: Link> Device<L> {
             request: name(request),
             attempts: self.patience.attempts.max(1),
             waited_s: self.link.now().saturating_sub(began).as_secs_f64(),
+            heard: self.heard - heard,
         })
+    }
+
+    /// `request` as a frame under the next number.
+    fn number<'a>(&mut self, request: Request, buffer: &'a mut [u8]) -> (SessionId, Seq, &'a [u8]) {
+        self.seq = self.seq.wrapping_add(1);
+        let hello = matches!(request, Request::Hello { .. });
+        let session = if hello { SessionId(0) } else { self.session };
+        let seq = Seq(self.seq);
+        let message = ToDevice {
+            session,
+            seq,
+            request,
+        };
+        let frame = encode(&message, buffer).expect("MAX_FRAME holds every message");
+        (session, seq, frame)
     }
 
     /// Takes in what comes within `timeout`; returns the result of the response that `wanted` accepts.
@@ -414,11 +371,20 @@ impl<L: Link> Device<L> {
     ) -> Result<Option<Result<Reply, Fault>>, DeviceError> {
         let mut buffer = [0; 512];
         let count = self.link.receive(&mut buffer, timeout)?;
+        self.heard += count as u64;
         let mut found = None;
         for &byte in &buffer[..count] {
             match self.decoder.push::<ToHost>(byte) {
-                Some(Ok(ToHost::Event(event))) => self.events.push_back(event),
+                Some(Ok(ToHost::Event(event))) => {
+                    if let (Event::Room { steps, .. }, true) = (&event, self.feeding) {
+                        self.news.push_back(News::Room(*steps));
+                    }
+                    self.events.push_back(event);
+                }
                 Some(Ok(ToHost::Response(response))) if wanted(&response) => found = Some(response.result),
+                Some(Ok(ToHost::Response(response))) if self.feeding => {
+                    self.news.push_back(News::Answer(response));
+                }
                 // The answer to an earlier attempt, or to a request that was given up.
                 Some(Ok(ToHost::Response(_))) | None => {}
                 Some(Err(_)) => self.corrupt += 1,

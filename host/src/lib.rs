@@ -7,7 +7,7 @@
 //! |---|---|
 //! | the instrument | [`rig`] (its description), [`optics`] (pixels ↔ directions), [`direction`] |
 //! | what to measure | [`incident`] (directions of light), [`pattern`], [`schedule`], [`pilot`] (exposure time), [`plan`] |
-//! | the world | [`link`], [`device`] and [`run`] (trigger box), [`camera`], [`projector`], or [`virtual_rig`] for all three |
+//! | the world | [`link`], [`device`] and [`run`] (trigger box), [`firing`] and [`records`] (by itself), [`camera`], [`projector`], or [`virtual_rig`] for all three |
 //! | capture | [`setup`] (which instrument), [`capture`] (fire, collect, repeat), [`pairing`] (which frame belongs to which trigger) |
 //! | files | [`store`] (Zarr), [`measurement`] (the directory and its stages) |
 //! | the result | [`assemble`] (with the private `resample`), [`disk`] (outgoing directions), [`provenance`], [`brdf`] (look-up) |
@@ -28,6 +28,7 @@ pub mod device;
 pub mod direction;
 pub mod disk;
 pub mod evaluate;
+pub mod firing;
 pub mod incident;
 pub mod link;
 pub mod measure;
@@ -41,6 +42,7 @@ pub mod progress;
 pub mod projector;
 pub mod provenance;
 mod quadrature;
+pub mod records;
 pub mod reflectance;
 pub mod render;
 pub mod report;

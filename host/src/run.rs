@@ -1,10 +1,10 @@
-//! Following a run of the trigger box to its end.
+//! Firing the trigger box and following its run to the end.
 
 use std::time::Duration;
 
-use rcg_protocol::{Event, Fault, RunId, State, Ticks};
+use rcg_protocol::{Event, Fault, Program, RunId, State, Step, Ticks};
 
-use crate::device::{Device, DeviceError};
+use crate::device::{Device, DeviceError, Feed};
 use crate::link::Link;
 
 /// While a run goes on, the host makes itself heard this often, for the dead-man switch.
@@ -32,11 +32,71 @@ impl<L: Link> Device<L> {
     pub fn follow<E: From<DeviceError>>(
         &mut self,
         run: RunId,
+        event: impl FnMut(Option<&Event>) -> Result<(), E>,
+    ) -> Result<Ending, E> {
+        self.follow_while(run, |_| Ok(()), event)
+    }
+
+    /// Plays the table `steps` as `program` says. Tells `event` as [`follow`](Self::follow) does.
+    ///
+    /// # Errors
+    /// [`DeviceError`], or what `event` returns; the run is aborted then.
+    pub fn play<E: From<DeviceError>>(
+        &mut self,
+        program: &Program,
+        steps: &[Step],
+        event: impl FnMut(Option<&Event>) -> Result<(), E>,
+    ) -> Result<Ending, E> {
+        self.load(program, steps)?;
+        self.fire(|_| Ok(()), event)
+    }
+
+    /// Plays the stream `steps`, which is fed while the run goes on; `program` says that it is one. Tells `event` as
+    /// [`follow`](Self::follow) does.
+    ///
+    /// # Errors
+    /// [`DeviceError`], or what `event` returns; the run is aborted then.
+    pub fn stream<E: From<DeviceError>>(
+        &mut self,
+        program: &Program,
+        steps: impl Iterator<Item = Step>,
+        event: impl FnMut(Option<&Event>) -> Result<(), E>,
+    ) -> Result<Ending, E> {
+        let mut feed = Feed::new(steps, self.begin(program)?);
+        feed.fill(self)?;
+        self.set_feeding(true);
+        let ending = self.fire(|device| feed.advance(device), event);
+        self.set_feeding(false);
+        ending
+    }
+
+    /// Fires what is loaded and follows it.
+    fn fire<E: From<DeviceError>>(
+        &mut self,
+        work: impl FnMut(&mut Self) -> Result<(), DeviceError>,
+        event: impl FnMut(Option<&Event>) -> Result<(), E>,
+    ) -> Result<Ending, E> {
+        let run = self.arm()?;
+        self.start()?;
+        let ending = self.follow_while(run, work, event);
+        if ending.is_err() {
+            // Why it failed is told; that it cannot be aborted either is not news.
+            self.abort().ok();
+        }
+        ending
+    }
+
+    /// [`follow`](Self::follow), calling `work` at least as often as `event`.
+    fn follow_while<E: From<DeviceError>>(
+        &mut self,
+        run: RunId,
+        mut work: impl FnMut(&mut Self) -> Result<(), DeviceError>,
         mut event: impl FnMut(Option<&Event>) -> Result<(), E>,
     ) -> Result<Ending, E> {
         let mut heard = self.link().now();
         let mut over = None;
         loop {
+            work(self)?;
             let next = match over {
                 None => self.next_event(KEEP_ALIVE / 4)?,
                 // What was sent before the end is still on its way.

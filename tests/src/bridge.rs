@@ -7,12 +7,12 @@
 
 use std::collections::VecDeque;
 use std::fs::File;
-use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::io::{BufRead as _, BufReader, ErrorKind, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rcg_firmware::pulse::{Edge, Played, Reader, SYNC_LATENCY, StepWords};
 use rcg_firmware::session::{Action, Engine, Session};
@@ -146,7 +146,7 @@ impl Bench {
                 Action::Send(message) => {
                     let mut buffer = [0; MAX_FRAME];
                     let frame = encode(&message, &mut buffer).expect("MAX_FRAME holds every message");
-                    self.master.write_all(frame).expect("the port takes it");
+                    self.say(frame);
                 }
                 Action::Engine(Engine::Prime) => {
                     let format = self.session.sequencer().format().expect("a program is loaded");
@@ -180,6 +180,18 @@ impl Bench {
                     }
                     self.session.halted(at);
                 }
+            }
+        }
+    }
+
+    /// Waits for a client that reads slowly; what none reads is lost.
+    fn say(&mut self, mut frame: &[u8]) {
+        let patience = Instant::now() + Duration::from_secs(1);
+        while !frame.is_empty() && Instant::now() < patience {
+            match self.master.write(frame) {
+                Ok(count) => frame = &frame[count..],
+                Err(error) if error.kind() == ErrorKind::TimedOut => {}
+                Err(error) => panic!("the port fails: {error}"),
             }
         }
     }

@@ -12,8 +12,8 @@ use std::io;
 use std::time::Duration;
 
 pub use memory::{MemoryLink, memory_pair};
-pub use port::{nonce, open};
-pub use serial::{BAUD, SerialLink, ports};
+pub use port::{nonce, open, ports};
+pub use serial::{BAUD, SerialLink};
 
 /// A stream of bytes to and from the controller.
 pub trait Link: Send {
@@ -62,9 +62,41 @@ pub enum LinkError {
         /// The ports that there are.
         available: Vec<String>,
     },
+    /// No port looks like that of a trigger box.
+    #[error(
+        "port auto: expected one trigger box on USB (1209:0001, `RCG trigger box`), found none{}",
+        listed(.available)
+    )]
+    NoTriggerBox {
+        /// The ports that there are.
+        available: Vec<String>,
+    },
+    /// More than one port looks like that of a trigger box.
+    #[error(
+        "port auto: expected one trigger box on USB, found {}: {}; choose with `--port {}`",
+        .found.len(), .found.join(", "), .found[0]
+    )]
+    SeveralTriggerBoxes {
+        /// Their ports.
+        found: Vec<String>,
+    },
+    /// Another program has the port open.
+    #[error("port {port}: expected a free port, found that another program has it open")]
+    Busy {
+        /// The port.
+        port: String,
+    },
+    /// The user may not open the port.
+    #[error("port {port}: expected the right to open it, found none{}", allowed(.group.as_deref()))]
+    NotPermitted {
+        /// The port.
+        port: String,
+        /// The group whose members may, where there is one.
+        group: Option<String>,
+    },
     /// The port exists but cannot be opened.
     #[error("port {port}: cannot be opened: {reason}")]
-    Busy {
+    Unusable {
         /// The port.
         port: String,
         /// What the system says.
@@ -86,10 +118,19 @@ pub enum LinkError {
     },
 }
 
+fn allowed(group: Option<&str>) -> String {
+    group.map_or_else(String::new, |group| {
+        format!("; members of the group {group} may (`sudo usermod -aG {group} $USER`, then log in again)")
+    })
+}
+
 fn listed(available: &[String]) -> String {
     if available.is_empty() {
         "; this machine has no serial ports (use `--port sim` for the simulated controller)".to_owned()
     } else {
-        format!("; there are: {}", available.join(", "))
+        format!(
+            "; there are: {} (choose with `--port NAME`)",
+            available.join(", ")
+        )
     }
 }

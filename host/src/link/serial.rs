@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use serialport::{ErrorKind, SerialPort};
 
-use super::{Link, LinkError};
+use super::{Link, LinkError, ports};
 
 /// Speed of the controller's UART in baud; USB CDC ignores it.
 pub const BAUD: u32 = 921_600;
@@ -30,31 +30,13 @@ impl SerialLink {
     /// Opens the port `name` (`/dev/ttyACM0`, `COM3`).
     ///
     /// # Errors
-    /// [`LinkError::NoSuchPort`] with the ports that there are, or [`LinkError::Busy`].
+    /// [`LinkError::NoSuchPort`] with the ports that there are, [`LinkError::Busy`], [`LinkError::NotPermitted`] or
+    /// [`LinkError::Unusable`].
     pub fn open(name: &str) -> Result<Self, LinkError> {
         let port = serialport::new(name, BAUD)
             .timeout(Duration::from_millis(10))
             .open()
-            .map_err(|error| {
-                let absent = matches!(
-                    error.kind(),
-                    ErrorKind::NoDevice | ErrorKind::Io(io::ErrorKind::NotFound)
-                );
-                let available = ports();
-                // A port that another program holds is reported as absent too.
-                let there = Path::new(name).exists() || available.iter().any(|port| port == name);
-                if absent && !there {
-                    LinkError::NoSuchPort {
-                        port: name.to_owned(),
-                        available,
-                    }
-                } else {
-                    LinkError::Busy {
-                        port: name.to_owned(),
-                        reason: error.to_string(),
-                    }
-                }
-            })?;
+            .map_err(|error| refusal(name, &error))?;
         Ok(Self {
             name: name.to_owned(),
             port,
@@ -73,22 +55,56 @@ impl SerialLink {
     }
 }
 
-/// Names of the serial ports of this machine.
-#[must_use]
-pub fn ports() -> Vec<String> {
-    serialport::available_ports()
-        .unwrap_or_default()
-        .into_iter()
-        .map(|port| port.port_name)
-        .collect()
+/// Why the port `name` was not opened.
+fn refusal(name: &str, error: &serialport::Error) -> LinkError {
+    let port = name.to_owned();
+    let available = ports();
+    let there = Path::new(name).exists() || available.iter().any(|port| port == name);
+    match error.kind() {
+        ErrorKind::NoDevice | ErrorKind::Io(io::ErrorKind::NotFound) if !there => {
+            LinkError::NoSuchPort { port, available }
+        }
+        // A port that is there and is reported as absent is held by another program.
+        ErrorKind::NoDevice => LinkError::Busy { port },
+        ErrorKind::Io(io::ErrorKind::PermissionDenied) => {
+            let group = group_of(Path::new(name));
+            LinkError::NotPermitted { port, group }
+        }
+        _ => {
+            let reason = error.to_string();
+            LinkError::Unusable { port, reason }
+        }
+    }
+}
+
+/// Name of the group that `port` belongs to, unless that is root's own.
+#[cfg(unix)]
+fn group_of(port: &Path) -> Option<String> {
+    use std::os::unix::fs::MetadataExt as _;
+    let gid = std::fs::metadata(port).ok()?.gid();
+    group_named(&std::fs::read_to_string("/etc/group").ok()?, gid)
+}
+
+/// Name of the group `gid` in the text of /etc/group: lines `name:password:gid:members`.
+#[cfg(unix)]
+fn group_named(groups: &str, gid: u32) -> Option<String> {
+    let mut fields = groups.lines().map(|line| line.split(':'));
+    let name = fields.find_map(|mut line| {
+        let name = line.next()?;
+        (line.nth(1)?.parse() == Ok(gid)).then_some(name)
+    })?;
+    (gid != 0).then(|| name.to_owned())
+}
+
+#[cfg(not(unix))]
+fn group_of(_: &Path) -> Option<String> {
+    None
 }
 
 impl Link for SerialLink {
     fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
-        self.port
-            .write_all(bytes)
-            .and_then(|()| self.port.flush())
-            .map_err(|e| self.error(e))
+        // The system sends what it is given by itself; to wait for that would cost a streaming host its time.
+        self.port.write_all(bytes).map_err(|e| self.error(e))
     }
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, LinkError> {
@@ -113,5 +129,35 @@ impl Link for SerialLink {
 
     fn peer(&self) -> &str {
         &self.name
+    }
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_port_that_is_not_permitted_names_the_group_that_may() {
+        let groups = "root:x:0:\ndaemon:x:1:\n\ndialout:x:20:ann,bob\nbad line\n";
+        assert_eq!(group_named(groups, 20).as_deref(), Some("dialout"));
+        assert_eq!(
+            group_named(groups, 0),
+            None,
+            "nobody is told to join root's group"
+        );
+        assert_eq!(group_named(groups, 7), None);
+        let refused = serialport::Error::new(ErrorKind::Io(io::ErrorKind::PermissionDenied), "denied");
+        let sentence = refusal("/dev/null", &refused).to_string();
+        assert!(
+            sentence.starts_with("port /dev/null: expected the right to open it"),
+            "{sentence}"
+        );
+        let group = Some("dialout".to_owned());
+        let port = "/dev/ttyACM0".to_owned();
+        let sentence = LinkError::NotPermitted { port, group }.to_string();
+        assert!(
+            sentence.contains("members of the group dialout may"),
+            "{sentence}"
+        );
     }
 }

@@ -11,7 +11,7 @@ use rcg_protocol::{
 };
 use serialport::{SerialPort as _, TTYPort};
 
-use crate::command::{quick, refuses};
+use crate::command::{quick, refuses, run};
 
 /// Runs `test` with the name of a port at whose other end `answer` answers what it is asked.
 fn with_peer(answer: impl Fn(&Request) -> Option<Reply> + Sync, test: impl FnOnce(&str)) {
@@ -107,8 +107,44 @@ fn a_port_that_another_program_holds_is_not_called_absent() {
         &["controller", "info", "--port", &name],
         "",
         1,
-        &[&name, "cannot be opened"],
+        &[
+            &name,
+            "expected a free port, found that another program has it open",
+        ],
     );
+}
+
+#[test]
+fn the_only_trigger_box_is_looked_for_unless_a_port_is_named() {
+    // Whoever runs this may have one; what is said without one is tested beside the choice.
+    for arguments in [
+        &["controller", "info"][..],
+        &["controller", "info", "--port", "auto"],
+    ] {
+        let outcome = run(arguments, "");
+        if outcome.code != Some(0) {
+            outcome.complains(2, &["port auto: expected one trigger box on USB", "found"]);
+        }
+    }
+}
+
+#[test]
+fn a_port_that_says_something_else_is_told_from_a_silent_one() {
+    let (mut peer, port) = TTYPort::pair().expect("the system has pseudo terminals");
+    let name = port.name().expect("the port has a name");
+    let over = AtomicBool::new(false);
+    thread::scope(|scope| {
+        scope.spawn(|| {
+            while !over.load(Ordering::Relaxed) {
+                // Nobody may be listening.
+                peer.write_all(b"$GPGGA,no,trigger,box\r\n").ok();
+                thread::sleep(Duration::from_millis(20));
+            }
+        });
+        let _over = Over(&over);
+        let outcome = run(&["controller", "info", "--port", &name], "");
+        outcome.complains(1, &[&name, "expected an RCG trigger box, found something else"]);
+    });
 }
 
 #[test]
@@ -149,8 +185,8 @@ fn a_silent_port_fails_within_its_patience() {
         |port| {
             let parts = [
                 port,
-                "expected an answer to `hello`",
-                "found none after 10 attempts",
+                "expected an RCG trigger box",
+                "found nothing that answers after 10 attempts",
             ];
             refuses(&["controller", "info", "--port", port], "", 1, &parts);
         },

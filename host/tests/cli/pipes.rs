@@ -28,9 +28,9 @@ fn output_that_nobody_reads_ends_well() {
         &["plan", "--json"],
         &["map", "--json"],
         &["value", "lambert", "--json"],
-        &["controller", "info"],
-        &["controller", "run", "--json"],
-        &["controller", "bench", "--count", "10"],
+        &["controller", "info", "--port", "sim"],
+        &["controller", "run", "--port", "sim", "--json"],
+        &["controller", "bench", "--port", "sim", "--count", "10"],
         &["--help"],
         &["--version"],
     ] {

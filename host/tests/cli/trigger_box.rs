@@ -1,9 +1,11 @@
 //! `controller` with the simulated trigger box.
 
+use std::path::Path;
+
 use serde_json::Value;
 
 use crate::answers::number;
-use crate::command::{refuses, run};
+use crate::command::{refuses, run, text};
 
 fn controller(arguments: &[&str]) -> Value {
     run(
@@ -72,7 +74,8 @@ fn run_fires_every_step_in_the_papers_time() {
 fn bench_counts_its_round_trips() {
     let bench = controller(&["bench", "--count", "200"]);
     assert_eq!(number(&bench, "round_trips"), 200.0);
-    for figure in ["per_s", "mean_us", "slowest_us"] {
+    assert_eq!(number(&bench, "streamed_steps"), 4096.0);
+    for figure in ["per_s", "mean_us", "slowest_us", "streamed_steps_per_s"] {
         assert!(number(&bench, figure) > 0.0, "{figure}");
     }
 }
@@ -80,7 +83,7 @@ fn bench_counts_its_round_trips() {
 #[test]
 fn every_action_has_words_too() {
     for action in ["info", "status", "run", "abort", "bench"] {
-        let outcome = run(&["controller", action], "");
+        let outcome = run(&["controller", action, "--port", "sim"], "");
         assert!(
             !outcome.done().is_empty() && outcome.stderr.is_empty(),
             "{action}: {outcome:?}"
@@ -92,11 +95,16 @@ fn every_action_has_words_too() {
 fn what_cannot_be_fired_is_refused() {
     for (name, value) in [
         ("--steps", "0"),
-        ("--exposure-ms", "-1"),
-        ("--exposure-ms", "nan"),
-        ("--exposure-ms", "1e9"),
+        ("--exposure", "-1ms"),
+        ("--exposure", "nan s"),
+        ("--exposure", "5"),
+        ("--exposure", "1ms,2"),
+        ("--exposure", "1e9ms"),
+        ("--dead-man", "2h"),
+        ("--sync-timeout", "5000s"),
     ] {
-        refuses(&["controller", "run", name, value], "", 2, &["expected", "found"]);
+        let arguments = ["controller", "run", "--port", "sim", name, value];
+        refuses(&arguments, "", 2, &["expected", "found"]);
     }
     refuses(
         &["controller", "bench", "--count", "0"],
@@ -104,4 +112,84 @@ fn what_cannot_be_fired_is_refused() {
         2,
         &["--count", "expected", "found `0`"],
     );
+    let three_in_ten = ["--steps", "10", "--exposure", "1ms,2ms,3ms"];
+    refuses(
+        &[&["controller", "run", "--port", "sim"], &three_in_ten[..]].concat(),
+        "",
+        2,
+        &["--steps", "expected a multiple of 3", "found 10"],
+    );
+}
+
+/// Trigger, strobe's delay and width of each step, in ticks, from a file of records.
+fn records(path: &Path) -> Vec<[u64; 3]> {
+    let text = std::fs::read_to_string(path).unwrap();
+    let mut lines = text.lines();
+    let header = "step,trigger_ticks,strobe_delay_ticks,strobe_width_ticks,flags";
+    assert_eq!(lines.next(), Some(header));
+    lines
+        .enumerate()
+        .map(|(step, line)| {
+            let mut cells = line.split(',');
+            let mut ticks = || cells.next().unwrap().parse().unwrap();
+            assert_eq!(ticks(), step as u64);
+            [ticks(), ticks(), ticks()]
+        })
+        .collect()
+}
+
+#[test]
+fn a_bracket_is_fired_as_a_table_or_as_a_stream_and_recorded_step_by_step() {
+    let scratch = tempfile::tempdir().unwrap();
+    let fire = |name: &str, more: &[&str]| {
+        let file = scratch.path().join(name);
+        let bracket = [
+            "run",
+            "--steps",
+            "6000",
+            "--exposure",
+            "2ms,1250ticks",
+            "--period",
+            "70ms",
+        ];
+        let done = controller(&[&bracket, more, &["--records", text(&file)]].concat());
+        for count in ["steps_done", "records", "strobes"] {
+            assert_eq!(number(&done, count), 6000.0, "{count} {more:?}");
+        }
+        assert_eq!(done["flags"], serde_json::json!({}), "{more:?}");
+        records(&file)
+    };
+    let table = fire("table.csv", &[]);
+    assert_eq!(table.len(), 6000);
+    // RCG-1 settles for 33.3 ms; its camera is 5 µs late.
+    for (step, record) in (0..).zip(&table) {
+        let width = if step % 2 == 0 { 250_000 } else { 1250 };
+        assert_eq!(*record, [4_162_500 + step * 8_750_000, 625, width], "step {step}");
+    }
+    assert_eq!(fire("stream.csv", &["--stream"]), table);
+    let rest_high = ["--active-low", "proj,cam,sync,strobe", "--start-on-sync"];
+    assert_eq!(fire("low.csv", &rest_high), table);
+    // A SYNC of 60 Hz: 70 ms are more than four of its periods, so each step begins five after the one before.
+    let paced = fire("paced.csv", &["--each-on-sync", "--sync-timeout", "1s"]);
+    let sync_s = rcg::rig::Rig::load("rcg-1").unwrap().projector.min_period_s;
+    let sync = (sync_s * 125e6).round() as u64;
+    let between = 8_750_000_u64.div_ceil(sync) * sync;
+    assert!(paced.windows(2).all(|pair| pair[1][0] - pair[0][0] == between));
+}
+
+#[test]
+fn a_run_that_ends_with_a_fault_says_how_far_it_came_in_one_object() {
+    // The host makes itself heard every 400 ms.
+    let arguments = ["controller", "run", "--port", "sim", "--dead-man", "50ms"];
+    let reason = "silent for longer than the dead-man time";
+    run(&arguments, "").complains(1, &["sim", "expected 100 steps", reason]);
+    let outcome = run(&[&arguments[..], &["--json"]].concat(), "");
+    outcome.complains(1, &[reason]);
+    let object: Value = serde_json::from_str(&outcome.stdout).expect("stdout is one JSON value");
+    assert_eq!(
+        (&object["state"], &object["exit"]),
+        (&Value::from("fault"), &Value::from(1))
+    );
+    assert!(object["error"].as_str().unwrap().contains(reason), "{object}");
+    assert!(number(&object, "steps_done") < 100.0);
 }

@@ -1,26 +1,28 @@
 //! `rcg controller`
 
-use std::time::{Duration, Instant};
+mod bench;
+mod run;
+
+use std::time::Duration;
 
 use rcg::device::{Device, Patience};
-use rcg::link::{Link, SerialLink};
+use rcg::link::{self, Link};
 use rcg::rig::Rig;
-use rcg::schedule::Timing;
 use rcg::virtual_rig::VirtualController;
-use rcg_protocol::{Event, PROTOCOL_VERSION, State, Status, Step};
+use rcg_protocol::{PROTOCOL_VERSION, State, Status};
 use serde_json::{Value, json};
 
 use crate::Done;
 use crate::failure::Failure;
-use crate::output::Output;
+use crate::output::{Output, table};
 
 /// Talk to the trigger box.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     #[command(subcommand)]
     action: Action,
-    /// Serial port of the trigger box (/dev/ttyACM0, COM3), or sim for the simulated one
-    #[arg(long, global = true, default_value = "sim", value_name = "PORT")]
+    /// Port of the trigger box (/dev/ttyACM0, COM3), auto for the only one on USB, or sim for the simulated one
+    #[arg(long, global = true, default_value = "auto", value_name = "PORT")]
     port: String,
 }
 
@@ -28,93 +30,78 @@ pub(crate) struct Args {
 enum Action {
     /// What it is and can do
     Info,
-    /// How things stand
+    /// How things stand, and what was counted since it was switched on
     Status,
-    /// Fire a schedule and wait for its end
-    Run(RunArgs),
+    Run(run::Args),
     /// End the run after the current step
     Stop,
     /// End the run at once
     Abort,
-    /// Round trips per second
-    Bench {
-        /// How many
-        #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-        count: u32,
-    },
+    Bench(bench::Args),
 }
 
-#[derive(Debug, clap::Args)]
-struct RunArgs {
-    /// Steps
-    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..))]
-    steps: u32,
-    /// Exposure time in milliseconds [default: the rig's]
-    #[arg(long, value_name = "MS", allow_negative_numbers = true)]
-    exposure_ms: Option<f64>,
-}
+type TriggerBox = Device<Box<dyn Link>>;
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let rig = Rig::load(rig)?;
     let link: Box<dyn Link> = if args.port == "sim" {
         Box::new(VirtualController::alone(&rig))
     } else {
-        Box::new(SerialLink::open(&args.port)?)
+        link::open(&args.port)?
     };
-    // Differs from run to run, which is all that a nonce has to do.
-    let nonce = std::time::SystemTime::now()
-        .duration_since(std::time::UNIX_EPOCH)
-        .map_or(1, |since| since.as_nanos() as u32);
-    let mut device = Device::connect(link, nonce, Patience::default())?;
-    match &args.action {
-        Action::Info => info(&device, output),
-        Action::Status => {
-            let status = device.status()?;
-            print_status(&status, device.info().clock_hz, output)
-        }
-        Action::Run(run) => fire(run, &rig, &mut device, output),
+    let mut device = Device::connect(link, link::nonce(), Patience::default())?;
+    let status = match &args.action {
+        Action::Info => return info(&device, output),
+        Action::Run(args) => return run::run(args, &rig, &mut device, output),
+        Action::Bench(args) => return bench::run(args, &mut device, output),
+        Action::Status => device.status()?,
         Action::Stop => {
             device.stop()?;
-            let status = settle(&mut device)?;
-            print_status(&status, device.info().clock_hz, output)
+            settle(&mut device)?
         }
-        Action::Abort => {
-            let status = device.abort()?;
-            print_status(&status, device.info().clock_hz, output)
-        }
-        Action::Bench { count } => bench(*count, &mut device, output),
-    }
+        Action::Abort => device.abort()?,
+    };
+    let clock_hz = device.info().clock_hz;
+    output.print(&status_value(&status, clock_hz), || {
+        table(&status_lines(&status, clock_hz))
+    })
 }
 
-fn info(device: &Device<Box<dyn Link>>, output: &Output) -> Done {
+fn info(device: &TriggerBox, output: &Output) -> Done {
     let info = device.info();
     let (major, minor, patch) = info.firmware;
-    let shortest_ns = f64::from(info.shortest_free) * 1e9 / f64::from(info.clock_hz);
+    let tick_ns = 1e9 / f64::from(info.clock_hz);
     let longest_s = info.longest_period.0 as f64 / f64::from(info.clock_hz);
     let value = json!({
         "port": device.link().peer(),
         "protocol": PROTOCOL_VERSION,
         "firmware": format!("{major}.{minor}.{patch}"),
         "clock_hz": info.clock_hz,
-        "tick_ns": 1e9 / f64::from(info.clock_hz),
+        "tick_ns": tick_ns,
         "max_steps": info.max_steps,
         "max_words": info.max_words,
         "shortest_pulse_ticks": info.shortest_free,
         "shortest_pulse_with_sync_ticks": info.shortest_sync,
         "longest_period_s": longest_s,
     });
+    let shortest = |ticks: u32| format!("{ticks} ticks, {} ns", f64::from(ticks) * tick_ns);
     output.print(&value, || {
-        format!(
-            "port            {}\nfirmware        {major}.{minor}.{patch}, protocol {PROTOCOL_VERSION}\n\
-             clock           {} Hz, {} ns a tick\nshortest pulse  {} ticks, {shortest_ns} ns\n\
-             longest step    {longest_s} s\ntable           {} steps, {} words\n",
-            device.link().peer(),
-            info.clock_hz,
-            1e9 / f64::from(info.clock_hz),
-            info.shortest_free,
-            info.max_steps,
-            info.max_words
-        )
+        table(&[
+            ("port", device.link().peer().to_owned()),
+            (
+                "firmware",
+                format!("{major}.{minor}.{patch}, protocol {PROTOCOL_VERSION}"),
+            ),
+            ("clock", format!("{} MHz", f64::from(info.clock_hz) / 1e6)),
+            ("tick", format!("{tick_ns} ns")),
+            ("shortest pulse", shortest(info.shortest_free)),
+            ("  paced by SYNC", shortest(info.shortest_sync)),
+            ("longest step", format!("{longest_s} s")),
+            (
+                "table",
+                format!("{} steps, {} words", info.max_steps, info.max_words),
+            ),
+        ])
     })
 }
 
@@ -138,28 +125,34 @@ fn status_value(status: &Status, clock_hz: u32) -> Value {
     })
 }
 
-fn print_status(status: &Status, clock_hz: u32, output: &Output) -> Done {
-    output.print(&status_value(status, clock_hz), || {
-        let fault = status.fault.map_or(String::new(), |fault| format!(" ({fault})"));
-        let counters = &status.counters;
-        format!(
-            "state    {}{fault}\nrun      {}, {} steps done\nframes   {} executed, {} repeated, {} stale, {} corrupt\n\
-             lost     {} records; {} spurious strobes\n",
-            status.state,
-            status.run,
-            status.steps_done,
-            counters.executed,
-            counters.repeated,
-            counters.stale,
-            counters.corrupt,
-            counters.records_lost,
-            counters.spurious_strobes
-        )
-    })
+fn status_lines(status: &Status, clock_hz: u32) -> Vec<(&'static str, String)> {
+    let counters = &status.counters;
+    let fault = status.fault.map_or(String::new(), |fault| format!(": {fault}"));
+    vec![
+        ("state", format!("{}{fault}", status.state)),
+        ("run", format!("{}, {} steps done", status.run, status.steps_done)),
+        (
+            "switched on for",
+            format!("{:.3} s", status.now.0 as f64 / f64::from(clock_hz)),
+        ),
+        (
+            "requests",
+            format!("{} frames, {} executed", counters.frames, counters.executed),
+        ),
+        (
+            "  not executed",
+            format!(
+                "{} repeated, {} stale, {} corrupt",
+                counters.repeated, counters.stale, counters.corrupt
+            ),
+        ),
+        ("records lost", counters.records_lost.to_string()),
+        ("spurious strobes", counters.spurious_strobes.to_string()),
+    ]
 }
 
 /// Waits for the end of the run.
-fn settle(device: &mut Device<Box<dyn Link>>) -> Result<Status, Failure> {
+fn settle(device: &mut TriggerBox) -> Result<Status, Failure> {
     loop {
         let status = device.status()?;
         if !matches!(status.state, State::Armed | State::Running) {
@@ -167,66 +160,4 @@ fn settle(device: &mut Device<Box<dyn Link>>) -> Result<Status, Failure> {
         }
         device.next_event(Duration::from_millis(50))?;
     }
-}
-
-fn fire(args: &RunArgs, rig: &Rig, device: &mut Device<Box<dyn Link>>, output: &Output) -> Done {
-    let exposure_s = args.exposure_ms.map_or(rig.camera.exposure_s, |ms| ms * 1e-3);
-    let timing = Timing::new(rig, exposure_s).map_err(rcg::plan::PlanError::from)?;
-    let info = device.info();
-    let step: Step = timing.step(info.clock_hz);
-    device.load(&Timing::program(args.steps), &[step])?;
-    let run = device.arm()?;
-    device.start()?;
-    let (mut strobes, mut records) = (0_u64, 0_u64);
-    let ending = device.follow(run, |event| -> Result<(), Failure> {
-        if let Some(Event::Records { records: batch, .. }) = event {
-            records += batch.len() as u64;
-            strobes += batch.iter().filter(|record| record.strobe.is_some()).count() as u64;
-        }
-        Ok(())
-    })?;
-    let status = device.status()?;
-    let duration_s = ending.at.map_or(0.0, |at| at.0 as f64 / f64::from(info.clock_hz));
-    let mut value = status_value(&status, info.clock_hz);
-    value["records"] = json!(records);
-    value["strobes"] = json!(strobes);
-    value["period_ticks"] = json!(step.period.0);
-    value["duration_s"] = json!(duration_s);
-    output.print(&value, || {
-        let fault = status.fault.map_or(String::new(), |fault| format!(" ({fault})"));
-        format!(
-            "{}{fault} after {} steps of {} ticks, {:.6} s; {records} records, {strobes} strobes\n",
-            status.state, status.steps_done, step.period.0, duration_s
-        )
-    })?;
-    match status.fault {
-        Some(fault) => Err(Failure::Failed(anyhow::anyhow!(
-            "port {}: {fault}",
-            device.link().peer()
-        ))),
-        None => Ok(()),
-    }
-}
-
-fn bench(count: u32, device: &mut Device<Box<dyn Link>>, output: &Output) -> Done {
-    let began = Instant::now();
-    let mut slowest = Duration::ZERO;
-    for number in 0..count {
-        let sent = Instant::now();
-        device.ping(number)?;
-        slowest = slowest.max(sent.elapsed());
-    }
-    let elapsed_s = began.elapsed().as_secs_f64();
-    let per_s = f64::from(count) / elapsed_s;
-    let value = json!({
-        "port": device.link().peer(), "round_trips": count, "per_s": per_s,
-        "mean_us": elapsed_s * 1e6 / f64::from(count), "slowest_us": slowest.as_secs_f64() * 1e6,
-    });
-    output.print(&value, || {
-        format!(
-            "{count} round trips, {per_s:.0} per second, mean {:.1} µs, slowest {:.1} µs\n",
-            elapsed_s * 1e6 / f64::from(count),
-            slowest.as_secs_f64() * 1e6
-        )
-    })
 }

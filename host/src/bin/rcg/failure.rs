@@ -22,6 +22,8 @@ pub(crate) enum Failure {
     Input(anyhow::Error),
     /// Something failed: exit 1.
     Failed(anyhow::Error),
+    /// Something failed, and this is how far it got: exit 1.
+    Partly(anyhow::Error, serde_json::Value),
 }
 
 impl Failure {
@@ -34,13 +36,21 @@ impl Failure {
     pub(crate) const fn exit_code(&self) -> u8 {
         match self {
             Self::Input(_) => 2,
-            Self::Failed(_) => 1,
+            Self::Failed(_) | Self::Partly(..) => 1,
         }
     }
 
     const fn error(&self) -> &anyhow::Error {
         match self {
-            Self::Input(error) | Self::Failed(error) => error,
+            Self::Input(error) | Self::Failed(error) | Self::Partly(error, _) => error,
+        }
+    }
+
+    /// What is to be printed with `--json` beside the error; an object or null.
+    pub(crate) fn facts(&self) -> serde_json::Value {
+        match self {
+            Self::Partly(_, facts) => facts.clone(),
+            _ => serde_json::Value::Null,
         }
     }
 
@@ -100,7 +110,10 @@ impl Blame for BrdfError {
 
 impl Blame for LinkError {
     fn is_input(&self) -> bool {
-        matches!(self, Self::NoSuchPort { .. })
+        matches!(
+            self,
+            Self::NoSuchPort { .. } | Self::NoTriggerBox { .. } | Self::SeveralTriggerBoxes { .. }
+        )
     }
 }
 
@@ -175,6 +188,12 @@ impl<E: Blame> From<E> for Failure {
 
 impl From<io::Error> for Failure {
     fn from(error: io::Error) -> Self {
+        Self::Failed(error.into())
+    }
+}
+
+impl From<rcg::records::RecordsError> for Failure {
+    fn from(error: rcg::records::RecordsError) -> Self {
         Self::Failed(error.into())
     }
 }

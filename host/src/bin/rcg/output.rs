@@ -7,6 +7,7 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use rcg::progress::Progress;
 use serde::Serialize;
+use serde_json::Value;
 use tracing_subscriber::EnvFilter;
 
 use crate::failure::Failure;
@@ -67,7 +68,11 @@ impl Output {
     /// Says why the command failed.
     pub(crate) fn fail(&self, failure: &Failure) {
         self.end();
-        complain(&failure.to_string(), failure.exit_code(), self.json);
+        complain(
+            &failure.to_string(),
+            failure.exit_code(),
+            self.json.then(|| failure.facts()),
+        );
     }
 
     fn bar(&self) -> std::sync::MutexGuard<'_, Option<ProgressBar>> {
@@ -75,11 +80,12 @@ impl Output {
     }
 }
 
-/// Says why the command ends with the code `exit`; as an object on stdout too if `json`.
-pub(crate) fn complain(sentence: &str, exit: u8, json: bool) {
+/// Says why the command ends with the code `exit`; with `facts` (an object or null) as an object on stdout too.
+pub(crate) fn complain(sentence: &str, exit: u8, facts: Option<Value>) {
     // Nobody is left to tell if this fails.
-    if json {
-        let object = serde_json::json!({ "error": sentence, "exit": exit });
+    if let Some(mut object) = facts {
+        object["error"] = sentence.into();
+        object["exit"] = exit.into();
         writeln!(io::stdout(), "{object}").ok();
     }
     writeln!(io::stderr(), "rcg: {sentence}").ok();

@@ -23,7 +23,11 @@ pub(crate) fn answer(error: &Error) -> ExitCode {
     }
     // What follows a bad argument was not parsed.
     let json = std::env::args_os().any(|argument| argument == "--json");
-    complain(&sentence(error), BAD_USAGE, json);
+    complain(
+        &sentence(error),
+        BAD_USAGE,
+        json.then_some(serde_json::Value::Null),
+    );
     ExitCode::from(BAD_USAGE)
 }
 

@@ -1,0 +1,226 @@
+//! `rcg controller run`
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use rcg::firing::{Bracket, Span};
+use rcg::plan::PlanError;
+use rcg::records::{RecordFile, flag_names};
+use rcg::rig::Rig;
+use rcg_protocol::{Event, Extent, Micros, Pace, Polarity, Program, Start, State, Step, StepRecord};
+use serde_json::json;
+
+use super::{TriggerBox, status_value};
+use crate::Done;
+use crate::failure::Failure;
+use crate::output::{Output, table};
+
+/// Fire a schedule and wait for its end.
+///
+/// TIME is a number with its unit: s, ms, us, ns or ticks (of the trigger box's clock), such as 33.3ms or 3ticks.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Steps to fire, a multiple of the number of exposure times [default: 100 or the next multiple]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    steps: Option<u32>,
+    /// Exposure time (length of the CAM pulse, 0us for none), or several that take turns [default: the rig's]
+    #[arg(
+        long,
+        value_name = "TIME[,TIME…]",
+        value_delimiter = ',',
+        allow_hyphen_values = true
+    )]
+    exposure: Vec<Span>,
+    /// Length of a step [default: as short as the rig allows]
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    period: Option<Span>,
+    /// Leading edge of CAM from the start of the step [default: the rig's settling time]
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    cam_at: Option<Span>,
+    /// Length of the PROJ pulse, which begins the step; 0us for none [default: 5us]
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    proj_width: Option<Span>,
+    /// Send the steps while others play, instead of a table beforehand
+    #[arg(long)]
+    stream: bool,
+    /// Begin at an edge of SYNC
+    #[arg(long)]
+    start_on_sync: bool,
+    /// Begin each step at an edge of SYNC of its own
+    #[arg(long)]
+    each_on_sync: bool,
+    /// End with a fault if SYNC does not come for so long [default: wait for ever]
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    sync_timeout: Option<Span>,
+    /// Abort if this program is silent for so long; 0s for never [default: 2s]
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+    dead_man: Option<Span>,
+    /// Lines that rest high and pulse low
+    #[arg(long, value_name = "LINE[,LINE…]", value_delimiter = ',')]
+    active_low: Vec<Line>,
+    /// Write a line for each step into this file: CSV, or JSON if its name ends in .jsonl
+    #[arg(long, value_name = "FILE")]
+    records: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Line {
+    Proj,
+    Cam,
+    Sync,
+    Strobe,
+}
+
+impl Args {
+    /// The steps that take turns, and how many are fired.
+    fn steps(&self, rig: &Rig, clock_hz: u32) -> Result<(Vec<Step>, u32), Failure> {
+        let bracket = Bracket {
+            exposures: self.exposure.clone(),
+            cam_at: self.cam_at,
+            proj_width: self.proj_width,
+            period: self.period,
+        };
+        let steps = bracket.steps(rig, clock_hz).map_err(PlanError::from)?;
+        let turn = steps.len() as u32;
+        let count = self.steps.unwrap_or_else(|| 100_u32.next_multiple_of(turn));
+        if count.is_multiple_of(turn) {
+            Ok((steps, count))
+        } else {
+            Err(Failure::input(format!(
+                "--steps: expected a multiple of {turn}, the number of exposure times, found {count}"
+            )))
+        }
+    }
+
+    fn program(&self, extent: Extent, clock_hz: u32) -> Result<Program, Failure> {
+        let micros = |name: &str, span: Option<Span>, default: Micros| {
+            let Some(span) = span else { return Ok(default) };
+            span.micros(clock_hz).ok_or_else(|| {
+                let found = span.seconds(clock_hz);
+                Failure::input(format!("--{name}: expected at most 4294 s, found {found} s"))
+            })
+        };
+        let low = |line| self.active_low.contains(&line);
+        Ok(Program {
+            extent,
+            start: if self.start_on_sync {
+                Start::OnSync
+            } else {
+                Start::AtOnce
+            },
+            pace: if self.each_on_sync {
+                Pace::EachOnSync
+            } else {
+                Pace::FreeRunning
+            },
+            polarity: Polarity {
+                proj_active_low: low(Line::Proj),
+                cam_active_low: low(Line::Cam),
+                sync_active_low: low(Line::Sync),
+                strobe_active_low: low(Line::Strobe),
+            },
+            sync_timeout: micros("sync-timeout", self.sync_timeout, Micros(0))?,
+            dead_man: micros("dead-man", self.dead_man, Micros::DEFAULT_DEAD_MAN)?,
+        })
+    }
+}
+
+/// What the records say.
+#[derive(Default)]
+struct Tally {
+    file: Option<RecordFile>,
+    records: u64,
+    strobes: u64,
+    flags: BTreeMap<String, u64>,
+}
+
+impl Tally {
+    fn take(&mut self, event: Option<&Event>) -> Result<(), Failure> {
+        let Some(Event::Records { records, .. }) = event else {
+            return Ok(());
+        };
+        for record in records {
+            self.add(record)?;
+        }
+        Ok(())
+    }
+
+    fn add(&mut self, record: &StepRecord) -> Result<(), Failure> {
+        self.records += 1;
+        self.strobes += u64::from(record.strobe.is_some());
+        for name in flag_names(record.flags) {
+            *self.flags.entry(name).or_default() += 1;
+        }
+        if let Some(file) = &mut self.file {
+            file.write(record)?;
+        }
+        Ok(())
+    }
+}
+
+pub(super) fn run(args: &Args, rig: &Rig, device: &mut TriggerBox, output: &Output) -> Done {
+    let clock_hz = device.info().clock_hz;
+    let (steps, count) = args.steps(rig, clock_hz)?;
+    let cycles = count / steps.len() as u32;
+    let extent = if args.stream {
+        Extent::Stream
+    } else {
+        Extent::Table {
+            steps: steps.len() as u32,
+            cycles,
+        }
+    };
+    let program = args.program(extent, clock_hz)?;
+    let mut tally = Tally {
+        file: args.records.as_deref().map(RecordFile::create).transpose()?,
+        ..Tally::default()
+    };
+    let ending = if args.stream {
+        let stream = steps.iter().copied().cycle().take(count as usize);
+        device.stream(&program, stream, |event| tally.take(event))?
+    } else {
+        device.play(&program, &steps, |event| tally.take(event))?
+    };
+    if let Some(file) = tally.file.take() {
+        file.finish()?;
+    }
+    let status = device.status()?;
+    let duration_s = ending.at.map_or(0.0, |at| at.0 as f64 / f64::from(clock_hz));
+    let mut value = status_value(&status, clock_hz);
+    value["records"] = json!(tally.records);
+    value["strobes"] = json!(tally.strobes);
+    value["flags"] = json!(tally.flags);
+    value["period_ticks"] = json!(steps[0].period.0);
+    value["duration_s"] = json!(duration_s);
+    if let (State::Fault, Some(fault)) = (ending.state, ending.fault) {
+        let done = ending.steps_done;
+        let port = rcg::link::Link::peer(device.link());
+        let error =
+            anyhow::anyhow!("port {port}: expected {count} steps, found an end after {done}: {fault}");
+        return Err(Failure::Partly(error, value));
+    }
+    output.print(&value, || {
+        let flags: Vec<String> = tally
+            .flags
+            .iter()
+            .map(|(name, count)| format!("{count} {name}"))
+            .collect();
+        table(&[
+            ("state", ending.state.to_string()),
+            ("steps", format!("{} of {count}", ending.steps_done)),
+            ("duration", format!("{duration_s:.6} s")),
+            (
+                "records",
+                format!("{}, {} with a strobe", tally.records, tally.strobes),
+            ),
+            (
+                "flags",
+                if flags.is_empty() {
+                    "none".to_owned()
+                } else {
+                    flags.join(", ")
+                },
+            ),
+        ])
+    })
+}

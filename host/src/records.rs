@@ -1,0 +1,170 @@
+//! Step records as lines of a file, for people and other programs.
+//!
+//! CSV with a header line, or where the name ends in `.jsonl` one JSON object a line. Columns: `step` (from 0),
+//! `trigger_ticks` (from the start of the run), `strobe_delay_ticks` (from the trigger) and `strobe_width_ticks` (empty
+//! or null where STROBE stayed at rest), `flags` (names with a blank between them).
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write as _};
+use std::path::{Path, PathBuf};
+
+use rcg_protocol::{StepFlags, StepRecord};
+use serde_json::json;
+
+/// A file of step records that cannot be written.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: expected a file that can be written, found: {source}", path.display())]
+pub struct RecordsError {
+    path: PathBuf,
+    source: io::Error,
+}
+
+/// A file of step records.
+#[derive(Debug)]
+pub struct RecordFile {
+    path: PathBuf,
+    out: BufWriter<File>,
+    json: bool,
+}
+
+impl RecordFile {
+    /// Creates the file, or empties it.
+    ///
+    /// # Errors
+    /// [`RecordsError`].
+    pub fn create(path: &Path) -> Result<Self, RecordsError> {
+        let failed = |source| RecordsError {
+            path: path.to_owned(),
+            source,
+        };
+        let mut out = BufWriter::new(File::create(path).map_err(failed)?);
+        let json = path.extension().is_some_and(|extension| extension == "jsonl");
+        if !json {
+            let header = "step,trigger_ticks,strobe_delay_ticks,strobe_width_ticks,flags";
+            writeln!(out, "{header}").map_err(failed)?;
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            out,
+            json,
+        })
+    }
+
+    /// Adds a record.
+    ///
+    /// # Errors
+    /// [`RecordsError`].
+    pub fn write(&mut self, record: &StepRecord) -> Result<(), RecordsError> {
+        let (step, trigger) = (record.step.0, record.trigger.0);
+        let flags = flag_names(record.flags).join(" ");
+        let (delay, width) = record
+            .strobe
+            .map(|strobe| (strobe.delay.0, strobe.width.0))
+            .unzip();
+        let written = if self.json {
+            let line = json!({
+                "step": step, "trigger_ticks": trigger,
+                "strobe_delay_ticks": delay, "strobe_width_ticks": width, "flags": flags,
+            });
+            writeln!(self.out, "{line}")
+        } else {
+            let cell = |ticks: Option<u64>| ticks.map_or(String::new(), |ticks| ticks.to_string());
+            writeln!(
+                self.out,
+                "{step},{trigger},{},{},{flags}",
+                cell(delay),
+                cell(width)
+            )
+        };
+        self.checked(written)
+    }
+
+    /// Writes what is still in memory.
+    ///
+    /// # Errors
+    /// [`RecordsError`].
+    pub fn finish(mut self) -> Result<(), RecordsError> {
+        let flushed = self.out.flush();
+        self.checked(flushed)
+    }
+
+    fn checked(&self, result: io::Result<()>) -> Result<(), RecordsError> {
+        result.map_err(|source| RecordsError {
+            path: self.path.clone(),
+            source,
+        })
+    }
+}
+
+/// The names of what is set; a bit without a name has its value.
+#[must_use]
+pub fn flag_names(flags: StepFlags) -> Vec<String> {
+    (0..8)
+        .map(|bit| StepFlags(1 << bit))
+        .filter(|&flag| flags.contains(flag))
+        .map(|flag| match flag {
+            StepFlags::MISSED => "missed".to_owned(),
+            StepFlags::DOUBLE => "double".to_owned(),
+            StepFlags::NO_TRIGGER => "no-trigger".to_owned(),
+            StepFlags::OVERRUN => "overrun".to_owned(),
+            StepFlags(other) => format!("flag-{other}"),
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use rcg_protocol::{StepId, Strobe, Ticks};
+
+    use super::*;
+
+    #[test]
+    fn lines_say_what_the_records_say() {
+        let dir = tempfile::tempdir().unwrap();
+        let records = [
+            StepRecord {
+                step: StepId(0),
+                trigger: Ticks(4_162_500),
+                strobe: Some(Strobe {
+                    delay: Ticks(625),
+                    width: Ticks(1_250_000),
+                }),
+                flags: StepFlags::default(),
+            },
+            StepRecord {
+                step: StepId(1),
+                trigger: Ticks(9_000_000_000),
+                strobe: None,
+                flags: StepFlags::MISSED.with(StepFlags(64)),
+            },
+        ];
+        let write = |name: &str| {
+            let path = dir.path().join(name);
+            let mut file = RecordFile::create(&path).unwrap();
+            for record in &records {
+                file.write(record).unwrap();
+            }
+            file.finish().unwrap();
+            std::fs::read_to_string(path).unwrap()
+        };
+        assert_eq!(
+            write("r.csv"),
+            "step,trigger_ticks,strobe_delay_ticks,strobe_width_ticks,flags\n\
+             0,4162500,625,1250000,\n1,9000000000,,,missed flag-64\n"
+        );
+        let lines = write("r.jsonl");
+        let lines: Vec<serde_json::Value> = lines
+            .lines()
+            .map(|line| serde_json::from_str(line).unwrap())
+            .collect();
+        assert_eq!(lines[0]["strobe_width_ticks"], 1_250_000);
+        assert_eq!(lines[1]["strobe_delay_ticks"], serde_json::Value::Null);
+        assert_eq!(lines[1]["flags"], "missed flag-64");
+        let nowhere = dir.path().join("no/such/place.csv");
+        let sentence = RecordFile::create(&nowhere).unwrap_err().to_string();
+        assert!(
+            sentence.contains("place.csv: expected a file that can be written"),
+            "{sentence}"
+        );
+    }
+}

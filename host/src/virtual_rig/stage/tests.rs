@@ -1,0 +1,160 @@
+//! Edges in, exposures out, by hand.
+
+use super::*;
+use crate::virtual_rig::Noise;
+
+const CLOCK_HZ: u32 = 125_000_000;
+
+fn light(irradiance: f64) -> Light {
+    Light {
+        irradiance,
+        ..Light::DARK
+    }
+}
+
+/// A stage with patterns of irradiance 1, 2, 3 …; settling 33.3 ms, camera delay 5 µs, read-out 26 ms.
+fn stage() -> Stage {
+    let behaviour = Behaviour {
+        noise: Noise::Off,
+        seed: 1,
+        mischief: Mischief::default(),
+    };
+    let mut stage = Stage::new(&Rig::load("rcg-1").unwrap(), behaviour, CLOCK_HZ);
+    for index in 1..=4 {
+        stage.load_pattern(&[index], light(f64::from(index)));
+    }
+    stage.arm_camera();
+    stage
+}
+
+fn ticks(at_s: f64) -> Ticks {
+    Ticks((at_s * f64::from(CLOCK_HZ)).round() as u64)
+}
+
+fn pulse(stage: &mut Stage, line: Line, at_s: f64, width_s: f64) -> [Option<StrobeEdge>; 2] {
+    [
+        stage.edge(line, Level::Active, ticks(at_s)),
+        stage.edge(line, Level::Inactive, ticks(at_s + width_s)),
+    ]
+}
+
+fn seen(shots: &[Shot]) -> Vec<Vec<(f64, f64)>> {
+    let one = |shot: &Shot| {
+        shot.seen
+            .iter()
+            .map(|(light, s)| (light.irradiance, (s * 1e6).round()))
+            .collect()
+    };
+    shots.iter().map(one).collect()
+}
+
+#[test]
+fn a_trigger_in_time_sees_one_pattern_and_strobes_for_its_exposure() {
+    let mut stage = stage();
+    pulse(&mut stage, Line::Proj, 0.0, 5e-6);
+    let [on, off] = pulse(&mut stage, Line::Cam, 0.0333, 0.01).map(Option::unwrap);
+    assert!(on.active && !off.active);
+    assert_eq!((on.at, off.at), (ticks(0.033_305), ticks(0.043_305)));
+    assert_eq!(seen(&stage.take_shots(usize::MAX)), [[(1.0, 10_000.0)]]);
+}
+
+#[test]
+fn an_early_trigger_straddles_two_patterns() {
+    let mut stage = stage();
+    pulse(&mut stage, Line::Proj, 0.0, 5e-6);
+    pulse(&mut stage, Line::Proj, 0.1, 5e-6);
+    // Pattern 2 is stable at 133.3 ms: 4 ms of this exposure come before.
+    pulse(&mut stage, Line::Cam, 0.1293 - 5e-6, 0.01);
+    assert_eq!(
+        seen(&stage.take_shots(usize::MAX)),
+        [[(1.0, 4_000.0), (2.0, 6_000.0)]]
+    );
+}
+
+#[test]
+fn before_the_first_pattern_and_after_the_last_it_is_dark() {
+    let mut stage = stage();
+    pulse(&mut stage, Line::Cam, 0.0, 0.01);
+    for step in 0..5 {
+        pulse(&mut stage, Line::Proj, 0.1 * f64::from(step + 1), 5e-6);
+    }
+    pulse(&mut stage, Line::Cam, 0.6, 0.01);
+    assert_eq!(seen(&stage.take_shots(usize::MAX)), [[], []]);
+}
+
+#[test]
+fn a_busy_camera_ignores_its_trigger_and_numbers_on() {
+    let mut stage = stage();
+    assert!(pulse(&mut stage, Line::Cam, 0.0, 0.01)[0].is_some());
+    assert_eq!(pulse(&mut stage, Line::Cam, 0.02, 0.01), [None, None]);
+    assert!(pulse(&mut stage, Line::Cam, 0.0361, 0.01)[0].is_some());
+    let ids: Vec<u64> = stage.take_shots(usize::MAX).iter().map(|shot| shot.id).collect();
+    assert_eq!(ids, [0, 1]);
+}
+
+#[test]
+fn chance_is_the_same_for_the_same_patterns_and_another_for_a_repetition() {
+    let seeds = |stage: &mut Stage| -> Vec<u64> {
+        for shot in 0..3 {
+            pulse(stage, Line::Cam, 0.1 * f64::from(shot), 0.01);
+        }
+        stage
+            .take_shots(usize::MAX)
+            .iter()
+            .map(|shot| shot.seed)
+            .collect()
+    };
+    let (mut first, mut second) = (stage(), stage());
+    let drawn = seeds(&mut first);
+    assert_eq!(drawn, seeds(&mut second));
+    first.busy_until = Ticks::ZERO;
+    first.arm_camera();
+    assert!(seeds(&mut first).iter().all(|seed| !drawn.contains(seed)));
+}
+
+#[test]
+fn images_do_not_know_when_their_run_began() {
+    // An exposure of an odd number of ticks over two patterns, with a third of the triggers missed.
+    let shots = |start: u64| {
+        let mut stage = stage();
+        stage.behaviour.mischief.missed_triggers = 0.3;
+        let mut shots = Vec::new();
+        for step in 0..12 {
+            let at = |offset: u64| Ticks(start + step * 11_574_999 + offset);
+            let mut edge = |line, level, offset| stage.edge(line, level, at(offset));
+            edge(Line::Proj, Level::Active, 0);
+            edge(Line::Proj, Level::Inactive, 625);
+            edge(Line::Cam, Level::Active, 3_999_997);
+            edge(Line::Cam, Level::Inactive, 4_999_998);
+        }
+        for shot in stage.take_shots(usize::MAX) {
+            let seen: Vec<_> = shot.seen.iter().map(|(light, s)| (*light, s.to_bits())).collect();
+            shots.push((shot.id, shot.seed, shot.exposure_s.to_bits(), seen));
+        }
+        shots
+    };
+    let first = shots(0);
+    assert!(first.len() < 12 && first.iter().any(|shot| shot.3.len() == 2));
+    for start in [1, 7_654_321, 125_000_000_003, (1 << 50) + 1] {
+        assert_eq!(shots(start), first, "from tick {start}");
+    }
+}
+
+#[test]
+fn a_rounded_schedule_never_meets_a_busy_camera() {
+    let mut rig = Rig::load("rcg-1").unwrap();
+    (rig.projector.settle_s, rig.camera.exposure_delay_s) = (0.0, 0.0);
+    for n in 0..64 {
+        // Half a tick each is the worst: 4 ns.
+        let (readout_ns, exposure_ns) = (26_000_000 + n, 10_000_000 + n / 8);
+        rig.camera.readout_s = f64::from(readout_ns) / 1e9;
+        let timing = crate::schedule::Timing::new(&rig, f64::from(exposure_ns) / 1e9).unwrap();
+        let step = timing.step(CLOCK_HZ);
+        let mut stage = Stage::new(&rig, stage().behaviour, CLOCK_HZ);
+        for start in [Ticks(3), Ticks(3) + step.period] {
+            let opened = stage.edge(Line::Cam, Level::Active, start + step.cam.at);
+            assert!(opened.is_some(), "{readout_ns} ns of read-out, {exposure_ns} ns");
+            stage.edge(Line::Cam, Level::Inactive, start + step.cam.at + step.cam.width);
+        }
+    }
+}
