@@ -1,0 +1,2 @@
+//! TODO
+crate::trials!("safety": );
