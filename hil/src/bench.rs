@@ -1,5 +1,6 @@
 //! One device under test with the host's client connected to it, for one trial.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -89,6 +90,7 @@ pub struct Bench {
     /// The host's client.
     pub device: Device<Port>,
     pico: Option<SharedPico>,
+    image: Option<PathBuf>,
     link: LinkKind,
     trial: String,
     figures: Arc<Figures>,
@@ -120,6 +122,7 @@ impl Bench {
             let mut bench = Self {
                 device: Device::connect(port, nonce, Patience::default())?,
                 pico: pico.clone(),
+                image: image.clone(),
                 link,
                 trial: trial.to_owned(),
                 figures: Arc::clone(figures),
@@ -147,6 +150,12 @@ impl Bench {
     #[must_use]
     pub const fn emulated(&self) -> Option<&SharedPico> {
         self.pico.as_ref()
+    }
+
+    /// The ELF file that the emulated Pico runs.
+    #[must_use]
+    pub fn image(&self) -> Option<PathBuf> {
+        self.image.clone()
     }
 
     /// Which link the host is at.

@@ -131,6 +131,53 @@ pub fn compare(expected: &[Edge], found: &[Edge]) -> Result<Comparison, Differen
     Ok(comparison)
 }
 
+/// Where a run was cut: the cycles at which the first and the last of its lines came to rest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cut {
+    /// The first line.
+    pub first: u64,
+    /// The last line.
+    pub last: u64,
+}
+
+/// Holds the output edges among `found` against a run that was cut: each edge up to the cut is where it was expected,
+/// at the cut those lines (active high) fall that are high, and nothing follows. If both were low already, the cut is
+/// their last edge.
+///
+/// # Errors
+/// [`Difference`], the first one.
+pub fn cut(expected: &[Edge], found: &[Edge]) -> Result<Cut, Difference> {
+    let mut found = outputs(found);
+    found.sort_unstable();
+    let same = expected.iter().zip(&found).take_while(|(a, b)| a == b).count();
+    let mut high: Vec<Line> = Vec::new();
+    for edge in &found[..same] {
+        high.retain(|&line| line != edge.line);
+        if edge.high {
+            high.push(edge.line);
+        }
+    }
+    let last = found.last().map_or(0, |edge| edge.at);
+    let first = found.get(same).map_or(last, |edge| edge.at);
+    let too_late = expected.get(same).is_some_and(|next| next.at < first);
+    let difference = |index: usize| Difference {
+        index,
+        expected: expected.get(index).copied(),
+        found: found.get(index).copied(),
+    };
+    for (index, edge) in found.iter().enumerate().skip(same) {
+        if edge.high || !high.contains(&edge.line) || too_late {
+            return Err(difference(index));
+        }
+        high.retain(|&line| line != edge.line);
+    }
+    if high.is_empty() {
+        Ok(Cut { first, last })
+    } else {
+        Err(difference(found.len()))
+    }
+}
+
 /// The edges of PROJ and CAM.
 #[must_use]
 pub fn outputs(edges: &[Edge]) -> Vec<Edge> {
@@ -228,6 +275,32 @@ mod tests {
                 assert_eq!(compare(&trace(), &found).unwrap().jitter, 1, "edge {index}");
             }
         }
+    }
+
+    #[test]
+    fn a_run_that_is_cut_ends_low() {
+        let expected = trace();
+        let falls = |at, line| Edge { at, line, high: false };
+        // CAM is high from 1120 to 1150.
+        let mut found = expected[..7].to_vec();
+        found.push(falls(1130, Line::Cam));
+        let at = |cycle| {
+            Ok(Cut {
+                first: cycle,
+                last: cycle,
+            })
+        };
+        assert_eq!(cut(&expected, &found), at(1130));
+        assert_eq!(cut(&expected, &expected[..8]), at(1150), "both were low when it was cut");
+        assert!(cut(&expected, &expected[..7]).is_err(), "CAM stays high");
+        found[4].at += 1;
+        assert_eq!(cut(&expected, &found).unwrap_err().index, 4, "an edge before the cut moved");
+        found[4].at -= 1;
+        found[7].at = 1170;
+        assert!(cut(&expected, &found).is_err(), "CAM fell too late for the schedule");
+        found[7].at = 1130;
+        found.push(expected[8]);
+        assert!(cut(&expected, &found).is_err(), "it went on");
     }
 
     #[test]

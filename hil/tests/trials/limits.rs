@@ -8,12 +8,13 @@ use rcg_hil::trace;
 use rcg_protocol::{Fault, Line, Pulse, State, Step, Ticks};
 
 use crate::runs::{check_edges, fire, follow, load, take_edges};
-use crate::steps::table;
+use crate::steps::{solid, table};
 
 crate::trials!("limits":
     shortest_pulse_and_resolution [Edges],
     too_close_is_refused [],
     shortest_period_of_a_table [Edges],
+    long_steps_ending_with_a_pulse [Edges],
     longest_period [Edges],
 );
 
@@ -111,6 +112,17 @@ fn shortest_period_of_a_table(bench: &mut Bench) -> Outcome {
     bench
         .figure("shortest sustained period, table", shortest_us, "µs", Limit::AtMost(1.0))
         .map_err(|beyond| format!("{}; next: {failure}", beyond.message().unwrap_or_default()).into())
+}
+
+/// Steps of 10 ms, of two words each, the last one as short as can be: nothing is left to the engine to prefetch.
+fn long_steps_ending_with_a_pulse(bench: &mut Bench) -> Outcome {
+    let info = bench.device.info();
+    let step = solid(u64::from(info.clock_hz / 100), u64::from(info.shortest_free));
+    let program = table(&[step], 10);
+    load(bench, &program, &[step])?;
+    let run = fire(bench)?;
+    follow(bench, run, PATIENCE)?.expect(State::Done, None, 10)?;
+    check_edges(bench, &program, [step; 10], &take_edges(bench))
 }
 
 /// One step of a minute, exact to the tick.

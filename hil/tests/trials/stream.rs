@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use rcg_hil::bench::{Bench, Outcome};
 use rcg_hil::figures::Limit;
-use rcg_protocol::{Fault, Program, STEPS_PER_APPEND, State, Step, StepId};
+use rcg_protocol::{Fault, Program, RunId, STEPS_PER_APPEND, State, Step, StepId};
 
 use crate::runs::{Heard, Result, check_edges, fire, follow, free_run_at_first_edge, listen, take_edges};
 use crate::steps::{plain, random, solid, stream};
@@ -28,15 +28,22 @@ fn play(bench: &mut Bench, program: &Program, steps: &[Step]) -> Result<Heard> {
         let batch = steps[sent..].len().min(STEPS_PER_APPEND);
         if batch > 0 && room >= batch {
             let last = sent + batch == steps.len();
-            room = bench.device.append(sent as u64, &steps[sent..sent + batch], last)? as usize;
-            sent += batch;
+            match bench.device.append(sent as u64, &steps[sent..sent + batch], last) {
+                Ok(left) => {
+                    room = left as usize;
+                    sent += batch;
+                }
+                // Steps of more words than usual take more room than was promised.
+                Err(error) if matches!(error.fault(), Some(Fault::StreamFull { .. })) => room = 0,
+                Err(error) => ensure_over(error.fault(), bench, run, &mut heard)?,
+            }
         } else if run.is_none() {
             run = Some(fire(bench)?);
         } else {
             // It is full, or everything was sent: a batch of steps later things have changed.
             bench.silence(Duration::from_micros(500))?;
             if sent < steps.len() {
-                room = bench.device.append(sent as u64, &[], false)? as usize;
+                room = STEPS_PER_APPEND; // worth a try
             }
         }
         if let Some(run) = run {
@@ -44,6 +51,19 @@ fn play(bench: &mut Bench, program: &Program, steps: &[Step]) -> Result<Heard> {
         }
     }
     Ok(heard)
+}
+
+/// Hears of the end of the run, if `fault` says that there is none any more.
+fn ensure_over(fault: Option<Fault>, bench: &mut Bench, run: Option<RunId>, heard: &mut Heard) -> Outcome {
+    if let (Some(Fault::Refused { .. }), Some(run)) = (fault, run) {
+        bench.silence(Duration::from_millis(50))?;
+        listen(bench, run, heard)?;
+    }
+    if heard.ending.is_some() {
+        Ok(())
+    } else {
+        Err(format!("the steps were refused: {fault:?}").into())
+    }
 }
 
 /// 8,192 steps, twice what a table holds: the length of a stream is not limited.
