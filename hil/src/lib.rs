@@ -1,4 +1,19 @@
-//! The real firmware binary of the RCG under test.
+//! The real firmware binary of the RCG under test: what is flashed is what is tested.
 //!
-//! What is tested here is the ELF file that would be flashed. So far its image is checked; running it is the
-//! next step, see the README beside this.
+//! # Design
+//! A *device under test* ([`dut`]) is an emulated Pico or a board. A [`bench::Bench`] has one connected, with the
+//! same client that the host's command uses; the trials (`tests/trials`) ask the bench for what they need and are
+//! ignored, with the reason, where a device cannot give it. The emulated Pico runs in virtual time: requests, time-outs
+//! and the dead-man switch are all counted in its cycles, so every trial gives the same trace each time.
+//!
+//! Every figure that a trial finds goes into [`figures`] together with its limit, is checked there, and is printed.
+
+pub mod bench;
+pub mod dut;
+pub mod emulator;
+pub mod figures;
+pub mod image;
+pub mod log;
+pub mod pico;
+pub mod places;
+pub mod trace;

@@ -1,0 +1,62 @@
+//! 32,400 steps at 9,523 Hz while the link is busy: every edge on its tick, every strobe paired.
+
+use rcg_hil::bench::{Bench, Outcome};
+use rcg_hil::dut::LinkKind;
+use rcg_hil::figures::Limit;
+use rcg_protocol::{State, Step};
+
+use crate::runs::{check_edges, check_pairing, fire, follow_pinging, load, take_edges, wire_strobe};
+use crate::steps::{STEPS, bracket, period, plain, random, table};
+
+crate::trials!("timing":
+    plain_32400 [CamStrobe],
+    brackets_32400 [CamStrobe],
+    random_32400 [CamStrobe],
+    paired_at_4_khz [CamStrobe],
+);
+
+fn plain_32400(bench: &mut Bench) -> Outcome {
+    let step = plain(period(bench.device.info().clock_hz));
+    play(bench, &[step], STEPS)
+}
+
+fn brackets_32400(bench: &mut Bench) -> Outcome {
+    let steps = bracket(period(bench.device.info().clock_hz));
+    play(bench, &steps, STEPS / 3)
+}
+
+fn random_32400(bench: &mut Bench) -> Outcome {
+    // As many different ones as the table has words for, five each.
+    let steps = random(3_240, period(bench.device.info().clock_hz), 20);
+    play(bench, &steps, STEPS / 3_240)
+}
+
+/// What a UART carries without losing a record.
+fn paired_at_4_khz(bench: &mut Bench) -> Outcome {
+    let step = plain(u64::from(bench.device.info().clock_hz / 4_000));
+    play(bench, &[step], 4_000)
+}
+
+/// Plays `steps` `cycles` times while the host pings as fast as it is answered.
+fn play(bench: &mut Bench, steps: &[Step], cycles: u64) -> Outcome {
+    let program = table(steps, cycles);
+    let total = steps.len() as u64 * cycles;
+    let all = || std::iter::repeat_n(steps, cycles as usize).flatten().copied();
+    load(bench, &program, steps)?;
+    wire_strobe(bench)?;
+    let lost_before = bench.device.status()?.counters.records_lost;
+    let run = fire(bench)?;
+    let heard = follow_pinging(bench, run)?;
+    heard.expect(State::Done, None, total)?;
+    bench.figure("steps", total, "steps", Limit::Reported)?;
+    check_edges(bench, &program, all(), &take_edges(bench))?;
+    bench.figure("pings answered meanwhile", heard.pings, "pings", Limit::AtLeast(100.0))?;
+    let lost = bench.device.status()?.counters.records_lost - lost_before;
+    let accounted = heard.records.len() as u64 + u64::from(lost);
+    bench.figure("records received or counted as lost", accounted, "records", Limit::Exactly(total as f64))?;
+    if lost > 0 && bench.link() == LinkKind::Uart {
+        // 92 kB/s do not carry the 130 kB/s of 9,523 records.
+        return bench.figure("records lost to the UART's speed", lost, "records", Limit::Reported);
+    }
+    check_pairing(bench, all(), &heard.records)
+}
