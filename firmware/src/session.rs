@@ -30,6 +30,8 @@ const OUTBOX: usize = 16;
 const RESERVED: usize = 4;
 /// Step records wait at most this long for their batch to fill.
 const FLUSH_AFTER_MS: u64 = 20;
+/// From one poll to the next, and until the outputs have followed.
+const LATENESS_US: u64 = 1_500;
 /// A stream reports room again when this many steps were played.
 const ROOM_EVERY: u64 = 64;
 
@@ -415,14 +417,16 @@ impl Session {
         }
     }
 
-    /// To be called every few milliseconds: the dead-man time-out, and batches that have waited too long.
+    /// To be called every millisecond: the dead-man time-out, and batches that have waited too long.
     pub fn poll(&mut self, now: Ticks) {
         let dead_man = self
             .sequencer
             .program()
             .map_or(Ticks::ZERO, |p| p.dead_man.to_ticks(self.clock_hz));
         let silent = now.saturating_sub(self.last_heard);
-        if dead_man > Ticks::ZERO && silent > dead_man && self.sequencer.fail(Fault::HostLost) {
+        // The outputs have to be low within the time that was set, and the next poll would be too late.
+        let early = Ticks(LATENESS_US * u64::from(self.clock_hz / 1_000_000)).min(Ticks(dead_man.0 / 8));
+        if dead_man > Ticks::ZERO && silent + early > dead_man && self.sequencer.fail(Fault::HostLost) {
             self.halt();
         }
         let flush_after = Ticks(FLUSH_AFTER_MS * u64::from(self.clock_hz) / 1000);

@@ -143,7 +143,9 @@ impl Bench {
     /// On a board: the trial should have said what it needs.
     #[must_use]
     pub fn pico(&self) -> &SharedPico {
-        self.pico.as_ref().expect("the trial needs something that only the emulator has")
+        self.pico
+            .as_ref()
+            .expect("the trial needs something that only the emulator has")
     }
 
     /// The emulated Pico, if it is one.
@@ -184,27 +186,35 @@ impl Bench {
     /// # Errors
     /// If it is beyond its limit.
     pub fn figure(&self, name: &str, value: impl IntoFigure, unit: &'static str, limit: Limit) -> Outcome {
-        self.figures.record(&self.trial, name, value.into_figure(), unit, limit)?;
+        self.figures
+            .record(&self.trial, name, value.into_figure(), unit, limit)?;
         Ok(())
     }
 }
 
 /// A number that can be a figure.
 pub trait IntoFigure {
-    /// As a figure.
+    /// As a figure, exact up to 2⁵³.
     fn into_figure(self) -> f64;
 }
 
-macro_rules! into_figure {
-    ($($number:ty)*) => {$(
-        impl IntoFigure for $number {
-            fn into_figure(self) -> f64 {
-                self as f64
-            }
-        }
-    )*};
+impl IntoFigure for u32 {
+    fn into_figure(self) -> f64 {
+        f64::from(self)
+    }
 }
-into_figure!(u32 u64 usize);
+
+impl IntoFigure for u64 {
+    fn into_figure(self) -> f64 {
+        self as f64
+    }
+}
+
+impl IntoFigure for usize {
+    fn into_figure(self) -> f64 {
+        self as f64
+    }
+}
 
 impl IntoFigure for f64 {
     fn into_figure(self) -> f64 {

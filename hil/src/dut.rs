@@ -135,7 +135,9 @@ impl Dut {
         let file = |name: &str| Self::read(&places::duts().join(name));
         match env::var("HIL_DUT") {
             Err(_) => Ok(vec![file("emulator-uart.toml")?, file("emulator-usb.toml")?]),
-            Ok(path) if path.ends_with(".toml") => Ok(vec![Self::read(Path::new(&path))?]),
+            Ok(path) if Path::new(&path).extension().is_some_and(|ext| ext == "toml") => {
+                Ok(vec![Self::read(Path::new(&path))?])
+            }
             Ok(port) => {
                 let mut dut = file("board.toml")?;
                 if let Kind::Board(board) = &mut dut.kind {
@@ -159,7 +161,10 @@ impl Dut {
         } else if !places::emulator_modules().is_dir() {
             Some("needs the emulator's packages: `npm ci` in hil/emulator".to_owned())
         } else if !image.is_file() {
-            Some(format!("no firmware image at {}; `cargo fw` builds it", image.display()))
+            Some(format!(
+                "no firmware image at {}; `cargo fw` builds it",
+                image.display()
+            ))
         } else {
             None
         }

@@ -372,7 +372,11 @@ const fn line(gpio: u64) -> Option<Line> {
 }
 
 fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+    use std::fmt::Write as _;
+    bytes.iter().fold(String::new(), |mut hex, byte| {
+        write!(hex, "{byte:02x}").expect("a string takes everything");
+        hex
+    })
 }
 
 fn bytes(hex: &str) -> Option<Vec<u8>> {

@@ -131,7 +131,11 @@ impl Figures {
             last = &figure.trial;
             let value = number(figure.value);
             let limit = figure.limit.to_string();
-            let mark = if figure.holds { "" } else { "  <-- beyond its limit" };
+            let mark = if figure.holds {
+                ""
+            } else {
+                "  <-- beyond its limit"
+            };
             writeln!(
                 table,
                 "{trial:trial_width$}  {:name_width$}  {value:>value_width$} {:8} {limit}{mark}",
@@ -157,7 +161,9 @@ fn number(value: f64) -> String {
     let text = format!("{value:.3}");
     let (whole, fraction) = text.split_once('.').unwrap_or((&text, ""));
     let fraction = fraction.trim_end_matches('0');
-    let (sign, digits) = whole.strip_prefix('-').map_or(("", whole), |digits| ("-", digits));
+    let (sign, digits) = whole
+        .strip_prefix('-')
+        .map_or(("", whole), |digits| ("-", digits));
     let mut number = sign.to_owned();
     for (index, digit) in digits.chars().enumerate() {
         if index > 0 && (digits.len() - index).is_multiple_of(3) {
@@ -187,7 +193,9 @@ mod tests {
     #[test]
     fn a_figure_beyond_its_limit_is_an_error_and_is_marked() {
         let figures = Figures::default();
-        figures.record("a", "jitter", 0.0, "ticks", Limit::Exactly(0.0)).unwrap();
+        figures
+            .record("a", "jitter", 0.0, "ticks", Limit::Exactly(0.0))
+            .unwrap();
         let error = figures
             .record("b", "jitter", 1.0, "ticks", Limit::Exactly(0.0))
             .unwrap_err();

@@ -63,7 +63,9 @@ impl Image {
     #[must_use]
     pub fn flash(&self, at: u64, length: u64) -> Vec<u8> {
         let segments = self.file();
-        let mut data = segments.segments().filter_map(|s| s.data_range(at, length).ok().flatten());
+        let mut data = segments
+            .segments()
+            .filter_map(|s| s.data_range(at, length).ok().flatten());
         data.next().unwrap_or_default().to_vec()
     }
 
@@ -76,7 +78,15 @@ impl Image {
     /// Bytes in flash: code, constants and the first values of variables.
     #[must_use]
     pub fn flash_bytes(&self) -> u64 {
-        self.size(&[".boot2", ".start_block", ".vector_table", ".text", ".rodata", ".data", ".end_block"])
+        self.size(&[
+            ".boot2",
+            ".start_block",
+            ".vector_table",
+            ".text",
+            ".rodata",
+            ".data",
+            ".end_block",
+        ])
     }
 
     /// Bytes of static variables in RAM; what is left is for the stack.
@@ -87,7 +97,9 @@ impl Image {
 
     fn size(&self, names: &[&str]) -> u64 {
         let file = self.file();
-        let sections = file.sections().filter(|s| s.name().is_ok_and(|name| names.contains(&name)));
+        let sections = file
+            .sections()
+            .filter(|s| s.name().is_ok_and(|name| names.contains(&name)));
         sections.map(|section| section.size()).sum()
     }
 
@@ -95,7 +107,9 @@ impl Image {
     #[must_use]
     pub fn function(&self, part: &str) -> Option<u32> {
         let file = self.file();
-        let mut symbols = file.symbols().filter(|s| s.name().is_ok_and(|name| name.contains(part)));
+        let mut symbols = file
+            .symbols()
+            .filter(|s| s.name().is_ok_and(|name| name.contains(part)));
         symbols.next().map(|symbol| symbol.address() as u32)
     }
 }

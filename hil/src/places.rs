@@ -26,7 +26,10 @@ pub fn duts() -> PathBuf {
 /// The workspace.
 #[must_use]
 pub fn workspace() -> PathBuf {
-    Path::new(CRATE).parent().expect("the crate lies in the workspace").to_owned()
+    Path::new(CRATE)
+        .parent()
+        .expect("the crate lies in the workspace")
+        .to_owned()
 }
 
 /// Cargo's output directory.

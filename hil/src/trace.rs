@@ -217,7 +217,9 @@ mod tests {
         let at: Vec<u64> = edges.iter().map(|edge| edge.at).collect();
         assert_eq!(
             at,
-            [1000, 1010, 1020, 1050, 1100, 1110, 1120, 1150, 1200, 1210, 1220, 1250]
+            [
+                1000, 1010, 1020, 1050, 1100, 1110, 1120, 1150, 1200, 1210, 1220, 1250
+            ]
         );
         assert!(edges[0].high && edges[0].line == Line::Proj);
         assert!(!edges[3].high && edges[3].line == Line::Cam);
@@ -280,7 +282,11 @@ mod tests {
     #[test]
     fn a_run_that_is_cut_ends_low() {
         let expected = trace();
-        let falls = |at, line| Edge { at, line, high: false };
+        let falls = |at, line| Edge {
+            at,
+            line,
+            high: false,
+        };
         // CAM is high from 1120 to 1150.
         let mut found = expected[..7].to_vec();
         found.push(falls(1130, Line::Cam));
@@ -291,13 +297,24 @@ mod tests {
             })
         };
         assert_eq!(cut(&expected, &found), at(1130));
-        assert_eq!(cut(&expected, &expected[..8]), at(1150), "both were low when it was cut");
+        assert_eq!(
+            cut(&expected, &expected[..8]),
+            at(1150),
+            "both were low when it was cut"
+        );
         assert!(cut(&expected, &expected[..7]).is_err(), "CAM stays high");
         found[4].at += 1;
-        assert_eq!(cut(&expected, &found).unwrap_err().index, 4, "an edge before the cut moved");
+        assert_eq!(
+            cut(&expected, &found).unwrap_err().index,
+            4,
+            "an edge before the cut moved"
+        );
         found[4].at -= 1;
         found[7].at = 1170;
-        assert!(cut(&expected, &found).is_err(), "CAM fell too late for the schedule");
+        assert!(
+            cut(&expected, &found).is_err(),
+            "CAM fell too late for the schedule"
+        );
         found[7].at = 1130;
         found.push(expected[8]);
         assert!(cut(&expected, &found).is_err(), "it went on");

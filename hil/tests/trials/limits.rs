@@ -46,12 +46,19 @@ fn shortest_pulse_and_resolution(bench: &mut Bench) -> Outcome {
         .into_iter()
         .flat_map(|line| {
             let of_line: Vec<u64> = edges.iter().filter(|e| e.line == line).map(|e| e.at).collect();
-            of_line.chunks(2).map(|pulse| pulse[1] - pulse[0]).collect::<Vec<_>>()
+            of_line
+                .chunks(2)
+                .map(|pulse| pulse[1] - pulse[0])
+                .collect::<Vec<_>>()
         })
         .collect();
     widths.sort_unstable();
     widths.dedup();
-    let resolution = widths.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or(u64::MAX);
+    let resolution = widths
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .max()
+        .unwrap_or(u64::MAX);
     let tick_ns = 1e9 / f64::from(info.clock_hz);
     bench.figure("shortest pulse", widths[0], "ticks", Limit::AtMost(3.0))?;
     bench.figure("resolution", resolution, "ticks", Limit::Exactly(1.0))?;
@@ -77,7 +84,12 @@ fn too_close_is_refused(bench: &mut Bench) -> Outcome {
     if fault != Some(expected) {
         return Err(format!("expected {expected:?}, found {fault:?}").into());
     }
-    bench.figure("shortest distance reported", shortest, "ticks", Limit::AtMost(3.0))
+    bench.figure(
+        "shortest distance reported",
+        shortest,
+        "ticks",
+        Limit::AtMost(3.0),
+    )
 }
 
 /// Ever shorter steps from a table, each length for 0.1 s, until one does not end well.
@@ -85,7 +97,14 @@ fn shortest_period_of_a_table(bench: &mut Bench) -> Outcome {
     let per_us = u64::from(bench.device.info().clock_hz / 1_000_000);
     let mut shortest = None;
     let mut failure = "none was tried".to_owned();
-    for period in [per_us * 100, per_us * 20, per_us * 10, per_us * 5, per_us * 2, per_us] {
+    for period in [
+        per_us * 100,
+        per_us * 20,
+        per_us * 10,
+        per_us * 5,
+        per_us * 2,
+        per_us,
+    ] {
         let step = Step {
             proj: Pulse::new(0, period / 4),
             cam: Pulse::new(period / 2, period / 4),
@@ -110,7 +129,12 @@ fn shortest_period_of_a_table(bench: &mut Bench) -> Outcome {
     }
     let shortest_us = shortest.map_or(f64::INFINITY, |period| period as f64 / per_us as f64);
     bench
-        .figure("shortest sustained period, table", shortest_us, "µs", Limit::AtMost(1.0))
+        .figure(
+            "shortest sustained period, table",
+            shortest_us,
+            "µs",
+            Limit::AtMost(1.0),
+        )
         .map_err(|beyond| format!("{}; next: {failure}", beyond.message().unwrap_or_default()).into())
 }
 

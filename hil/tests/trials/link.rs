@@ -71,7 +71,9 @@ fn mischief(bench: &mut Bench, rng: &mut Xoshiro256PlusPlus, old: &Old, sent: &m
             bench.device.link_mut().send(&frame)?;
         }
         2 => {
-            let mut noise: Vec<u8> = (0..rng.random_range(1..600)).map(|_| rng.random_range(1..=255)).collect();
+            let mut noise: Vec<u8> = (0..rng.random_range(1..600))
+                .map(|_| rng.random_range(1..=255))
+                .collect();
             noise.push(0);
             sent.corrupt += 1;
             bench.device.link_mut().send(&noise)?;
@@ -114,11 +116,21 @@ fn flood_during_a_run(bench: &mut Bench) -> Outcome {
     asked += 1;
     heard.expect(State::Done, None, STEPS)?;
     check_edges(bench, &program, vec![step; STEPS as usize], &take_edges(bench))?;
-    bench.figure("bad, repeated and old frames", made, "frames", Limit::AtLeast(500.0))?;
+    bench.figure(
+        "bad, repeated and old frames",
+        made,
+        "frames",
+        Limit::AtLeast(500.0),
+    )?;
 
     // Had the client asked anything again, it would count as repeated.
     let frames = bench.device.link().sent().len() - sent_before;
-    bench.figure("frames sent", frames, "frames", Limit::Exactly(f64::from(asked + made)))?;
+    bench.figure(
+        "frames sent",
+        frames,
+        "frames",
+        Limit::Exactly(f64::from(asked + made)),
+    )?;
     check_counters(bench, &status, run, before, asked, &sent)
 }
 
@@ -132,12 +144,37 @@ fn check_counters(
 ) -> Outcome {
     let now = status.counters;
     let exactly = |count: u32| Limit::Exactly(f64::from(count));
-    bench.figure("corrupt frames counted", now.corrupt - before.corrupt, "frames", exactly(sent.corrupt))?;
-    bench.figure("repeated requests counted", now.repeated - before.repeated, "frames", exactly(sent.repeated))?;
-    bench.figure("stale requests counted", now.stale - before.stale, "frames", exactly(sent.stale))?;
-    bench.figure("requests executed", now.executed - before.executed, "frames", exactly(executed))?;
+    bench.figure(
+        "corrupt frames counted",
+        now.corrupt - before.corrupt,
+        "frames",
+        exactly(sent.corrupt),
+    )?;
+    bench.figure(
+        "repeated requests counted",
+        now.repeated - before.repeated,
+        "frames",
+        exactly(sent.repeated),
+    )?;
+    bench.figure(
+        "stale requests counted",
+        now.stale - before.stale,
+        "frames",
+        exactly(sent.stale),
+    )?;
+    bench.figure(
+        "requests executed",
+        now.executed - before.executed,
+        "frames",
+        exactly(executed),
+    )?;
     let sum = now.executed + now.repeated + now.stale;
-    bench.figure("frames = executed + repeated + stale", now.frames, "frames", exactly(sum))?;
+    bench.figure(
+        "frames = executed + repeated + stale",
+        now.frames,
+        "frames",
+        exactly(sum),
+    )?;
     if status.run != run {
         return Err(format!("another run was armed meanwhile: {status:?}").into());
     }

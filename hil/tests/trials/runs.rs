@@ -45,7 +45,8 @@ impl Heard {
 
     /// The end of the run, which must have been heard of.
     pub(crate) fn ending(&self) -> Result<Ending> {
-        self.ending.ok_or_else(|| "the end of the run was not heard of".into())
+        self.ending
+            .ok_or_else(|| "the end of the run was not heard of".into())
     }
 
     /// Fails unless the run ended as `state`, for the reason `fault`, after `steps` whole steps.
@@ -82,7 +83,10 @@ pub(crate) fn fire(bench: &mut Bench) -> Result<RunId> {
 
 /// The edges since the last look; none on a board.
 pub(crate) fn take_edges(bench: &Bench) -> Vec<Edge> {
-    bench.emulated().map(|pico| pico.lock().take_edges()).unwrap_or_default()
+    bench
+        .emulated()
+        .map(|pico| pico.lock().take_edges())
+        .unwrap_or_default()
 }
 
 /// Takes what was heard so far into `heard`, without waiting.
@@ -151,7 +155,12 @@ pub(crate) fn check_edges(
     }
     let expected = free_run_at_first_edge(program, steps, edges);
     let comparison = trace::compare(&expected, edges)?;
-    bench.figure("edges on their tick", comparison.edges, "edges", Limit::Exactly(expected.len() as f64))?;
+    bench.figure(
+        "edges on their tick",
+        comparison.edges,
+        "edges",
+        Limit::Exactly(expected.len() as f64),
+    )?;
     bench.figure("jitter", comparison.jitter, "ticks", Limit::Exactly(0.0))
 }
 
@@ -174,13 +183,19 @@ pub(crate) fn free_run_at_first_edge(
 /// strobe, as late and as long as a wire from CAM to STROBE makes it. Prints how many were paired.
 ///
 /// A wire takes 0 ticks in the emulator and up to 3 on a board; time-stamps are up to one tick late.
-pub(crate) fn check_pairing(bench: &Bench, steps: impl IntoIterator<Item = Step>, records: &[StepRecord]) -> Outcome {
+pub(crate) fn check_pairing(
+    bench: &Bench,
+    steps: impl IntoIterator<Item = Step>,
+    records: &[StepRecord],
+) -> Outcome {
     let mut begins = Ticks::ZERO;
     let (mut paired, mut fired) = (0_u64, 0_u64);
     let mut delays = (u64::MAX, 0);
     let mut records = records.iter();
     for (index, step) in steps.into_iter().enumerate() {
-        let record = records.next().ok_or_else(|| format!("no record of step {index}"))?;
+        let record = records
+            .next()
+            .ok_or_else(|| format!("no record of step {index}"))?;
         let cam = !step.cam.is_none();
         let trigger = begins + step.cam.at;
         let right = match record.strobe {

@@ -80,8 +80,18 @@ fn abort_brings_outputs_to_rest(bench: &mut Bench) -> Outcome {
         }
         ensure_low(bench)?;
     }
-    bench.figure("aborts, each with its exact number of steps", CUTS, "aborts", Limit::Reported)?;
-    bench.figure("last byte of abort to outputs low", micros(bench, worst), "µs", Limit::AtMost(1_000.0))
+    bench.figure(
+        "aborts, each with its exact number of steps",
+        CUTS,
+        "aborts",
+        Limit::Reported,
+    )?;
+    bench.figure(
+        "last byte of abort to outputs low",
+        micros(bench, worst),
+        "µs",
+        Limit::AtMost(1_000.0),
+    )
 }
 
 fn stop_ends_between_steps(bench: &mut Bench) -> Outcome {
@@ -107,8 +117,18 @@ fn stop_ends_between_steps(bench: &mut Bench) -> Outcome {
             }
         }
     }
-    bench.figure("stops, each with its exact number of steps", CUTS, "stops", Limit::Reported)?;
-    bench.figure("steps of 0.4 ms played after a stop, at most", longest, "steps", Limit::AtMost(5.0))
+    bench.figure(
+        "stops, each with its exact number of steps",
+        CUTS,
+        "stops",
+        Limit::Reported,
+    )?;
+    bench.figure(
+        "steps of 0.4 ms played after a stop, at most",
+        longest,
+        "steps",
+        Limit::AtMost(5.0),
+    )
 }
 
 /// As the host sees it, on any device: what a run says that it did is what it did.
@@ -122,7 +142,12 @@ fn steps_done_are_exact(bench: &mut Bench) -> Outcome {
     if bench.device.abort()?.steps_done != 250 {
         return Err("an abort after the end changed the number of steps".into());
     }
-    bench.figure("steps done", heard.ending()?.steps_done, "steps", Limit::Exactly(250.0))?;
+    bench.figure(
+        "steps done",
+        heard.ending()?.steps_done,
+        "steps",
+        Limit::Exactly(250.0),
+    )?;
     check_edges(bench, &program, vec![step; 250], &take_edges(bench))
 }
 
@@ -176,9 +201,19 @@ fn dead_man_is_in_time(bench: &mut Bench) -> Outcome {
         ensure_low(bench)?;
     }
     let set = DEAD_MAN.as_secs_f64() * 1e6;
-    bench.figure("last byte to outputs low, dead-man", micros(bench, bounds.1), "µs", Limit::AtMost(set))?;
+    bench.figure(
+        "last byte to outputs low, dead-man",
+        micros(bench, bounds.1),
+        "µs",
+        Limit::AtMost(set),
+    )?;
     // Nor is the run ended when the host was heard of a little less than that time ago.
-    bench.figure("the earliest", micros(bench, bounds.0), "µs", Limit::AtLeast(set * 0.9))
+    bench.figure(
+        "the earliest",
+        micros(bench, bounds.0),
+        "µs",
+        Limit::AtLeast(set * 0.9),
+    )
 }
 
 /// The cable is pulled in mid-run and put back: the run has ended, the box answers.
@@ -201,7 +236,12 @@ fn pulled_cable(bench: &mut Bench) -> Outcome {
         return Err(format!("expected the host lost after {whole} steps, found {status:?}").into());
     }
     let set = DEAD_MAN.as_secs_f64() * 1e6;
-    bench.figure("last byte to outputs low, cable pulled", micros(bench, cut.last - heard), "µs", Limit::AtMost(set))
+    bench.figure(
+        "last byte to outputs low, cable pulled",
+        micros(bench, cut.last - heard),
+        "µs",
+        Limit::AtMost(set),
+    )
 }
 
 /// A long step with both outputs high, for the CPU to fail in.
@@ -289,5 +329,10 @@ fn outputs_rest_at_boot(bench: &mut Bench) -> Outcome {
     if levels != [false; 2] {
         return Err(format!("expected both outputs low, found {levels:?}").into());
     }
-    bench.figure("edges from power-up on", edges.len(), "edges", Limit::Exactly(0.0))
+    bench.figure(
+        "edges from power-up on",
+        edges.len(),
+        "edges",
+        Limit::Exactly(0.0),
+    )
 }

@@ -97,5 +97,7 @@ fn apart(step: &Step) -> bool {
         }
     }
     borders.sort_unstable();
-    borders.windows(2).all(|pair| pair[0] == pair[1] || pair[1] - pair[0] >= 3)
+    borders
+        .windows(2)
+        .all(|pair| pair[0] == pair[1] || pair[1] - pair[0] >= 3)
 }

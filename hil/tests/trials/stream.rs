@@ -82,7 +82,12 @@ fn sustained_20_khz(bench: &mut Bench) -> Outcome {
     let heard = play(bench, &stream(), &steps)?;
     heard.expect(State::Done, None, steps.len() as u64)?;
     check_edges(bench, &stream(), steps, &take_edges(bench))?;
-    bench.figure("sustained period of a stream", 50_usize, "µs", Limit::AtMost(50.0))
+    bench.figure(
+        "sustained period of a stream",
+        50_usize,
+        "µs",
+        Limit::AtMost(50.0),
+    )
 }
 
 /// Appends `count` steps, fires, and falls silent, maybe in mid-frame.
@@ -90,12 +95,22 @@ fn stall(bench: &mut Bench, step: Step, count: u64, mid_frame: bool) -> Result<H
     bench.device.begin(&stream())?;
     let steps = vec![step; count as usize];
     for (batch, chunk) in steps.chunks(STEPS_PER_APPEND).enumerate() {
-        bench.device.append((batch * STEPS_PER_APPEND) as u64, chunk, false)?;
+        bench
+            .device
+            .append((batch * STEPS_PER_APPEND) as u64, chunk, false)?;
     }
     let run = fire(bench)?;
     if mid_frame {
-        let append = bench.device.link().sent().iter().rev().max_by_key(|frame| frame.len());
-        let half = append.map(|frame| frame[..frame.len() / 2].to_vec()).unwrap_or_default();
+        let append = bench
+            .device
+            .link()
+            .sent()
+            .iter()
+            .rev()
+            .max_by_key(|frame| frame.len());
+        let half = append
+            .map(|frame| frame[..frame.len() / 2].to_vec())
+            .unwrap_or_default();
         rcg::link::Link::send(bench.device.link_mut(), &half)?;
     }
     let heard = follow(bench, run, PATIENCE)?;
@@ -108,7 +123,12 @@ fn a_host_that_stalls_ends_the_run(bench: &mut Bench) -> Outcome {
     let heard = stall(bench, step, 500, false)?;
     let fault = Fault::Underrun { step: StepId(500) };
     heard.expect(State::Fault, Some(fault), 500)?;
-    bench.figure("whole steps before the underrun", heard.ending()?.steps_done, "steps", Limit::Exactly(500.0))?;
+    bench.figure(
+        "whole steps before the underrun",
+        heard.ending()?.steps_done,
+        "steps",
+        Limit::Exactly(500.0),
+    )?;
     check_edges(bench, &stream(), vec![step; 500], &take_edges(bench))
 }
 
@@ -131,5 +151,10 @@ fn stalls_at_any_step(bench: &mut Bench) -> Outcome {
             stalls += 1;
         }
     }
-    bench.figure("stalls that ended between steps", stalls, "runs", Limit::Exactly(21.0))
+    bench.figure(
+        "stalls that ended between steps",
+        stalls,
+        "runs",
+        Limit::Exactly(21.0),
+    )
 }

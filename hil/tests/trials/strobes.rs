@@ -29,7 +29,10 @@ fn missed_triggers_are_named(bench: &mut Bench) -> Outcome {
     let step = plain(period);
     load(bench, &table(&[step], STEPS), &[step])?;
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
-    let mut ignored: Vec<u64> = sample(&mut rng, STEPS as usize, ODD).iter().map(|k| k as u64).collect();
+    let mut ignored: Vec<u64> = sample(&mut rng, STEPS as usize, ODD)
+        .iter()
+        .map(|k| k as u64)
+        .collect();
     ignored.sort_unstable();
     bench.pico().lock().emulator.strobe(&StrobeModel {
         delay: period / 100,
@@ -41,13 +44,34 @@ fn missed_triggers_are_named(bench: &mut Bench) -> Outcome {
     heard.expect(State::Done, None, STEPS)?;
 
     let named = heard.flagged(StepFlags::MISSED);
-    let right = named.iter().filter(|step| ignored.binary_search(step).is_ok()).count();
-    bench.figure("triggers ignored by the camera", ignored.len(), "steps", Limit::Reported)?;
+    let right = named
+        .iter()
+        .filter(|step| ignored.binary_search(step).is_ok())
+        .count();
+    bench.figure(
+        "triggers ignored by the camera",
+        ignored.len(),
+        "steps",
+        Limit::Reported,
+    )?;
     bench.figure("of them named", right, "steps", Limit::Exactly(ODD as f64))?;
     bench.figure("invented", named.len() - right, "steps", Limit::Exactly(0.0))?;
-    bench.figure("spurious strobes invented", heard.spurious.len(), "strobes", Limit::Exactly(0.0))?;
-    let paired = heard.records.iter().filter(|r| r.strobe.is_some() && r.flags == StepFlags::default());
-    bench.figure("others paired", paired.count(), "strobes", Limit::Exactly((STEPS as usize - ODD) as f64))
+    bench.figure(
+        "spurious strobes invented",
+        heard.spurious.len(),
+        "strobes",
+        Limit::Exactly(0.0),
+    )?;
+    let paired = heard
+        .records
+        .iter()
+        .filter(|r| r.strobe.is_some() && r.flags == StepFlags::default());
+    bench.figure(
+        "others paired",
+        paired.count(),
+        "strobes",
+        Limit::Exactly((STEPS as usize - ODD) as f64),
+    )
 }
 
 /// Additional exposures in the pause behind that of the step: the step is named, and the time.
@@ -66,7 +90,10 @@ fn spurious_strobes_are_named(bench: &mut Bench) -> Outcome {
         bench.pico().lock().run(1_000)?;
     };
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(2);
-    let mut odd: Vec<u64> = sample(&mut rng, STEPS as usize - 200, ODD).iter().map(|k| k as u64 + 100).collect();
+    let mut odd: Vec<u64> = sample(&mut rng, STEPS as usize - 200, ODD)
+        .iter()
+        .map(|k| k as u64 + 100)
+        .collect();
     odd.sort_unstable();
     let extra: Vec<u64> = odd
         .iter()
@@ -82,19 +109,45 @@ fn spurious_strobes_are_named(bench: &mut Bench) -> Outcome {
 
     let named = heard.flagged(StepFlags::DOUBLE);
     bench.figure("spurious strobes made", extra.len(), "strobes", Limit::Reported)?;
-    let right = named.iter().filter(|step| odd.binary_search(step).is_ok()).count();
-    bench.figure("of them named by step", right, "steps", Limit::Exactly(ODD as f64))?;
+    let right = named
+        .iter()
+        .filter(|step| odd.binary_search(step).is_ok())
+        .count();
+    bench.figure(
+        "of them named by step",
+        right,
+        "steps",
+        Limit::Exactly(ODD as f64),
+    )?;
     bench.figure("invented", named.len() - right, "steps", Limit::Exactly(0.0))?;
     let timed = heard.spurious.iter().zip(&extra).filter(|(on, at)| {
         let late = first + on.0;
         (**at..=**at + 1).contains(&late)
     });
-    bench.figure("told with their time", timed.count(), "events", Limit::Exactly(ODD as f64))?;
-    bench.figure("events of them", heard.spurious.len(), "events", Limit::Exactly(ODD as f64))?;
+    bench.figure(
+        "told with their time",
+        timed.count(),
+        "events",
+        Limit::Exactly(ODD as f64),
+    )?;
+    bench.figure(
+        "events of them",
+        heard.spurious.len(),
+        "events",
+        Limit::Exactly(ODD as f64),
+    )?;
     let counted = bench.device.status()?.counters.spurious_strobes;
     bench.figure("counted", counted, "strobes", Limit::Exactly(ODD as f64))?;
-    let missed = heard.flagged(StepFlags::MISSED).into_iter().filter(|&step| step >= 100);
+    let missed = heard
+        .flagged(StepFlags::MISSED)
+        .into_iter()
+        .filter(|&step| step >= 100);
     bench.figure("misses invented", missed.count(), "steps", Limit::Exactly(0.0))?;
-    let wrong = heard.records.iter().find(|r| r.trigger != Ticks(r.step.0 * period) + step.cam.at);
-    wrong.map_or(Ok(()), |record| Err(format!("a wrong trigger time: {record:?}").into()))
+    let wrong = heard
+        .records
+        .iter()
+        .find(|r| r.trigger != Ticks(r.step.0 * period) + step.cam.at);
+    wrong.map_or(Ok(()), |record| {
+        Err(format!("a wrong trigger time: {record:?}").into())
+    })
 }

@@ -63,7 +63,10 @@ fn play(bench: &mut Bench, count: u64, vsync: &VsyncModel) -> Result<Heard> {
     load(bench, &paced(step, count), &[step])?;
     let run = fire(bench)?;
     let first = bench.pico().lock().cycle() + vsync.period;
-    bench.pico().lock().emulator.vsync(&VsyncModel { first, ..vsync.clone() })?;
+    bench.pico().lock().emulator.vsync(&VsyncModel {
+        first,
+        ..vsync.clone()
+    })?;
     follow(bench, run, Duration::from_secs(2))
 }
 
@@ -79,7 +82,12 @@ fn each_step_on_its_edge(bench: &mut Bench) -> Outcome {
     let edges = take_edges(bench);
     let (least, most) = latencies(&edges, Line::Sync);
     bench.figure("SYNC edge to PROJ edge", most, "ticks", LATENCY)?;
-    bench.figure("spread of it over all steps", most - least, "ticks", Limit::Exactly(0.0))?;
+    bench.figure(
+        "spread of it over all steps",
+        most - least,
+        "ticks",
+        Limit::Exactly(0.0),
+    )?;
 
     // Everything else counts from that edge.
     let step = step(&vsync);
@@ -87,7 +95,12 @@ fn each_step_on_its_edge(bench: &mut Bench) -> Outcome {
     let starts = syncs.map(|sync| (sync + most, step));
     let expected = trace::schedule(rcg_protocol::Polarity::default(), starts);
     let comparison = trace::compare(&expected, &edges)?;
-    bench.figure("edges on their tick", comparison.edges, "edges", Limit::Exactly(4.0 * STEPS as f64))?;
+    bench.figure(
+        "edges on their tick",
+        comparison.edges,
+        "edges",
+        Limit::Exactly(4.0 * STEPS as f64),
+    )?;
     bench.figure("jitter", comparison.jitter, "ticks", Limit::Exactly(0.0))
 }
 
@@ -125,9 +138,19 @@ fn first_step_on_an_edge(bench: &mut Bench) -> Outcome {
         edges_seen += comparison.edges;
     }
     bench.figure("runs", RUNS, "runs", Limit::Reported)?;
-    bench.figure("edges on their tick", edges_seen, "edges", Limit::Exactly(12.0 * RUNS as f64))?;
+    bench.figure(
+        "edges on their tick",
+        edges_seen,
+        "edges",
+        Limit::Exactly(12.0 * RUNS as f64),
+    )?;
     bench.figure("SYNC edge to PROJ edge", most, "ticks", LATENCY)?;
-    bench.figure("spread of it over all runs", most - least, "ticks", Limit::Exactly(0.0))
+    bench.figure(
+        "spread of it over all runs",
+        most - least,
+        "ticks",
+        Limit::Exactly(0.0),
+    )
 }
 
 /// Vsync ceases after 40 pulses: step 40 is named, and both outputs rest.
@@ -142,7 +165,12 @@ fn time_out_names_the_step(bench: &mut Bench) -> Outcome {
     heard.expect(State::Fault, Some(fault), 40)?;
     bench.silence(Duration::from_millis(5))?;
     let edges = trace::outputs(&take_edges(bench));
-    bench.figure("edges before the time-out", edges.len(), "edges", Limit::Exactly(160.0))?;
+    bench.figure(
+        "edges before the time-out",
+        edges.len(),
+        "edges",
+        Limit::Exactly(160.0),
+    )?;
     if bench.pico().lock().emulator.outputs()? != [false; 2] {
         return Err("an output is high after the time-out".into());
     }
@@ -162,7 +190,12 @@ fn missing_vsync_is_flagged(bench: &mut Bench) -> Outcome {
     if flagged != [10, 32, 57] {
         return Err(format!("expected steps 10, 32 and 57 to be flagged, found {flagged:?}").into());
     }
-    bench.figure("gaps in vsync, each named by its step", flagged.len(), "steps", Limit::Exactly(3.0))?;
+    bench.figure(
+        "gaps in vsync, each named by its step",
+        flagged.len(),
+        "steps",
+        Limit::Exactly(3.0),
+    )?;
     nothing_else(&heard, SYNC_MISSED)
 }
 
@@ -177,7 +210,12 @@ fn double_vsync_is_flagged(bench: &mut Bench) -> Outcome {
     if flagged != [10, 33, 34, 60] {
         return Err(format!("expected steps 10, 33, 34 and 60 to be flagged, found {flagged:?}").into());
     }
-    bench.figure("double vsyncs, each named by its step", flagged.len(), "steps", Limit::Exactly(4.0))?;
+    bench.figure(
+        "double vsyncs, each named by its step",
+        flagged.len(),
+        "steps",
+        Limit::Exactly(4.0),
+    )?;
     nothing_else(&heard, SYNC_EXTRA)
 }
 

@@ -50,13 +50,28 @@ fn play(bench: &mut Bench, steps: &[Step], cycles: u64) -> Outcome {
     heard.expect(State::Done, None, total)?;
     bench.figure("steps", total, "steps", Limit::Reported)?;
     check_edges(bench, &program, all(), &take_edges(bench))?;
-    bench.figure("pings answered meanwhile", heard.pings, "pings", Limit::AtLeast(100.0))?;
+    bench.figure(
+        "pings answered meanwhile",
+        heard.pings,
+        "pings",
+        Limit::AtLeast(100.0),
+    )?;
     let lost = bench.device.status()?.counters.records_lost - lost_before;
     let accounted = heard.records.len() as u64 + u64::from(lost);
-    bench.figure("records received or counted as lost", accounted, "records", Limit::Exactly(total as f64))?;
+    bench.figure(
+        "records received or counted as lost",
+        accounted,
+        "records",
+        Limit::Exactly(total as f64),
+    )?;
     if lost > 0 && bench.link() == LinkKind::Uart {
         // 92 kB/s do not carry the 130 kB/s of 9,523 records.
-        return bench.figure("records lost to the UART's speed", lost, "records", Limit::Reported);
+        return bench.figure(
+            "records lost to the UART's speed",
+            lost,
+            "records",
+            Limit::Reported,
+        );
     }
     check_pairing(bench, all(), &heard.records)
 }
