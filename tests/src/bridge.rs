@@ -34,12 +34,12 @@ pub struct Bridge {
 }
 
 impl Bridge {
-    /// A box whose clock shows `now`.
+    /// A box whose clock shows `now`, and that tells edges of STROBE `late` ticks late, as counters of a board may.
     ///
     /// # Panics
     /// If the system has no pseudo terminals or no local network.
     #[must_use]
-    pub fn new(now: Ticks) -> Self {
+    pub fn new(now: Ticks, late: Ticks) -> Self {
         let (mut master, slave) = TTYPort::pair().expect("the system has pseudo terminals");
         master
             .set_timeout(Duration::from_millis(1))
@@ -60,6 +60,7 @@ impl Bridge {
             session: Session::new(CLOCK_HZ, 77),
             decoder: Decoder::new(),
             now,
+            late,
             primed: None,
             run: None,
         };
@@ -98,6 +99,7 @@ struct Bench {
     session: Session,
     decoder: Decoder,
     now: Ticks,
+    late: Ticks,
     primed: Option<Reader>,
     run: Option<Run>,
 }
@@ -238,7 +240,7 @@ impl Bench {
     fn report_strobes(&mut self, run: &mut Run, until: Ticks) {
         while let Some((at, active)) = run.strobes.pop_front_if(|strobe| strobe.0 <= until) {
             self.now = self.now.max(at);
-            self.session.strobe(active, at - run.started);
+            self.session.strobe(active, at - run.started + self.late);
         }
     }
 }

@@ -80,8 +80,8 @@ fn a_measurement_has_the_same_bits_behind_a_port() {
     let simulated = measure("simulated", &setup(None, MISCHIEF));
     assert!(simulated.0.missed_triggers > 0 && simulated.0.dropped_frames > 0);
     assert!(simulated.1.len() > 3 && simulated.2.len() > 3);
-    for start in [1, 987_654_321_987] {
-        let bridge = Bridge::new(Ticks(start));
+    for (start, late) in [(1, 0), (987_654_321_987, 0), (3, 1)] {
+        let bridge = Bridge::new(Ticks(start), Ticks(late));
         let behind_a_port = measure(&format!("port-{start}"), &setup(Some(&bridge), MISCHIEF));
         assert_eq!(behind_a_port.0, simulated.0, "from tick {start}");
         for (part, ours, theirs) in [
@@ -90,7 +90,12 @@ fn a_measurement_has_the_same_bits_behind_a_port() {
         ] {
             assert!(ours.keys().eq(theirs.keys()), "{part}");
             for (name, bytes) in ours {
-                assert!(bytes == &theirs[name], "{part}/{name} differs, from tick {start}");
+                // What a late edge of STROBE changes is its own record, no frame.
+                let its_own = late > 0 && name.starts_with("strobe_");
+                assert!(
+                    its_own || bytes == &theirs[name],
+                    "{part}/{name} differs, from tick {start}"
+                );
             }
         }
     }
@@ -159,7 +164,7 @@ fn runs_that_begin_on_sync_have_the_same_images() {
         "patterns differ"
     );
     assert!(at_once == on_sync && at_once == each_on_sync);
-    let bridge = Bridge::new(Ticks(31_415_927));
+    let bridge = Bridge::new(Ticks(31_415_927), Ticks::ZERO);
     assert!(
         images(&setup(Some(&bridge), CALM))
             .iter()
@@ -170,7 +175,7 @@ fn runs_that_begin_on_sync_have_the_same_images() {
 #[test]
 fn a_box_that_is_still_busy_is_taken_over() {
     let rig = Rig::load("rcg-1").unwrap().with_image_size(16).unwrap();
-    let bridge = Bridge::new(Ticks(3));
+    let bridge = Bridge::new(Ticks(3), Ticks::ZERO);
     let setup = setup(Some(&bridge), CALM);
     let mut first = setup.open(&rig, &request()).unwrap();
     let timing = Timing::new(&rig, 0.004).unwrap();

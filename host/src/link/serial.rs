@@ -11,6 +11,9 @@ use super::{Link, LinkError, ports};
 /// Speed of the controller's UART in baud; USB CDC ignores it.
 pub const BAUD: u32 = 921_600;
 
+/// A port that takes no byte for so long will not take this frame.
+const STUCK: Duration = Duration::from_millis(200);
+
 /// An open serial port. Time is real.
 pub struct SerialLink {
     name: String,
@@ -104,7 +107,12 @@ fn group_of(_: &Path) -> Option<String> {
 impl Link for SerialLink {
     fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
         // The system sends what it is given by itself; to wait for that would cost a streaming host its time.
-        self.port.write_all(bytes).map_err(|e| self.error(e))
+        self.port.set_timeout(STUCK).map_err(|e| self.error(e.into()))?;
+        match self.port.write_all(bytes) {
+            // Lost like a frame on any bad line: that no answer comes says so.
+            Err(error) if error.kind() == io::ErrorKind::TimedOut => Ok(()),
+            sent => sent.map_err(|e| self.error(e)),
+        }
     }
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, LinkError> {
@@ -159,5 +167,23 @@ mod tests {
             sentence.contains("members of the group dialout may"),
             "{sentence}"
         );
+    }
+
+    #[test]
+    fn a_port_whose_peer_goes_is_disconnected_and_a_silent_one_is_not() {
+        let (mut peer, port) = serialport::TTYPort::pair().expect("the system has pseudo terminals");
+        let name = port.name().expect("the port has a name");
+        let mut link = SerialLink::open(&name).unwrap();
+        drop(port);
+        let mut buffer = [0; 8];
+        assert_eq!(link.receive(&mut buffer, Duration::ZERO).unwrap(), 0);
+        peer.write_all(b"abc").unwrap();
+        assert_eq!(link.receive(&mut buffer, Duration::from_secs(10)).unwrap(), 3);
+        drop(peer);
+        let gone = |result: Result<(), LinkError>| matches!(result, Err(LinkError::Disconnected { .. }));
+        assert!(gone(
+            link.receive(&mut buffer, Duration::from_secs(10)).map(|_| ())
+        ));
+        assert!(gone(link.send(b"x")));
     }
 }
