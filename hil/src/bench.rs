@@ -13,6 +13,7 @@ use crate::figures::{Figures, Limit};
 use crate::image::Image;
 use crate::log;
 use crate::pico::{Pico, PicoLink, SharedPico};
+use crate::places;
 
 /// What a trial comes to.
 pub type Outcome = Result<(), Failed>;
@@ -30,6 +31,10 @@ pub enum Need {
     Memory,
     /// The host is at the USB port, and its cable can be pulled.
     Cable,
+    /// A second Pico can be switched on.
+    Emulator,
+    /// The host's command was built.
+    Command,
     /// The link carries 130 kB/s: step records at 9,523 Hz, schedules streamed at 20 kHz.
     FastLink,
 }
@@ -39,6 +44,11 @@ impl Dut {
     #[must_use]
     pub fn lacks(&self, need: Need) -> Option<&'static str> {
         match (&self.kind, need) {
+            (_, Need::Command) => {
+                let built = places::command().is_file();
+                (!built).then_some("needs the host's command, which `cargo build` makes")
+            }
+            (Kind::Board(_), Need::Emulator) => Some("needs a Pico that can be switched on at will"),
             (Kind::Emulator(pico), Need::Cable | Need::FastLink) if pico.link == LinkKind::Uart => {
                 Some("needs USB; this device is at the UART")
             }

@@ -6,9 +6,12 @@
 //! ignored, with the reason, where a device cannot give it. The emulated Pico runs in virtual time: requests, time-outs
 //! and the dead-man switch are all counted in its cycles, so every trial gives the same trace each time.
 //!
+//! A [`bridge`] gives an emulated Pico a serial port and wires, for the host's command as it is.
+//!
 //! Every figure that a trial finds goes into [`figures`] together with its limit, is checked there, and is printed.
 
 pub mod bench;
+pub mod bridge;
 pub mod dut;
 pub mod emulator;
 pub mod figures;

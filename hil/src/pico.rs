@@ -66,6 +66,12 @@ impl Pico {
         self.cycle
     }
 
+    /// Time since power-up.
+    #[must_use]
+    pub fn now(&self) -> Duration {
+        Duration::from_nanos((u128::from(self.cycle) * 1_000_000_000 / u128::from(self.clock_hz)) as u64)
+    }
+
     /// Cycles that `time` takes.
     #[must_use]
     pub fn cycles(&self, time: Duration) -> u64 {
@@ -174,9 +180,7 @@ impl Link for PicoLink {
     }
 
     fn now(&self) -> Duration {
-        let pico = self.0.lock();
-        let nanos = u128::from(pico.cycle) * 1_000_000_000 / u128::from(pico.clock_hz);
-        Duration::from_nanos(nanos as u64)
+        self.0.lock().now()
     }
 
     fn peer(&self) -> &'static str {

@@ -37,3 +37,9 @@ pub fn workspace() -> PathBuf {
 pub fn target() -> PathBuf {
     workspace().join("target")
 }
+
+/// The host's command, where `cargo build` or `cargo test` of the workspace puts it.
+#[must_use]
+pub fn command() -> PathBuf {
+    target().join("debug/rcg")
+}

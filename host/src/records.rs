@@ -107,6 +107,8 @@ pub fn flag_names(flags: StepFlags) -> Vec<String> {
             StepFlags::DOUBLE => "double".to_owned(),
             StepFlags::NO_TRIGGER => "no-trigger".to_owned(),
             StepFlags::OVERRUN => "overrun".to_owned(),
+            StepFlags::SYNC_MISSED => "sync-missed".to_owned(),
+            StepFlags::SYNC_EXTRA => "sync-extra".to_owned(),
             StepFlags(other) => format!("flag-{other}"),
         })
         .collect()

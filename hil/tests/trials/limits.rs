@@ -116,7 +116,7 @@ fn shortest_period_of_a_table(bench: &mut Bench) -> Outcome {
         let run = fire(bench)?;
         let heard = follow(bench, run, PATIENCE)?;
         if let Err(failed) = heard.expect(State::Done, None, count) {
-            failure = failed.message().unwrap_or_default().to_owned();
+            failed.message().unwrap_or_default().clone_into(&mut failure);
             break;
         }
         let edges = take_edges(bench);

@@ -2,6 +2,7 @@
 //!
 //! Names are `device::topic::what`. Every figure is printed at the end and written to `target/hil-figures.json`.
 
+mod chain;
 mod limits;
 mod link;
 mod runs;
@@ -74,6 +75,7 @@ fn main() -> ExitCode {
         safety::TRIALS,
         link::TRIALS,
         stream::TRIALS,
+        chain::TRIALS,
     ];
     let specs = topics.into_iter().flatten();
     let trials = specs.flat_map(|spec| duts.iter().map(|dut| spec.of(dut, &figures)));

@@ -129,7 +129,7 @@ fn ensure_running(bench: &mut Bench, ending: Option<Ending>) -> Outcome {
     let over = !matches!(status.state, State::Armed | State::Running);
     if over && ending.is_none() {
         let late = bench.device.next_event(Duration::from_millis(50))?;
-        if !matches!(late, Some(_)) {
+        if late.is_none() {
             return Err(format!("the run is over ({status:?}) but no event said so").into());
         }
     }
