@@ -1,16 +1,21 @@
 #!/usr/bin/env bash
 # All tests of RCG, on a fresh Debian machine with rustup too: builds the firmware for its real targets, checks
-# format and lints with warnings as errors, runs every test. Installs what is missing where it can.
+# format and lints with warnings as errors, runs every test, and the firmware's trials in an emulated Pico. Installs what
+# is missing where it can.
 set -euo pipefail
 cd "$(dirname "$0")"
 
 step() { printf '\n== %s\n' "$*"; }
+# Where apt is at hand. What is missing for all that shows up where it is used.
+install() {
+    if command -v apt-get >/dev/null && [ "$(id -u)" = 0 ]; then
+        apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@"
+    fi
+}
 
 step "toolchain"
+command -v cc >/dev/null || install gcc libc6-dev
 # rust-toolchain.toml names the toolchain; where rustup does not install by itself this does.
-if ! command -v cc >/dev/null && command -v apt-get >/dev/null && [ "$(id -u)" = 0 ]; then
-    apt-get update -qq && apt-get install -y -qq gcc libc6-dev
-fi
 if command -v rustup >/dev/null; then
     channel=$(sed -n 's/^channel = "\(.*\)"/\1/p' rust-toolchain.toml)
     rustup run "$channel" rustc --version >/dev/null 2>&1 ||
@@ -25,12 +30,32 @@ if command -v rustup >/dev/null; then
 fi
 rustc --version
 
+step "emulated Pico"
+command -v npm >/dev/null || install nodejs npm ca-certificates || true
+if command -v npm >/dev/null; then
+    (cd hil/emulator && npm ci --no-audit --no-fund)
+else
+    echo "no npm: the emulated Pico and its trials are skipped"
+fi
+# Another emulator of the PIO, to compare with.
+python3 -c 'import ensurepip, venv' 2>/dev/null || install python3 python3-venv || true
+if python3 -c 'import ensurepip, venv' 2>/dev/null; then
+    [ -x hil/emulator/.venv/bin/pip ] || python3 -m venv hil/emulator/.venv
+    hil/emulator/.venv/bin/pip install --quiet --disable-pip-version-check -r hil/emulator/requirements.txt
+else
+    echo "no python3-venv: the emulator is not compared with the other one"
+fi
+
 step "format"
 cargo fmt --all --check
 
-step "firmware: build for RP2040 and RP2350"
+step "firmware: build for RP2040 at 200 and 125 MHz, and for RP2350"
+firmware=$PWD/target/thumbv6m-none-eabi/firmware/rcg-firmware
+cargo fw-200mhz
+cp "$firmware" "$firmware-200mhz"
 cargo fw
 cargo fw-rp2350
+export RCG_FIRMWARE_ELF=$firmware
 
 step "firmware: lints"
 cargo clippy --profile firmware --package rcg-firmware --bin rcg-firmware --target thumbv6m-none-eabi -- -D warnings
@@ -38,9 +63,17 @@ cargo clippy --profile firmware --package rcg-firmware --bin rcg-firmware --targ
 step "host: lints"
 cargo clippy --workspace --all-targets --all-features -- -D warnings
 
-step "tests"
-# The release build of the command is the README's other half; a test that needs it finds it built.
-RCG_FIRMWARE_ELF="$PWD/target/thumbv6m-none-eabi/firmware/rcg-firmware" \
-    cargo test --workspace --all-features
+if [ -d hil/emulator/node_modules ]; then
+    step "emulator: tests"
+    (cd hil/emulator && npm test)
+fi
+
+step "tests and trials"
+rm -f target/hil-figures.txt
+cargo test --workspace --all-features
 
 step "passed"
+if [ -f target/hil-figures.txt ]; then
+    echo "what the trials measured:"
+    cat target/hil-figures.txt
+fi

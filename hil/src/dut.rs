@@ -1,7 +1,7 @@
 //! Devices under test, described by TOML files.
 //!
 //! # Design
-//! `HIL_DUT` chooses: nothing means both emulated Picos, the path of a TOML file means that one, and anything else is
+//! `HIL_DUT` chooses: nothing means all emulated Picos, the path of a TOML file means that one, and anything else is
 //! the name of a port, with `duts/board.toml` saying what is wired to it.
 
 use std::path::{Path, PathBuf};
@@ -18,6 +18,8 @@ pub struct Dut {
     pub name: String,
     /// What it is.
     pub kind: Kind,
+    /// The topics of its trials; none means all.
+    pub topics: Vec<String>,
 }
 
 /// Emulated or real.
@@ -96,6 +98,8 @@ pub enum DutError {
 #[serde(deny_unknown_fields)]
 struct File {
     name: String,
+    #[serde(default)]
+    topics: Vec<String>,
     emulator: Option<EmulatedPico>,
     board: Option<Board>,
 }
@@ -124,6 +128,7 @@ impl Dut {
         Ok(Self {
             name: file.name,
             kind,
+            topics: file.topics,
         })
     }
 
@@ -134,7 +139,10 @@ impl Dut {
     pub fn chosen() -> Result<Vec<Self>, DutError> {
         let file = |name: &str| Self::read(&places::duts().join(name));
         match env::var("HIL_DUT") {
-            Err(_) => Ok(vec![file("emulator-uart.toml")?, file("emulator-usb.toml")?]),
+            Err(_) => ["emulator-uart.toml", "emulator-usb.toml", "emulator-200mhz.toml"]
+                .into_iter()
+                .map(file)
+                .collect(),
             Ok(path) if Path::new(&path).extension().is_some_and(|ext| ext == "toml") => {
                 Ok(vec![Self::read(Path::new(&path))?])
             }
@@ -146,6 +154,12 @@ impl Dut {
                 Ok(vec![dut])
             }
         }
+    }
+
+    /// Whether trials of `topic` are for this device.
+    #[must_use]
+    pub fn takes(&self, topic: &str) -> bool {
+        self.topics.is_empty() || self.topics.iter().any(|wanted| wanted == topic)
     }
 
     /// Why it cannot be used here; `None` if it can.

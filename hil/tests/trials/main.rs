@@ -1,6 +1,6 @@
 //! Trials of the firmware binary on a device under test; see the README of this crate.
 //!
-//! Names are `device::topic::what`. Every figure is printed at the end and written to `target/hil-figures.json`.
+//! Names are `device::topic::what`. Every figure is printed at the end and written to `target/hil-figures.json` and `.txt`.
 
 mod chain;
 mod limits;
@@ -13,6 +13,7 @@ mod strobes;
 mod sync;
 mod timing;
 
+use std::fs;
 use std::process::ExitCode;
 use std::sync::Arc;
 
@@ -78,14 +79,19 @@ fn main() -> ExitCode {
         chain::TRIALS,
     ];
     let specs = topics.into_iter().flatten();
-    let trials = specs.flat_map(|spec| duts.iter().map(|dut| spec.of(dut, &figures)));
+    let trials = specs.flat_map(|spec| {
+        let duts = duts.iter().filter(|dut| dut.takes(spec.topic));
+        duts.map(|dut| spec.of(dut, &figures))
+    });
     let conclusion = libtest_mimic::run(&arguments, trials.collect());
 
     let table = figures.table();
     if !table.is_empty() {
         println!("{table}");
-        let path = places::target().join("hil-figures.json");
-        if let Err(error) = figures.write(&path) {
+        let path = places::target().join("hil-figures");
+        let written = fs::write(path.with_extension("txt"), &table)
+            .and_then(|()| figures.write(&path.with_extension("json")));
+        if let Err(error) = written {
             eprintln!("{}: {error}", path.display());
         }
     }
