@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use rcg_firmware::pulse::SYNC_LATENCY;
 use rcg_hil::bench::{Bench, Outcome};
 use rcg_hil::emulator::VsyncModel;
 use rcg_hil::figures::Limit;
@@ -19,13 +20,9 @@ crate::trials!("sync":
     double_vsync_is_flagged [Edges Inputs],
 );
 
-/// A vsync edge began no step before this one, although one was due.
-const SYNC_MISSED: StepFlags = StepFlags(16);
-/// An additional vsync edge came during this step.
-const SYNC_EXTRA: StepFlags = StepFlags(32);
-
-/// Longest time from SYNC to PROJ.
-const LATENCY: Limit = Limit::AtMost(6.0);
+/// From SYNC to PROJ: what the firmware counts its times with. An instrument may take 6 ticks.
+const LATENCY: Limit = Limit::Exactly(SYNC_LATENCY as f64);
+const _: () = assert!(SYNC_LATENCY <= 6);
 
 /// Vsync of 1,440 Hz, the rate of video pattern mode at 60 Hz.
 fn vsync(bench: &Bench) -> VsyncModel {
@@ -186,7 +183,7 @@ fn missing_vsync_is_flagged(bench: &mut Bench) -> Outcome {
     };
     let heard = play(bench, 100, &vsync)?;
     heard.expect(State::Done, None, 100)?;
-    let flagged = heard.flagged(SYNC_MISSED);
+    let flagged = heard.flagged(StepFlags::SYNC_MISSED);
     if flagged != [10, 32, 57] {
         return Err(format!("expected steps 10, 32 and 57 to be flagged, found {flagged:?}").into());
     }
@@ -196,7 +193,7 @@ fn missing_vsync_is_flagged(bench: &mut Bench) -> Outcome {
         "steps",
         Limit::Exactly(3.0),
     )?;
-    nothing_else(&heard, SYNC_MISSED)
+    nothing_else(&heard, StepFlags::SYNC_MISSED)
 }
 
 fn double_vsync_is_flagged(bench: &mut Bench) -> Outcome {
@@ -206,7 +203,7 @@ fn double_vsync_is_flagged(bench: &mut Bench) -> Outcome {
     };
     let heard = play(bench, 100, &vsync)?;
     heard.expect(State::Done, None, 100)?;
-    let flagged = heard.flagged(SYNC_EXTRA);
+    let flagged = heard.flagged(StepFlags::SYNC_EXTRA);
     if flagged != [10, 33, 34, 60] {
         return Err(format!("expected steps 10, 33, 34 and 60 to be flagged, found {flagged:?}").into());
     }
@@ -216,12 +213,12 @@ fn double_vsync_is_flagged(bench: &mut Bench) -> Outcome {
         "steps",
         Limit::Exactly(4.0),
     )?;
-    nothing_else(&heard, SYNC_EXTRA)
+    nothing_else(&heard, StepFlags::SYNC_EXTRA)
 }
 
 /// Fails if a record has a flag of SYNC other than `expected`.
 fn nothing_else(heard: &Heard, expected: StepFlags) -> Outcome {
-    let other = SYNC_MISSED.with(SYNC_EXTRA).0 & !expected.0;
+    let other = StepFlags::SYNC_MISSED.with(StepFlags::SYNC_EXTRA).0 & !expected.0;
     match heard.records.iter().find(|record| record.flags.0 & other != 0) {
         Some(record) => Err(format!("a flag that nothing explains: {record:?}").into()),
         None => Ok(()),
