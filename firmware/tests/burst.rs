@@ -1,0 +1,113 @@
+//! A burst plays the table, all cycles of it, in slices that last long enough.
+
+use proptest::prelude::*;
+use rcg_firmware::burst::Burst;
+use rcg_firmware::pulse::WordFormat;
+use rcg_firmware::store::{MAX_WORDS, Store};
+use rcg_protocol::{Extent, Pace, Polarity, Pulse, Step, Ticks};
+
+const FORMAT: WordFormat = WordFormat::new(
+    Pace::FreeRunning,
+    Polarity {
+        proj_active_low: false,
+        cam_active_low: true,
+        sync_active_low: false,
+        strobe_active_low: false,
+    },
+);
+
+/// A step of 1 to 4 words, by which pulses it has.
+fn step(pulses: u8, period: u64) -> Step {
+    let pulse = |bit: u8, at| {
+        if pulses & bit == 0 {
+            Pulse::NONE
+        } else {
+            Pulse::new(at, 4)
+        }
+    };
+    Step {
+        proj: pulse(1, 0),
+        cam: pulse(2, 5 + period / 8),
+        period: Ticks(period),
+    }
+}
+
+/// A table in its store, and the burst that plays it `cycles` times.
+fn burst(table: &[Step], cycles: u32, slice_for: u64) -> (Store, Burst) {
+    let steps = table.len() as u32;
+    let mut store = Store::new();
+    store.begin(Extent::Table { steps, cycles });
+    for step in table {
+        store.push(|push| FORMAT.encode_into(step, 0, push)).unwrap();
+    }
+    let length = table.iter().map(|step| step.period.0).sum();
+    let shortest = table.iter().map(|step| step.period.0).min().unwrap();
+    let measures = (steps, Ticks(length), Ticks(shortest));
+    let burst = Burst::new(&mut store, measures, cycles, Ticks(slice_for));
+    (store, burst)
+}
+
+/// The words of all slices one after the other, and how many steps each slice has.
+fn play(store: &Store, burst: &mut Burst) -> (Vec<u32>, Vec<u64>) {
+    let (mut words, mut slices) = (Vec::new(), Vec::new());
+    while let Some((range, steps)) = burst.next_slice(store) {
+        words.extend_from_slice(store.slice(range));
+        slices.push(steps);
+    }
+    (words, slices)
+}
+
+proptest! {
+    #[test]
+    fn slices_are_the_table_in_all_its_cycles_and_last_long_enough(
+        table in prop::collection::vec((0..4_u8, 16..400_u64), 1..60),
+        cycles in 1..40_u32,
+        slice_for in 1..30_000_u64,
+    ) {
+        let table: Vec<Step> = table.into_iter().map(|(pulses, period)| step(pulses, period)).collect();
+        let (store, mut burst) = burst(&table, cycles, slice_for);
+        let (words, slices) = play(&store, &mut burst);
+        prop_assert_eq!(words, store.table().repeat(cycles as usize));
+        prop_assert_eq!(slices.iter().sum::<u64>(), table.len() as u64 * u64::from(cycles));
+
+        let shortest = table.iter().map(|step| step.period.0).min().unwrap();
+        let mut played = table.iter().map(|step| step.period.0).cycle();
+        for &steps in &slices[..slices.len() - 1] {
+            let lasts: u64 = played.by_ref().take(steps as usize).sum();
+            prop_assert!(lasts >= slice_for, "{} steps last {} ticks", steps, lasts);
+            let whole_passes = steps % table.len() as u64 == 0;
+            prop_assert!(whole_passes || steps * shortest >= slice_for);
+        }
+    }
+
+    #[test]
+    fn times_agree_with_the_sum_of_the_periods(
+        table in prop::collection::vec((0..4_u8, 16..400_u64), 1..20),
+        cycles in 1..10_u32,
+        steps in 0.0..=1.0_f64,
+        early in 1..16_u64,
+    ) {
+        let table: Vec<Step> = table.into_iter().map(|(pulses, period)| step(pulses, period)).collect();
+        let (store, burst) = burst(&table, cycles, 1_000);
+        let steps = (steps * table.len() as f64 * f64::from(cycles)) as u64;
+        let ends: u64 = table.iter().cycle().take(steps as usize).map(|step| step.period.0).sum();
+        prop_assert_eq!(burst.duration_of(steps, &store, FORMAT), Ticks(ends));
+        prop_assert_eq!(burst.fired(Ticks(ends), &store, FORMAT), steps);
+        prop_assert_eq!(burst.fired(Ticks(ends + early - 1), &store, FORMAT), steps);
+        if steps > 0 {
+            prop_assert_eq!(burst.fired(Ticks(ends - early), &store, FORMAT), steps - 1);
+        }
+    }
+}
+
+#[test]
+fn a_slice_is_as_long_as_memory_allows() {
+    let table = [step(2, 16)];
+    let words = 3;
+    let most = (MAX_WORDS / words) as u64;
+    let (store, mut burst) = burst(&table, 12_000, 16 * 10_000);
+    assert_eq!(store.table().len(), words);
+    let (played, slices) = play(&store, &mut burst);
+    assert_eq!(slices, [most, most, 12_000 - 2 * most]);
+    assert_eq!(played, store.table().repeat(12_000));
+}
