@@ -16,6 +16,60 @@ use rcg_protocol::Ticks;
 use crate::pulse::{Outline, WordFormat};
 use crate::store::Store;
 
+/// What the CPU needs for a step with its record and its two STROBE edges, and for the host meanwhile.
+pub const STEP_COST_US: u32 = 40;
+
+/// How far the CPU may fall behind: steps are handed over and edges kept for about a hundred steps.
+pub const SLACK_US: u32 = 3_000;
+
+/// How far the CPU would fall behind a table if it had to handle every step by itself.
+///
+/// It has the period of each step to do the work of one, and catches up in longer steps.
+#[derive(Clone, Copy, Debug)]
+pub struct Haste {
+    step_cost: Ticks,
+    behind: Ticks,
+    furthest: Ticks,
+    steps: u64,
+    length: Ticks,
+    shortest: Ticks,
+}
+
+impl Haste {
+    /// For steps of which each takes the CPU so long.
+    #[must_use]
+    pub const fn new(step_cost: Ticks) -> Self {
+        Self {
+            step_cost,
+            behind: Ticks::ZERO,
+            furthest: Ticks::ZERO,
+            steps: 0,
+            length: Ticks::ZERO,
+            shortest: Ticks(u64::MAX),
+        }
+    }
+
+    /// Forgets the steps.
+    pub const fn clear(&mut self) {
+        *self = Self::new(self.step_cost);
+    }
+
+    /// The next step of the table.
+    pub fn add(&mut self, period: Ticks) {
+        self.behind = (self.behind + self.step_cost).saturating_sub(period);
+        self.furthest = self.furthest.max(self.behind);
+        self.steps += 1;
+        self.length += period;
+        self.shortest = self.shortest.min(period);
+    }
+
+    /// Whether the CPU would be more than `slack` behind, in the table or in the course of its cycles.
+    #[must_use]
+    pub fn exceeds(&self, slack: Ticks) -> bool {
+        self.furthest > slack || self.length.0 < self.steps * self.step_cost.0
+    }
+}
+
 /// What is left to play of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Burst {
@@ -35,15 +89,17 @@ pub struct Burst {
 }
 
 impl Burst {
-    /// The table in `store`: `steps` steps which together last `length` and of which the shortest lasts
-    /// `shortest`, to be played `cycles` times, in slices that last for `slice_for`.
+    /// The table in `store`, of the steps that `haste` knows, to be played `cycles` times, in slices that last for
+    /// `slice_for`.
     #[must_use]
-    pub fn new(
-        store: &mut Store,
-        (steps, length, shortest): (u32, Ticks, Ticks),
-        cycles: u32,
-        slice_for: Ticks,
-    ) -> Self {
+    pub fn new(store: &mut Store, haste: &Haste, cycles: u32, slice_for: Ticks) -> Self {
+        let &Haste {
+            steps,
+            length,
+            shortest,
+            ..
+        } = haste;
+        let steps = steps as u32; // a table holds a few thousand
         let words = store.table().len();
         let slice_steps = slice_for.0.div_ceil(shortest.0.max(1)).min(u64::from(steps)) as u32;
         let wanted = slice_for.0.div_ceil(length.0.max(1)).min(u64::from(cycles)) as usize;

@@ -7,7 +7,7 @@
 
 use rcg_protocol::{Command, Extent, Fault, Pace, Program, RunId, State, Step, StepId, Ticks};
 
-use crate::burst::Burst;
+use crate::burst::{Burst, Haste};
 use crate::pulse::{Outline, WordFormat};
 use crate::store::Store;
 
@@ -27,9 +27,7 @@ pub struct Sequencer {
     started: Option<Ticks>,
     /// Where the next fetched step begins, from the start of a free run.
     horizon: Ticks,
-    /// Length of all steps of the table, and of the shortest one.
-    length: Ticks,
-    shortest: Ticks,
+    haste: Haste,
     store: Store,
 }
 
@@ -69,9 +67,15 @@ impl Sequencer {
             fault: None,
             started: None,
             horizon: Ticks::ZERO,
-            length: Ticks::ZERO,
-            shortest: Ticks(u64::MAX),
+            haste: Haste::new(Ticks::ZERO),
         }
+    }
+
+    /// The same, for a CPU that needs `step_cost` for a step that it handles by itself.
+    #[must_use]
+    pub const fn with_step_cost(mut self, step_cost: Ticks) -> Self {
+        self.haste = Haste::new(step_cost);
+        self
     }
 
     /// The state.
@@ -182,8 +186,7 @@ impl Sequencer {
             }
         }
         self.store.begin(program.extent);
-        self.length = Ticks::ZERO;
-        self.shortest = Ticks(u64::MAX);
+        self.haste.clear();
         self.program = Some(program);
         self.state = State::Idle;
         Ok(())
@@ -232,8 +235,7 @@ impl Sequencer {
             }
         }
         for step in steps {
-            self.length += step.period;
-            self.shortest = self.shortest.min(step.period);
+            self.haste.add(step.period);
         }
         let appended = self.store.appended();
         let full = match program.extent {
@@ -346,18 +348,17 @@ impl Sequencer {
         Some(fetched)
     }
 
-    /// The loaded table as a burst, if it runs free and has steps shorter than `too_short`. No step is left to
-    /// [`next_step`](Self::next_step) then.
-    pub fn burst(&mut self, too_short: Ticks, slice_for: Ticks) -> Option<Burst> {
+    /// The loaded table as a burst, if it runs free and the CPU would fall more than `slack` behind it. No step is
+    /// left to [`next_step`](Self::next_step) then.
+    pub fn burst(&mut self, slack: Ticks, slice_for: Ticks) -> Option<Burst> {
         let program = self.program?;
         let Extent::Table { steps, cycles } = program.extent else {
             return None;
         };
-        if program.pace != Pace::FreeRunning || self.shortest >= too_short {
+        if program.pace != Pace::FreeRunning || !self.haste.exceeds(slack) {
             return None;
         }
-        let table = (steps, self.length, self.shortest);
-        let burst = Burst::new(&mut self.store, table, cycles, slice_for);
+        let burst = Burst::new(&mut self.store, &self.haste, cycles, slice_for);
         self.store.take_table();
         self.fetched = u64::from(steps) * u64::from(cycles);
         Some(burst)

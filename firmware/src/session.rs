@@ -17,7 +17,7 @@ use rcg_protocol::{
     ToDevice, ToHost,
 };
 
-use crate::burst::Burst;
+use crate::burst::{Burst, SLACK_US, STEP_COST_US};
 use crate::pulse::{FREE_OVERHEAD, LONGEST_PERIOD, PACED_OVERHEAD, SYNC_LATENCY};
 use crate::sequencer::{Fetched, Sequencer};
 use crate::store::{MAX_STEPS, MAX_WORDS};
@@ -31,7 +31,7 @@ const RESERVED: usize = 4;
 /// Step records wait at most this long for their batch to fill.
 const FLUSH_AFTER_MS: u64 = 20;
 /// From one poll to the next, and until the outputs have followed.
-const LATENESS_US: u64 = 1_500;
+const LATENESS_US: u32 = 1_500;
 /// A stream reports room again when this many steps were played.
 const ROOM_EVERY: u64 = 64;
 
@@ -92,7 +92,7 @@ impl Session {
             id: SessionId(seed),
             nonce: None,
             last: None,
-            sequencer: Sequencer::new(),
+            sequencer: Sequencer::new().with_step_cost(micros(STEP_COST_US, clock_hz)),
             witness: Witness::new(),
             vsync: VsyncWatch::new(),
             awaiting_sync: Deque::new(),
@@ -287,11 +287,12 @@ impl Session {
         }
     }
 
-    /// The loaded table as a burst, if its steps are too short to be told one by one: shorter than `too_short`.
+    /// The loaded table as a burst, if its steps are too short and too many to be told one by one.
     /// Then no step has a record, which is counted, and none is left to [`next_step`](Self::next_step). To be
     /// asked for when the engine is primed.
-    pub fn burst(&mut self, too_short: Ticks, slice_for: Ticks) -> Option<Burst> {
-        let burst = self.sequencer.burst(too_short, slice_for);
+    pub fn burst(&mut self, slice_for: Ticks) -> Option<Burst> {
+        let slack = micros(SLACK_US, self.clock_hz);
+        let burst = self.sequencer.burst(slack, slice_for);
         self.witnessed = burst.is_none();
         burst
     }
@@ -425,7 +426,7 @@ impl Session {
             .map_or(Ticks::ZERO, |p| p.dead_man.to_ticks(self.clock_hz));
         let silent = now.saturating_sub(self.last_heard);
         // The outputs have to be low within the time that was set, and the next poll would be too late.
-        let early = Ticks(LATENESS_US * u64::from(self.clock_hz / 1_000_000)).min(Ticks(dead_man.0 / 8));
+        let early = micros(LATENESS_US, self.clock_hz).min(Ticks(dead_man.0 / 8));
         if dead_man > Ticks::ZERO && silent + early > dead_man && self.sequencer.fail(Fault::HostLost) {
             self.halt();
         }
@@ -511,4 +512,9 @@ impl Session {
             .push_back(ToHost::Response(Response { session, seq, result }))
             .ok();
     }
+}
+
+/// `us` microseconds of a clock of `clock_hz`, a multiple of 1 MHz.
+const fn micros(us: u32, clock_hz: u32) -> Ticks {
+    Ticks(us as u64 * (clock_hz / 1_000_000) as u64)
 }

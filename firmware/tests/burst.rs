@@ -1,7 +1,7 @@
 //! A burst plays the table, all cycles of it, in slices that last long enough.
 
 use proptest::prelude::*;
-use rcg_firmware::burst::Burst;
+use rcg_firmware::burst::{Burst, Haste};
 use rcg_firmware::pulse::WordFormat;
 use rcg_firmware::store::{MAX_WORDS, Store};
 use rcg_protocol::{Extent, Pace, Polarity, Pulse, Step, Ticks};
@@ -37,13 +37,12 @@ fn burst(table: &[Step], cycles: u32, slice_for: u64) -> (Store, Burst) {
     let steps = table.len() as u32;
     let mut store = Store::new();
     store.begin(Extent::Table { steps, cycles });
+    let mut haste = Haste::new(Ticks::ZERO);
     for step in table {
         store.push(|push| FORMAT.encode_into(step, 0, push)).unwrap();
+        haste.add(step.period);
     }
-    let length = table.iter().map(|step| step.period.0).sum();
-    let shortest = table.iter().map(|step| step.period.0).min().unwrap();
-    let measures = (steps, Ticks(length), Ticks(shortest));
-    let burst = Burst::new(&mut store, measures, cycles, Ticks(slice_for));
+    let burst = Burst::new(&mut store, &haste, cycles, Ticks(slice_for));
     (store, burst)
 }
 
@@ -110,4 +109,21 @@ fn a_slice_is_as_long_as_memory_allows() {
     let (played, slices) = play(&store, &mut burst);
     assert_eq!(slices, [most, most, 12_000 - 2 * most]);
     assert_eq!(played, store.table().repeat(12_000));
+}
+
+#[test]
+fn haste_is_the_most_that_the_cpu_is_behind() {
+    let haste = |periods: &[u64]| {
+        let mut haste = Haste::new(Ticks(40));
+        periods.iter().for_each(|&period| haste.add(Ticks(period)));
+        haste
+    };
+    // As slow as the CPU, however many; or a little short now and then, with time to catch up.
+    assert!(!haste(&[40; 4000]).exceeds(Ticks(0)));
+    assert!(!haste(&[3, 100, 3, 100, 3, 100]).exceeds(Ticks(37)));
+    // Many short ones in a row, though the whole is slow.
+    let crowd: Vec<u64> = [[3; 100].as_slice(), &[100_000]].concat();
+    assert!(haste(&crowd).exceeds(Ticks(100 * 37 - 1)) && !haste(&crowd).exceeds(Ticks(100 * 37)));
+    // A little too short for ever: the table may have many cycles.
+    assert!(haste(&[39]).exceeds(Ticks(1000)));
 }

@@ -47,10 +47,6 @@ const PULL: u16 = 0b100_00000_101_00000;
 /// How long a block should be: in about that time the poll comes round, and a stop takes effect.
 const BLOCK_US: u32 = 1000;
 
-/// Steps shorter than this are played as a burst where that is possible. The CPU needs about half of it for a
-/// step with its record and its two STROBE edges.
-const TOO_SHORT_US: u32 = 40;
-
 /// Steps that one turn fetches at most: the UART's FIFO is full after 350 µs, the lock is held for less than half of it.
 const STEPS_PER_TURN: usize = 4;
 
@@ -193,7 +189,7 @@ impl Engine {
         self.strobe.set_polarity(program.polarity.strobe_active_low);
         self.chain.prepare(self.format());
         self.progress = Progress::new(program.pace);
-        self.burst = session.burst(self.clock.micros(TOO_SHORT_US), self.clock.micros(BLOCK_US));
+        self.burst = session.burst(self.clock.micros(BLOCK_US));
         self.starved = false;
         self.origin = None;
         self.phase = Phase::Primed;
