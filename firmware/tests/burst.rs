@@ -38,7 +38,7 @@ fn burst(table: &[Step], cycles: u32, slice_for: u64) -> (Store, Burst) {
     let mut store = Store::new();
     store.begin(Extent::Table { steps, cycles });
     for step in table {
-        store.push(|push| FORMAT.encode_into(step, 0, push)).unwrap();
+        store.push(&FORMAT.encode(step, 0).unwrap()).unwrap();
     }
     let length = table.iter().map(|step| step.period.0).sum();
     let shortest = table.iter().map(|step| step.period.0).min().unwrap();
