@@ -84,10 +84,10 @@ impl Block {
         self.steps == BLOCK_STEPS || BLOCK_WORDS - self.words.len() < WORDS_PER_STEP + PIECES
     }
 
-    /// Adds a word of the next step of a block that is not [full](Self::is_full).
-    pub fn push(&mut self, word: u32) {
+    /// Adds words of the next step of a block that is not [full](Self::is_full).
+    pub fn push(&mut self, words: &[u32]) {
         self.words
-            .push(word)
+            .extend_from_slice(words)
             .expect("the caller asked whether it is full");
     }
 
@@ -140,9 +140,7 @@ mod tests {
     }
 
     fn push(block: &mut Block, words: &[u32], period: Ticks) {
-        for &word in words {
-            block.push(word);
-        }
+        block.push(words);
         block.end_step(period);
     }
 

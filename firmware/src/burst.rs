@@ -155,14 +155,13 @@ impl Burst {
     pub fn fired(&self, now: Ticks, store: &Store, format: WordFormat) -> u64 {
         let passes = now.0 / self.length.0.max(1);
         let mut left = now.0 - passes * self.length.0;
-        let mut words = store.table().iter();
+        let mut words = store.table();
         let mut fired = passes * u64::from(self.steps);
         for step in 0..self.steps {
             let mut outline = Outline::new(format);
-            words
-                .by_ref()
-                .take(store.step_words(step as usize))
-                .for_each(|&word| outline.add(word));
+            let (of_step, after) = words.split_at(store.step_words(step as usize));
+            outline.add(of_step);
+            words = after;
             let Some(rest) = left.checked_sub(outline.period().0) else {
                 break;
             };
@@ -179,9 +178,7 @@ impl Burst {
         let rest = (steps - passes * u64::from(self.steps)) as usize;
         let words = (0..rest).map(|step| store.step_words(step)).sum();
         let mut outline = Outline::new(format);
-        for &word in &store.table()[..words] {
-            outline.add(word);
-        }
+        outline.add(&store.table()[..words]);
         Ticks(passes * self.length.0) + outline.period()
     }
 }

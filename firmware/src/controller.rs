@@ -6,8 +6,8 @@
 //! interrupt, waiting for more than a fraction of a millisecond.
 //!
 //! Responses go to the link that the request came from, by the request's number; events to the link of the
-//! last `Hello`. Messages stay with the session until the link has room for them: the session knows what to
-//! drop, and counts it.
+//! last `Hello`. Messages stay with the session until the link has sent what was before them: the session knows
+//! what to drop, and counts it.
 
 use core::cell::RefCell;
 
@@ -15,9 +15,7 @@ use embassy_rp::interrupt::{self, InterruptExt, typelevel};
 use embassy_sync::blocking_mutex::{Mutex, raw::CriticalSectionRawMutex};
 use heapless::Deque;
 use rcg_firmware::session::{Engine as Command, Session};
-use rcg_protocol::{
-    Fault, FrameError, MAX_FRAME, Request, Response, Seq, SessionId, State, ToDevice, ToHost, encode,
-};
+use rcg_protocol::{Fault, FrameError, Request, Response, Seq, SessionId, State, ToDevice, ToHost, encode};
 use static_cell::StaticCell;
 
 use crate::board::engine::Engine;
@@ -38,8 +36,6 @@ struct Controller {
     /// Who asked: session, number, link. The oldest is forgotten.
     routes: Deque<(SessionId, Seq, LinkId), ROUTES>,
     events_to: LinkId,
-    /// Where the frame that is being sent is made.
-    frame: [u8; MAX_FRAME],
 }
 
 /// Puts the controller in place and lets the DMA interrupt it. To be called once.
@@ -53,7 +49,6 @@ pub(crate) fn install(clock: Clock, seed: u32, pulse: PulseParts) {
         engine: Engine::new(pulse, clock),
         routes: Deque::new(),
         events_to: LinkId::Uart,
-        frame: [0; MAX_FRAME],
     });
     CONTROLLER.lock(|cell| cell.replace(Some(controller)));
     // SAFETY: the handler takes the lock like everybody else, and no code relies on this interrupt being off.
@@ -101,9 +96,21 @@ pub(crate) fn receive_corrupt(link: LinkId, error: FrameError) {
     with(|controller| controller.session.corrupt_frame());
 }
 
-/// Hands what the session has to say to the links.
+/// Tells the link of the next message that there is one.
 fn send() {
-    while with(Controller::send_one).unwrap_or(false) {}
+    if let Some(link) = with(Controller::next_link).flatten() {
+        links::wake(link);
+    }
+}
+
+/// Makes the next message a frame at the start of `out`, which has room for [`rcg_protocol::MAX_FRAME`] bytes, if it
+/// is one for `link`. Returns how long the frame is; zero if there is none.
+pub(crate) fn next_frame(link: LinkId, out: &mut [u8]) -> usize {
+    let length = with(|controller| controller.next_frame(link, out)).unwrap_or(0);
+    if length == 0 {
+        send(); // the next message may be for the other link
+    }
+    length
 }
 
 /// Lets time pass: engine, time-outs, messages to the links.
@@ -164,25 +171,20 @@ impl Controller {
         }
     }
 
-    /// Hands one message to its link. Returns whether there may be more to hand over.
-    fn send_one(&mut self) -> bool {
-        let Some(message) = self.session.message() else {
-            return false;
-        };
-        let outbox = links::outbox(self.route(message));
-        if outbox.free_capacity() < MAX_FRAME {
-            return false;
-        }
-        let mut frame: &[u8] = encode(message, &mut self.frame).expect("MAX_FRAME holds every message");
-        // There is room, but the ring may take it in two pieces.
-        while let Ok(count) = outbox.try_write(frame) {
-            frame = &frame[count..];
-            if frame.is_empty() {
-                break;
+    /// The link that the next message goes to.
+    fn next_link(&mut self) -> Option<LinkId> {
+        self.session.message().map(|message| self.route(message))
+    }
+
+    fn next_frame(&mut self, link: LinkId, out: &mut [u8]) -> usize {
+        match self.session.message() {
+            Some(message) if self.route(message) == link => {
+                let length = encode(message, out).expect("MAX_FRAME holds every message").len();
+                self.session.message_sent();
+                length
             }
+            _ => 0,
         }
-        self.session.message_sent();
-        true
     }
 
     /// The link that `message` goes to.

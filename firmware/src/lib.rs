@@ -14,6 +14,7 @@
 //! - [`sequencer`]: idle → loaded → armed → running → done | stopped | aborted | fault
 //! - [`vsync`]: whether SYNC comes as regularly as it should
 //! - [`witness`]: what the camera's STROBE line says about each trigger
+//! - [`outbox`]: messages that wait for the link, and the records of the next one
 //! - [`session`]: requests in, responses, events and engine commands out
 
 #![cfg_attr(not(test), no_std)]
@@ -22,6 +23,7 @@
 pub mod block;
 pub mod burst;
 pub mod edges;
+pub mod outbox;
 pub mod progress;
 pub mod pulse;
 pub mod sequencer;

@@ -2,12 +2,13 @@
 //!
 //! # Design
 //! Each link has two tasks. The one that reads cuts frames out of the bytes and passes what they hold on; the
-//! one that writes takes bytes from the link's outbox. Neither knows what they mean.
+//! one that writes asks for the next frame when the one before it is on its way, so that an answer waits behind a
+//! frame or two and not behind all that was said before. Neither knows what frames mean.
 
 use embassy_executor::Spawner;
 use embassy_rp::pac;
 use embassy_rp::uart::{BufferedUart, BufferedUartRx, BufferedUartTx, Config};
-use embassy_sync::{blocking_mutex::raw::CriticalSectionRawMutex, pipe::Pipe};
+use embassy_sync::{blocking_mutex::raw::CriticalSectionRawMutex, signal::Signal};
 use embedded_io_async::{Read, Write};
 use rcg_protocol::{Decoder, MAX_FRAME, decode};
 use static_cell::StaticCell;
@@ -17,13 +18,8 @@ use crate::controller;
 
 /// Bytes that wait to be read: two frames of the longest kind, and the time that they take.
 const UART_RX_BYTES: usize = 1024;
-/// Bytes that wait to be sent: one frame.
-const UART_TX_BYTES: usize = 512;
-
-/// Bytes that wait for a link. Messages for which there is no room wait in the session.
-const OUTBOX: usize = 1024;
-
-const _: () = assert!(OUTBOX >= MAX_FRAME);
+/// Bytes that wait to be sent: a millisecond of them, in which the next frame is made.
+const UART_TX_BYTES: usize = 128;
 
 /// `RXIFLSEL` of the PL011: interrupt at 16 of 32 bytes (data sheet of the RP2040, UARTIFLS).
 const HALF_FULL: u8 = 0b010;
@@ -37,17 +33,27 @@ pub(crate) enum LinkId {
     Usb,
 }
 
-pub(crate) type Outbox = Pipe<CriticalSectionRawMutex, OUTBOX>;
+type Wake = Signal<CriticalSectionRawMutex, ()>;
 
-static UART_OUTBOX: Outbox = Pipe::new();
-static USB_OUTBOX: Outbox = Pipe::new();
+static WAKE_UART: Wake = Signal::new();
+static WAKE_USB: Wake = Signal::new();
 
-/// Bytes that wait to be sent over `link`, whole frames.
-pub(crate) fn outbox(link: LinkId) -> &'static Outbox {
+/// What the task waits for that writes to `link`, when it has nothing to write.
+const fn wake_of(link: LinkId) -> &'static Wake {
     match link {
-        LinkId::Uart => &UART_OUTBOX,
-        LinkId::Usb => &USB_OUTBOX,
+        LinkId::Uart => &WAKE_UART,
+        LinkId::Usb => &WAKE_USB,
     }
+}
+
+/// There is a message for `link`.
+pub(crate) fn wake(link: LinkId) {
+    wake_of(link).signal(());
+}
+
+/// Waits until there may be a message for `link`.
+pub(crate) async fn woken(link: LinkId) {
+    wake_of(link).wait().await;
 }
 
 /// Cuts frames out of `bytes` and passes them on.
@@ -98,10 +104,12 @@ async fn uart_in(mut rx: BufferedUartRx) {
 
 #[embassy_executor::task]
 async fn uart_out(mut tx: BufferedUartTx) {
-    let mut bytes = [0; 64];
+    let mut frame = [0; MAX_FRAME];
     loop {
-        let count = UART_OUTBOX.read(&mut bytes).await;
-        if let Err(error) = tx.write_all(&bytes[..count]).await {
+        let length = controller::next_frame(LinkId::Uart, &mut frame);
+        if length == 0 {
+            woken(LinkId::Uart).await;
+        } else if let Err(error) = tx.write_all(&frame[..length]).await {
             defmt::warn!("UART: {}", error);
         }
     }

@@ -17,6 +17,8 @@
 //! Edges that are not at the same tick must be 3 (5) ticks apart. In exchange one table word is one
 //! change of level, however long it lasts.
 
+use core::ops::{BitAnd, BitXor, Shl, Shr, Sub};
+
 use heapless::Vec;
 use rcg_protocol::{Fault, Level, Line, Pace, Polarity, Pulse, Step, Ticks};
 
@@ -103,82 +105,64 @@ impl WordFormat {
     /// [`Fault::PulseOutsidePeriod`], [`Fault::EdgesTooClose`] or [`Fault::PeriodTooLong`], naming `index`.
     pub fn encode(self, step: &Step, index: u64) -> Result<StepWords, Fault> {
         let mut words = StepWords::new();
-        self.encode_into(step, index, |word| {
-            words.push(word).map_err(|_| Fault::PeriodTooLong { step: index })
-        })?;
+        self.encode_into(step, index, &mut words)?;
         Ok(words)
     }
 
-    /// Hands the words of `step` to `push`, as [`encode`](Self::encode) does; some may have been when it fails.
+    /// Puts the words of `step` into `words`, which were empty, as [`encode`](Self::encode) does; some may be there
+    /// when it fails.
     ///
     /// # Errors
-    /// As [`encode`](Self::encode), and those of `push`.
-    pub fn encode_into(
-        self,
-        step: &Step,
-        index: u64,
-        mut push: impl FnMut(u32) -> Result<(), Fault>,
-    ) -> Result<(), Fault> {
-        if step.period > LONGEST_PERIOD {
+    /// As [`encode`](Self::encode).
+    pub fn encode_into(self, step: &Step, index: u64, words: &mut StepWords) -> Result<(), Fault> {
+        let period = step.period;
+        if period > LONGEST_PERIOD {
             return Err(Fault::PeriodTooLong { step: index });
         }
-        let outside = Fault::PulseOutsidePeriod { step: index };
-        let too_close = Fault::EdgesTooClose {
-            step: index,
-            shortest: self.shortest(),
+        let (Some(proj), Some(cam)) = (edges_within(step.proj, period), edges_within(step.cam, period))
+        else {
+            return Err(Fault::PulseOutsidePeriod { step: index });
         };
-        if step.period == Ticks::ZERO {
-            return Err(too_close);
-        }
-        let [proj_on, proj_off] = edges_within(step.proj, step.period).ok_or(outside)?;
-        let [cam_on, cam_off] = edges_within(step.cam, step.period).ok_or(outside)?;
-        // Both pulses are in order already, so three exchanges put their edges in order. An edge is its time and,
-        // below, the pin that it toggles.
-        let edge = |at: Ticks, pin: u32| at.0 << 2 | u64::from(pin);
-        let [mut a, mut b, mut c, mut d] = [
-            edge(proj_on, PIN_PROJ),
-            edge(proj_off, PIN_PROJ),
-            edge(cam_on, PIN_CAM),
-            edge(cam_off, PIN_CAM),
-        ];
-        exchange(&mut a, &mut c);
-        exchange(&mut b, &mut d);
-        exchange(&mut b, &mut c);
-
         if self.pace == Pace::EachOnSync {
-            push(self.rest() | WAIT_BIT)?;
+            put(words, self.rest() | WAIT_BIT);
         }
-        let (mut now, mut pins) = (0, self.rest());
-        for edge in [a, b, c, d] {
-            let at = edge >> 2;
-            self.hold(pins, at - now, too_close, &mut push)?;
-            (now, pins) = (at, pins ^ (edge as u32 & PINS));
+        let done = if period.0 <= SHORT_PERIOD {
+            let [proj, cam] = [proj, cam].map(|edges| edges.map(|at| at.0 as u32));
+            let (shift, shortest) = (self.shift(), self.shortest());
+            segments(self.rest(), proj, cam, period.0 as u32, |pins, ticks| {
+                let count = ticks.checked_sub(shortest)?;
+                put(words, count << shift | pins);
+                Some(())
+            })
+        } else {
+            let [proj, cam] = [proj, cam].map(|edges| edges.map(|at| at.0));
+            segments(u64::from(self.rest()), proj, cam, period.0, |pins, ticks| {
+                self.hold(pins as u32, ticks, words)
+            })
+        };
+        // A step of no length is one whose borders are too close.
+        if done.is_none() || period == Ticks::ZERO {
+            return Err(Fault::EdgesTooClose {
+                step: index,
+                shortest: self.shortest(),
+            });
         }
-        self.hold(pins, step.period.0 - now, too_close, &mut push)
+        Ok(())
     }
 
-    /// The words that keep the pins for a while, if it is any.
-    fn hold(
-        self,
-        pins: u32,
-        mut left: u64,
-        too_close: Fault,
-        push: &mut impl FnMut(u32) -> Result<(), Fault>,
-    ) -> Result<(), Fault> {
+    /// The words that keep the pins for a while; `None` if it is too short for a word.
+    fn hold(self, pins: u32, mut left: u64, words: &mut StepWords) -> Option<()> {
         let shortest = u64::from(self.shortest());
         while left > 0 {
-            if left < shortest {
-                return Err(too_close);
-            }
             let mut ticks = left.min(self.longest());
             if ticks < left && left - ticks < shortest {
                 ticks -= shortest; // leave a remainder that a word can make
             }
-            let count = (ticks - shortest) as u32;
-            push(count << self.shift() | pins)?;
+            let count = ticks.checked_sub(shortest)?;
+            put(words, (count as u32) << self.shift() | pins);
             left -= ticks;
         }
-        Ok(())
+        Some(())
     }
 
     /// Whether `word` waits for a SYNC edge.
@@ -192,13 +176,10 @@ impl WordFormat {
     }
 }
 
-/// What is to be known of a step, gathered from its words one by one.
+/// What is to be known of a step, gathered from its words.
 #[derive(Clone, Copy, Debug)]
 pub struct Outline {
-    shift: u32,
-    shortest: u32,
-    wait: u32,
-    rest: u32,
+    format: WordFormat,
     trigger: Option<Ticks>,
     period: Ticks,
 }
@@ -207,29 +188,33 @@ impl Outline {
     /// Of no words yet.
     #[must_use]
     pub const fn new(format: WordFormat) -> Self {
-        // Taken apart here, as this is done for every word that is played.
         Self {
-            shift: format.shift(),
-            shortest: format.shortest(),
-            wait: match format.pace {
-                Pace::FreeRunning => 0,
-                Pace::EachOnSync => WAIT_BIT,
-            },
-            rest: format.rest(),
+            format,
             trigger: None,
             period: Ticks::ZERO,
         }
     }
 
-    /// The next word of the step.
-    pub fn add(&mut self, word: u32) {
-        if word & self.wait != 0 {
-            return;
+    /// The next words of the step.
+    #[inline(never)] // else its loop competes for registers with what is around it
+    pub fn add(&mut self, words: &[u32]) {
+        let (shift, shortest) = (self.format.shift(), self.format.shortest());
+        let rest = self.format.rest();
+        let wait = match self.format.pace {
+            Pace::FreeRunning => 0,
+            Pace::EachOnSync => WAIT_BIT,
+        };
+        let mut period = self.period.0;
+        for &word in words {
+            if word & wait != 0 {
+                continue;
+            }
+            if (word ^ rest) & PIN_CAM != 0 && self.trigger.is_none() {
+                self.trigger = Some(Ticks(period));
+            }
+            period += u64::from((word >> shift) + shortest); // at most 2³⁰ + 2
         }
-        if self.trigger.is_none() && (word ^ self.rest) & PIN_CAM != 0 {
-            self.trigger = Some(self.period);
-        }
-        self.period.0 += u64::from(word >> self.shift) + u64::from(self.shortest);
+        self.period.0 = period;
     }
 
     /// Leading edge of CAM from the start of the step, if there is one.
@@ -245,6 +230,50 @@ impl Outline {
     }
 }
 
+/// A step that is no longer has one word for each of its segments, and its times with a pin fit into 32 bits.
+const SHORT_PERIOD: u64 = 1 << 29;
+
+/// Hands the segments of a step to `hold`, pins and length, leaving out those of no length; ends when `hold` says
+/// `None`. In numbers of 32 bits this is a third of the work that it is in 64.
+fn segments<T>(
+    rest: T,
+    [proj_on, proj_off]: [T; 2],
+    [cam_on, cam_off]: [T; 2],
+    period: T,
+    mut hold: impl FnMut(T, T) -> Option<()>,
+) -> Option<()>
+where
+    T: Copy + Ord + From<u32> + Sub<Output = T> + BitXor<Output = T> + BitAnd<Output = T>,
+    T: Shl<u32, Output = T> + Shr<u32, Output = T>,
+{
+    // An edge is its time and the pin that it toggles.
+    let edge = |at: T, pin: u32| at << 2 ^ T::from(pin);
+    let (mut a, mut b) = (edge(proj_on, PIN_PROJ), edge(proj_off, PIN_PROJ));
+    let (mut c, mut d) = (edge(cam_on, PIN_CAM), edge(cam_off, PIN_CAM));
+    // Both pulses are in order already, so three exchanges put their edges in order.
+    exchange(&mut a, &mut c);
+    exchange(&mut b, &mut d);
+    exchange(&mut b, &mut c);
+    let (mut now, mut pins) = (T::from(0), rest);
+    for edge in [a, b, c, d] {
+        let at = edge >> 2;
+        if at != now {
+            hold(pins, at - now)?;
+        }
+        (now, pins) = (at, pins ^ (edge & T::from(PINS)));
+    }
+    if period == now {
+        Some(())
+    } else {
+        hold(pins, period - now)
+    }
+}
+
+/// Adds a word, for which there is room: [`WORDS_PER_STEP`] is for the longest step.
+fn put(words: &mut StepWords, word: u32) {
+    words.push(word).expect("no step has more words");
+}
+
 /// Leading and trailing edge of `pulse`, or twice the start of the step if there is no pulse; `None` if they are not
 /// within the period.
 fn edges_within(pulse: Pulse, period: Ticks) -> Option<[Ticks; 2]> {
@@ -256,7 +285,7 @@ fn edges_within(pulse: Pulse, period: Ticks) -> Option<[Ticks; 2]> {
 }
 
 /// Puts two numbers in order.
-fn exchange(low: &mut u64, high: &mut u64) {
+fn exchange<T: Ord>(low: &mut T, high: &mut T) {
     if *low > *high {
         core::mem::swap(low, high);
     }

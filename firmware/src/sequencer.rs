@@ -8,7 +8,7 @@
 use rcg_protocol::{Command, Extent, Fault, Pace, Program, RunId, State, Step, StepId, Ticks};
 
 use crate::burst::{Burst, Haste};
-use crate::pulse::{Outline, WordFormat};
+use crate::pulse::{Outline, StepWords, WordFormat};
 use crate::store::Store;
 
 /// Sequencer and the schedule that it plays.
@@ -222,8 +222,9 @@ impl Sequencer {
         }
         for step in steps {
             let index = self.store.appended();
-            let written = self.store.push(|push| format.encode_into(step, index, push));
-            if let Err(fault) = written {
+            let mut words = StepWords::new();
+            let encoded = format.encode_into(step, index, &mut words);
+            if let Err(fault) = encoded.and_then(|()| self.store.push(&words)) {
                 self.store.retract(index - expected);
                 return Err(match fault {
                     // The steps before it have been given back, so they fit too.
@@ -325,16 +326,16 @@ impl Sequencer {
         Ok(())
     }
 
-    /// The next step for the engine, its words handed to `take` one by one; `None` if there is none now. Valid
-    /// while armed and running.
-    pub fn next_step(&mut self, mut take: impl FnMut(u32)) -> Option<Fetched> {
+    /// The next step for the engine, its words handed to `take` in one piece or two; `None` if there is none now.
+    /// Valid while armed and running.
+    pub fn next_step(&mut self, mut take: impl FnMut(&[u32])) -> Option<Fetched> {
         if !matches!(self.state, State::Armed | State::Running) || self.stopping {
             return None;
         }
         let mut outline = Outline::new(self.format()?);
-        let words = self.store.take_step(|word| {
-            outline.add(word);
-            take(word);
+        let words = self.store.take_step(|words| {
+            outline.add(words);
+            take(words);
         })?;
         let fetched = Fetched {
             step: StepId(self.fetched),

@@ -10,22 +10,20 @@
 //! When the link is slower than the telemetry, step records are dropped and counted rather than delaying a
 //! response; the host measures again what it has no record of.
 
-use heapless::{Deque, Vec};
+use heapless::Deque;
 use rcg_protocol::{
-    Counters, Event, Extent, Fault, Identity, Info, PROTOCOL_VERSION, Pace, RECORDS_PER_EVENT, Reply,
-    Request, Response, SCHEMA_HASH, Seq, SessionId, Start, State, Status, StepFlags, StepRecord, Ticks,
-    ToDevice, ToHost,
+    Counters, Event, Extent, Fault, Identity, Info, PROTOCOL_VERSION, Pace, Reply, Request, Response,
+    SCHEMA_HASH, Seq, SessionId, Start, State, Status, StepFlags, StepRecord, Ticks, ToDevice, ToHost,
 };
 
 use crate::burst::{Burst, SLACK_US, STEP_COST_US};
+use crate::outbox::Outbox;
 use crate::pulse::{FREE_OVERHEAD, LONGEST_PERIOD, PACED_OVERHEAD, SYNC_LATENCY};
 use crate::sequencer::{Fetched, Sequencer};
 use crate::store::{MAX_STEPS, MAX_WORDS};
 use crate::vsync::{Regularity, VsyncWatch};
 use crate::witness::{Sighting, Witness};
 
-/// Messages that can wait for the link.
-const OUTBOX: usize = 16;
 /// Places in the outbox that telemetry leaves to responses.
 const RESERVED: usize = 4;
 /// Step records wait at most this long for their batch to fill.
@@ -75,11 +73,10 @@ pub struct Session {
     witnessed: bool,
     /// The abort that is answered then, and when it came.
     unanswered: Option<(Seq, Ticks)>,
-    batch: Vec<StepRecord, RECORDS_PER_EVENT>,
     /// Paced steps whose SYNC edge has not come: their trigger counts from it.
     awaiting_sync: Deque<Fetched, 4>,
     witness: Witness,
-    outbox: Deque<ToHost, OUTBOX>,
+    outbox: Outbox,
     sequencer: Sequencer,
 }
 
@@ -105,10 +102,9 @@ impl Session {
                 records_lost: 0,
                 spurious_strobes: 0,
             },
-            batch: Vec::new(),
             batch_since: Ticks::ZERO,
             last_heard: Ticks::ZERO,
-            outbox: Deque::new(),
+            outbox: Outbox::new(),
             engine: None,
             halting: false,
             witnessed: true,
@@ -133,7 +129,9 @@ impl Session {
         if let Some(engine) = self.engine.take() {
             return Some(Action::Engine(engine));
         }
-        self.outbox.pop_front().map(Action::Send)
+        let message = self.outbox.front().cloned()?;
+        self.outbox.discard();
+        Some(Action::Send(message))
     }
 
     /// The next engine command only, for a caller that is short of time.
@@ -149,7 +147,7 @@ impl Session {
 
     /// The next message was sent.
     pub fn message_sent(&mut self) {
-        self.outbox.pop_front();
+        self.outbox.discard();
     }
 
     /// A frame came that could not be decoded.
@@ -242,7 +240,7 @@ impl Session {
                 self.awaiting_sync.clear();
                 self.vsync = VsyncWatch::new();
                 self.witnessed = true;
-                self.batch.clear();
+                self.outbox.batch().clear();
                 self.engine = Some(Engine::Prime);
                 return Ok(Reply::Armed { run });
             }
@@ -297,9 +295,9 @@ impl Session {
         burst
     }
 
-    /// The next step for the engine, its words handed to `take` one by one; `None` if it shall let what it has
-    /// run out.
-    pub fn next_step(&mut self, take: impl FnMut(u32)) -> Option<Fetched> {
+    /// The next step for the engine, its words handed to `take` in one piece or two; `None` if it shall let what it
+    /// has run out.
+    pub fn next_step(&mut self, take: impl FnMut(&[u32])) -> Option<Fetched> {
         if self.awaiting_sync.is_full() {
             return None; // a paced engine fetches a step or two ahead, never this many
         }
@@ -433,7 +431,7 @@ impl Session {
         let flush_after = Ticks(FLUSH_AFTER_MS * u64::from(self.clock_hz) / 1000);
         if let Some(started) = self.sequencer.started() {
             let in_run = now.saturating_sub(started);
-            if !self.batch.is_empty() && in_run.saturating_sub(self.batch_since) > flush_after {
+            if !self.outbox.batch().is_empty() && in_run.saturating_sub(self.batch_since) > flush_after {
                 self.flush();
             }
         }
@@ -473,44 +471,46 @@ impl Session {
     }
 
     fn record(&mut self, record: StepRecord, now: Ticks) {
-        if self.batch.is_empty() {
+        let batch = self.outbox.batch();
+        if batch.is_empty() {
             self.batch_since = now;
         }
-        self.batch.push(record).ok(); // flushed when full, so there is room
-        if self.batch.is_full() {
+        batch.push(record).ok(); // flushed when full, so there is room
+        if batch.is_full() {
             self.flush();
         }
     }
 
     fn flush(&mut self) {
-        if self.batch.is_empty() {
+        let batch = self.outbox.batch();
+        let records = batch.len() as u32;
+        if records == 0 {
             return;
         }
-        let records = core::mem::take(&mut self.batch);
-        let lost = records.len() as u32;
-        if !self.send_event(Event::Records {
-            run: self.sequencer.run(),
-            records,
-        }) {
-            self.counters.records_lost += lost;
+        if self.outbox.room() > RESERVED {
+            self.outbox.push_batch(self.sequencer.run());
+        } else {
+            self.outbox.batch().clear();
+            self.counters.records_lost += records;
         }
     }
 
-    fn send_event(&mut self, event: Event) -> bool {
+    fn send_event(&mut self, event: Event) {
         // The end of a run may use the reserve: the host waits for it.
         let reserve = if matches!(event, Event::Ended { .. }) {
             0
         } else {
             RESERVED
         };
-        self.outbox.len() + reserve < OUTBOX && self.outbox.push_back(ToHost::Event(event)).is_ok()
+        if self.outbox.room() > reserve {
+            self.outbox.push(ToHost::Event(event));
+        }
     }
 
     fn respond(&mut self, session: SessionId, seq: Seq, result: Result<Reply, Fault>) {
         // If even the reserve is full the host asks again and is answered from memory.
         self.outbox
-            .push_back(ToHost::Response(Response { session, seq, result }))
-            .ok();
+            .push(ToHost::Response(Response { session, seq, result }));
     }
 }
 

@@ -52,11 +52,18 @@ impl Words {
         self.len += 1;
     }
 
-    fn pop(&mut self) -> u32 {
-        let word = self.ring[self.first];
-        self.first = self.place(1);
-        self.len -= 1;
-        word
+    /// Takes the first `count` words off, which lie in one piece or, over the end of the ring, in two.
+    fn pop(&mut self, count: usize, mut take: impl FnMut(&[u32])) {
+        let end = self.first + count;
+        self.len -= count;
+        if end < MAX_WORDS {
+            take(&self.ring[self.first..end]);
+            self.first = end;
+        } else {
+            take(&self.ring[self.first..]);
+            take(&self.ring[..end - MAX_WORDS]);
+            self.first = end - MAX_WORDS;
+        }
     }
 }
 
@@ -145,41 +152,30 @@ impl Store {
         steps.min(words / 4) as u32
     }
 
-    /// Adds one step, whose words `write` hands to the function that it is given.
+    /// Adds one step of these words.
     ///
     /// # Errors
-    /// [`Fault::StreamFull`] or, for a table, [`Fault::TooManySteps`] or [`Fault::TooManyWords`]; or those of
-    /// `write`. Nothing is taken then.
-    pub fn push(
-        &mut self,
-        write: impl FnOnce(&mut dyn FnMut(u32) -> Result<(), Fault>) -> Result<(), Fault>,
-    ) -> Result<(), Fault> {
-        let before = self.words.len;
+    /// [`Fault::StreamFull`] or, for a table, [`Fault::TooManySteps`] or [`Fault::TooManyWords`]. Nothing is taken
+    /// then.
+    pub fn push(&mut self, words: &[u32]) -> Result<(), Fault> {
         let steps_full = self.lengths.is_full();
-        let full = match (self.keeps, steps_full) {
-            (false, _) => Fault::StreamFull {
-                free: self.free_steps(),
-            },
-            (true, true) => Fault::TooManySteps {
-                limit: MAX_STEPS as u32,
-            },
-            (true, false) => Fault::TooManyWords {
-                limit: MAX_WORDS as u32,
-            },
-        };
-        let written = write(&mut |word| {
-            if steps_full || self.words.len == MAX_WORDS {
-                return Err(full);
-            }
-            self.words.push(word);
-            Ok(())
-        });
-        if written.is_err() {
-            self.words.len = before;
-            return written;
+        if steps_full || MAX_WORDS - self.words.len < words.len() {
+            return Err(match (self.keeps, steps_full) {
+                (false, _) => Fault::StreamFull {
+                    free: self.free_steps(),
+                },
+                (true, true) => Fault::TooManySteps {
+                    limit: MAX_STEPS as u32,
+                },
+                (true, false) => Fault::TooManyWords {
+                    limit: MAX_WORDS as u32,
+                },
+            });
         }
-        let length = self.words.len - before;
-        self.lengths.push_back(length as u8).ok(); // words were taken, so there is room
+        for &word in words {
+            self.words.push(word);
+        }
+        self.lengths.push_back(words.len() as u8).ok(); // there is room
         self.appended += 1;
         Ok(())
     }
@@ -192,9 +188,9 @@ impl Store {
         }
     }
 
-    /// Hands the words of the next step to `take`, in order and one by one. Returns how many there were, or
+    /// Hands the words of the next step to `take`, in order and in one piece or two. Returns how many there were, or
     /// `None` if the store is dry.
-    pub fn take_step(&mut self, mut take: impl FnMut(u32)) -> Option<usize> {
+    pub fn take_step(&mut self, mut take: impl FnMut(&[u32])) -> Option<usize> {
         if self.is_dry() {
             return None;
         }
@@ -202,7 +198,7 @@ impl Store {
         if self.keeps {
             let (step, word) = self.cursor;
             length = usize::from(*self.lengths.get(step)?);
-            self.table()[word..word + length].iter().copied().for_each(take);
+            take(&self.table()[word..word + length]);
             self.cursor = (step + 1, word + length);
             if self.cursor.0 == self.lengths.len() {
                 self.cursor = (0, 0);
@@ -210,9 +206,7 @@ impl Store {
             }
         } else {
             length = usize::from(self.lengths.pop_front()?);
-            for _ in 0..length {
-                take(self.words.pop());
-            }
+            self.words.pop(length, take);
         }
         Some(length)
     }

@@ -16,11 +16,12 @@ use embassy_rp::usb::Driver;
 use embassy_time::{Duration, with_timeout};
 use embassy_usb::class::cdc_acm::{CdcAcmClass, ControlChanged, Receiver, Sender, State};
 use embassy_usb::{Builder, Config, UsbDevice};
-use rcg_protocol::Decoder;
+use rcg_protocol::{Decoder, MAX_FRAME};
 use static_cell::StaticCell;
 
 use crate::board::Irqs;
-use crate::links::{LinkId, outbox, receive};
+use crate::controller::next_frame;
+use crate::links::{LinkId, receive, woken};
 
 /// Vendor and product for tests of open hardware (pid.codes); a product that is sold needs its own.
 const VENDOR_PRODUCT: (u16, u16) = (0x1209, 0x0001);
@@ -93,22 +94,33 @@ async fn usb_in(mut receiver: Receiver<'static, UsbDriver>, control: ControlChan
 
 #[embassy_executor::task]
 async fn usb_out(mut sender: Sender<'static, UsbDriver>) {
-    let mut packet = [0; PACKET];
+    let mut bytes = [0; PACKET + MAX_FRAME];
+    let (mut from, mut to) = (0, 0);
     let mut full = false;
     loop {
+        // Frames follow each other without a gap, or most packets would be short.
+        while to - from < PACKET {
+            bytes.copy_within(from..to, 0);
+            (from, to) = (0, to - from);
+            let length = next_frame(LinkId::Usb, &mut bytes[to..]);
+            if length == 0 {
+                break;
+            }
+            to += length;
+        }
         // A transfer that ends with a full packet needs an empty one, or the host waits for more.
-        let bytes = outbox(LinkId::Usb);
-        let count = match bytes.try_read(&mut packet) {
-            Ok(count) => count,
-            Err(_) if full => 0,
-            Err(_) => bytes.read(&mut packet).await,
-        };
-        if !LISTENED_TO.load(Ordering::Relaxed) {
-            full = false;
+        if from == to && !full {
+            woken(LinkId::Usb).await;
             continue;
         }
-        full = count == PACKET;
-        let sent = with_timeout(PATIENCE, sender.write_packet(&packet[..count])).await;
+        if !LISTENED_TO.load(Ordering::Relaxed) {
+            (from, full) = (to, false);
+            continue;
+        }
+        let packet = &bytes[from..to.min(from + PACKET)];
+        from += packet.len();
+        full = packet.len() == PACKET;
+        let sent = with_timeout(PATIENCE, sender.write_packet(packet)).await;
         if !matches!(sent, Ok(Ok(()))) {
             LISTENED_TO.store(false, Ordering::Relaxed);
             defmt::warn!("USB: nobody reads");

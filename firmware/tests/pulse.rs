@@ -149,9 +149,7 @@ fn check_summary(format: WordFormat, steps: &[Step]) {
 
 fn outline(format: WordFormat, words: &[u32]) -> (Option<Ticks>, Ticks) {
     let mut outline = Outline::new(format);
-    for &word in words {
-        outline.add(word);
-    }
+    outline.add(words);
     (outline.trigger(), outline.period())
 }
 

@@ -12,6 +12,7 @@
 use core::ops::Range;
 
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
+use postcard::ser_flavors::Flavor;
 use serde::{Serialize, de::DeserializeOwned};
 
 static CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
@@ -61,12 +62,11 @@ impl core::error::Error for FrameError {}
 /// # Errors
 /// [`FrameError::TooLong`] if `out` is too short; [`MAX_FRAME`] is always enough.
 pub fn encode<'a, T: Serialize>(message: &T, out: &'a mut [u8]) -> Result<&'a mut [u8], FrameError> {
-    // One pass over the bytes for each of the three, and block by block: on a small CPU that is a fraction of the
-    // work of one pass with three things to do at every byte. COBS makes room at the front for what it adds.
+    // One pass over the bytes for each of the three: on a small CPU that is a fraction of the work of one pass with
+    // three things to do at every byte. COBS makes room at the front for what it adds.
     let body = out.get_mut(MOST_ADDED..).ok_or(FrameError::TooLong)?;
-    let used = postcard::to_slice(message, body)
-        .map_err(|_| FrameError::TooLong)?
-        .len();
+    let used = postcard::serialize_with_flavor(message, Body { bytes: body, used: 0 })
+        .map_err(|_| FrameError::TooLong)?;
     let crc = CRC.checksum(&body[..used]).to_le_bytes();
     body.get_mut(used..used + crc.len())
         .ok_or(FrameError::TooLong)?
@@ -76,22 +76,46 @@ pub fn encode<'a, T: Serialize>(message: &T, out: &'a mut [u8]) -> Result<&'a mu
     Ok(&mut out[..=coded])
 }
 
+/// Takes the bytes of a message one by one: they come in ones and twos, for which a call of `memcpy` is long.
+struct Body<'a> {
+    bytes: &'a mut [u8],
+    used: usize,
+}
+
+impl Flavor for Body<'_> {
+    type Output = usize;
+
+    #[inline]
+    fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
+        let place = self.bytes.get_mut(self.used);
+        *place.ok_or(postcard::Error::SerializeBufferFull)? = byte;
+        self.used += 1;
+        Ok(())
+    }
+
+    fn finalize(self) -> postcard::Result<usize> {
+        Ok(self.used)
+    }
+}
+
 /// Brings the bytes in `body` to the front of `buffer` as COBS, and returns how many they are then. The body
 /// begins at least as far behind the front as COBS adds bytes.
 fn stuff(buffer: &mut [u8], body: Range<usize>) -> usize {
-    let (mut from, mut to) = (body.start, 0);
-    loop {
-        let rest = &buffer[from..body.end];
-        let run = rest.iter().position(|&byte| byte == 0).unwrap_or(rest.len());
-        let (taken, zero) = (run.min(FULL_BLOCK), run < FULL_BLOCK);
-        buffer[to] = taken as u8 + 1;
-        buffer.copy_within(from..from + taken, to + 1);
-        to += 1 + taken;
-        from += taken + usize::from(zero); // a full block stands for no zero
-        if zero && from > body.end {
-            return to; // the zero of the last block is the delimiter
+    // Byte by byte, as most blocks are shorter than a call of `memmove` takes.
+    let (mut code, mut to) = (0, 1);
+    for from in body {
+        let byte = buffer[from];
+        if byte != 0 {
+            buffer[to] = byte;
+            to += 1;
+        }
+        if byte == 0 || to - code > FULL_BLOCK {
+            buffer[code] = (to - code) as u8;
+            (code, to) = (to, to + 1);
         }
     }
+    buffer[code] = (to - code) as u8;
+    to // the zero of the last block is the delimiter
 }
 
 /// Decodes one frame in place; `frame` comes without its delimiter.
@@ -105,8 +129,10 @@ pub fn decode<T: DeserializeOwned>(frame: &mut [u8]) -> Result<T, FrameError> {
     if CRC.checksum(body) != u32::from_le_bytes(*crc) {
         return Err(FrameError::Content);
     }
-    match postcard::take_from_bytes(body) {
-        Ok((message, [])) => Ok(message),
+    let mut deserializer = postcard::Deserializer::from_bytes(body);
+    let message = T::deserialize(&mut deserializer).map_err(|_| FrameError::Content)?;
+    match deserializer.finalize() {
+        Ok([]) => Ok(message),
         _ => Err(FrameError::Content),
     }
 }
@@ -121,8 +147,10 @@ fn unstuff(frame: &mut [u8]) -> Option<usize> {
         if from + code > frame.len() {
             return None;
         }
-        frame.copy_within(from + 1..from + code, to);
-        to += taken;
+        for at in from + 1..from + code {
+            frame[to] = frame[at];
+            to += 1;
+        }
         from += code;
         if taken < FULL_BLOCK {
             if from == frame.len() {

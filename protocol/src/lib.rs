@@ -22,6 +22,7 @@ mod framing;
 mod message;
 mod schedule;
 mod units;
+mod varint;
 
 pub use fault::{Command, Fault, State};
 pub use framing::{Decoder, FrameError, MAX_FRAME, decode, encode};

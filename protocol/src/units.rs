@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
     Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Schema,
 )]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Ticks(pub u64);
+pub struct Ticks(#[serde(with = "crate::varint")] pub u64);
 
 impl Ticks {
     /// No time at all.
@@ -90,7 +90,7 @@ impl Micros {
     Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Schema,
 )]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct StepId(pub u64);
+pub struct StepId(#[serde(with = "crate::varint")] pub u64);
 
 impl fmt::Display for StepId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {

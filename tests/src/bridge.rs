@@ -202,7 +202,11 @@ impl Bench {
         let Some(mut run) = self.run.take() else { return };
         let (rig, started) = (&mut self.rig, run.started);
         let mut words = StepWords::new();
-        let push = |word| words.push(word).expect("a step has room for its words");
+        let push = |piece: &[u32]| {
+            words
+                .extend_from_slice(piece)
+                .expect("a step has room for its words")
+        };
         if self.session.next_step(push).is_none() {
             let end = run.reader.now();
             let mut strobes = Vec::new();

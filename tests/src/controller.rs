@@ -139,9 +139,11 @@ impl Controller {
     fn fetch(&mut self) {
         let mut words = StepWords::new();
         while self.queue.len() < AHEAD
-            && let Some(fetched) = self
-                .session
-                .next_step(|word| words.push(word).expect("a step has room for its words"))
+            && let Some(fetched) = self.session.next_step(|piece| {
+                words
+                    .extend_from_slice(piece)
+                    .expect("a step has room for its words")
+            })
         {
             self.queue.push_back((fetched, std::mem::take(&mut words)));
         }

@@ -324,7 +324,7 @@ impl Engine {
         };
         if !block.is_full()
             && !self.progress.is_full()
-            && let Some(fetched) = session.next_step(|word| block.push(word))
+            && let Some(fetched) = session.next_step(|words| block.push(words))
         {
             block.end_step(fetched.period);
             self.progress.push(fetched.words, fetched.period);

@@ -58,7 +58,7 @@ pub(crate) fn go(s: &mut Sequencer) {
 pub(crate) fn play(s: &mut Sequencer) -> Vec<(StepId, Vec<u32>, u64)> {
     let mut played = Vec::new();
     let mut words = Vec::new();
-    while let Some(fetched) = s.next_step(|word| words.push(word)) {
+    while let Some(fetched) = s.next_step(|piece| words.extend_from_slice(piece)) {
         assert_eq!(fetched.words, words.len());
         played.push((fetched.step, std::mem::take(&mut words), fetched.begins.0));
         s.fired(played.len() as u64);

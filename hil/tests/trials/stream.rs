@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
+use rcg::device::DeviceError;
 use rcg_hil::bench::{Bench, Outcome};
 use rcg_hil::figures::Limit;
-use rcg_protocol::{Fault, Program, RunId, STEPS_PER_APPEND, State, Step, StepId};
+use rcg_protocol::{Event, Fault, Program, STEPS_PER_APPEND, State, Step, StepId};
 
-use crate::runs::{Heard, Result, check_edges, fire, follow, free_run_at_first_edge, listen, take_edges};
+use crate::runs::{Heard, Result, check_edges, fire, follow, free_run_at_first_edge, take_edges};
 use crate::steps::{plain, random, solid, stream};
 
 crate::trials!("stream":
@@ -18,52 +19,18 @@ crate::trials!("stream":
 
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Streams `steps`: fills the controller, fires, and goes on whenever there is room.
+/// Streams `steps` as the host's command does.
 fn play(bench: &mut Bench, program: &Program, steps: &[Step]) -> Result<Heard> {
-    let mut room = bench.device.begin(program)? as usize;
-    let mut sent = 0;
-    let mut run = None;
     let mut heard = Heard::default();
-    while heard.ending.is_none() {
-        let batch = steps[sent..].len().min(STEPS_PER_APPEND);
-        if batch > 0 && room >= batch {
-            let last = sent + batch == steps.len();
-            match bench.device.append(sent as u64, &steps[sent..sent + batch], last) {
-                Ok(left) => {
-                    room = left as usize;
-                    sent += batch;
-                }
-                // Steps of more words than usual take more room than was promised.
-                Err(error) if matches!(error.fault(), Some(Fault::StreamFull { .. })) => room = 0,
-                Err(error) => ensure_over(error.fault(), bench, run, &mut heard)?,
-            }
-        } else if run.is_none() {
-            run = Some(fire(bench)?);
-        } else {
-            // It is full, or everything was sent: a batch of steps later things have changed.
-            bench.silence(Duration::from_micros(500))?;
-            if sent < steps.len() {
-                room = STEPS_PER_APPEND; // worth a try
-            }
+    take_edges(bench);
+    let ending = bench.device.stream(program, steps.iter().copied(), |event| {
+        if let Some(Event::Records { records, .. }) = event {
+            heard.records.extend(records.iter().copied());
         }
-        if let Some(run) = run {
-            listen(bench, run, &mut heard)?;
-        }
-    }
+        Ok::<(), DeviceError>(())
+    })?;
+    heard.ending = Some(ending);
     Ok(heard)
-}
-
-/// Hears of the end of the run, if `fault` says that there is none any more.
-fn ensure_over(fault: Option<Fault>, bench: &mut Bench, run: Option<RunId>, heard: &mut Heard) -> Outcome {
-    if let (Some(Fault::Refused { .. }), Some(run)) = (fault, run) {
-        bench.silence(Duration::from_millis(50))?;
-        listen(bench, run, heard)?;
-    }
-    if heard.ending.is_some() {
-        Ok(())
-    } else {
-        Err(format!("the steps were refused: {fault:?}").into())
-    }
 }
 
 /// 8,192 steps, twice what a table holds: the length of a stream is not limited.

@@ -109,7 +109,11 @@ impl VirtualController {
     fn play(&mut self) {
         let Some(mut run) = self.run.take() else { return };
         let mut words = StepWords::new();
-        let push = |word| words.push(word).expect("a step has room for its words");
+        let push = |piece: &[u32]| {
+            words
+                .extend_from_slice(piece)
+                .expect("a step has room for its words");
+        };
         if self.session.next_step(push).is_none() {
             // The engine rests after its last word, as if one more of resting levels followed.
             let end = run.reader.now();
