@@ -84,9 +84,16 @@ fn service() {
 
 /// Takes a request that came in over `link`.
 pub(crate) fn receive(link: LinkId, message: &ToDevice) {
-    service(); // the answer shall tell how things stand now
+    // The answer shall tell how things stand now, and what is commanded shall be done before it is sent. But steps that
+    // are appended are fetched when there is room for them: the DMA and the poll will tell.
+    let telling = !matches!(message.request, Request::Append { .. } | Request::Ping(_));
+    if telling {
+        service();
+    }
     with(|controller| controller.request(link, message));
-    service();
+    if telling {
+        service();
+    }
     send();
 }
 

@@ -59,8 +59,11 @@ pub(crate) async fn woken(link: LinkId) {
 /// Cuts frames out of `bytes` and passes them on.
 pub(crate) fn receive(link: LinkId, decoder: &mut Decoder, mut bytes: &[u8]) {
     while let Some(frame) = decoder.frame(&mut bytes) {
-        match frame.and_then(decode) {
-            Ok(message) => controller::receive(link, &message),
+        match frame {
+            Ok(frame) => match decode(frame) {
+                Ok(message) => controller::receive(link, &message),
+                Err(error) => controller::receive_corrupt(link, error),
+            },
             Err(error) => controller::receive_corrupt(link, error),
         }
     }

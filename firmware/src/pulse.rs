@@ -204,15 +204,21 @@ impl Outline {
             Pace::FreeRunning => 0,
             Pace::EachOnSync => WAIT_BIT,
         };
+        let length = |word: u32| u64::from((word >> shift) + shortest); // at most 2³⁰ + 2
         let mut period = self.period.0;
+        let mut words = words.iter().filter(|&&word| word & wait == 0);
+        if self.trigger.is_none() {
+            for &word in words.by_ref() {
+                let at = period;
+                period += length(word);
+                if (word ^ rest) & PIN_CAM != 0 {
+                    self.trigger = Some(Ticks(at));
+                    break;
+                }
+            }
+        }
         for &word in words {
-            if word & wait != 0 {
-                continue;
-            }
-            if (word ^ rest) & PIN_CAM != 0 && self.trigger.is_none() {
-                self.trigger = Some(Ticks(period));
-            }
-            period += u64::from((word >> shift) + shortest); // at most 2³⁰ + 2
+            period += length(word);
         }
         self.period.0 = period;
     }

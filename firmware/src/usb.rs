@@ -32,6 +32,10 @@ const PACKET: usize = 64;
 /// How long a packet may wait for the host to fetch it.
 const PATIENCE: Duration = Duration::from_millis(300);
 
+/// Bytes at an address at which a packet can be copied word by word.
+#[repr(align(4))]
+struct Aligned<const N: usize>([u8; N]);
+
 /// Whether somebody reads what is sent.
 static LISTENED_TO: AtomicBool = AtomicBool::new(false);
 
@@ -72,16 +76,16 @@ async fn usb_device(mut device: UsbDevice<'static, UsbDriver>) {
 #[embassy_executor::task]
 async fn usb_in(mut receiver: Receiver<'static, UsbDriver>, control: ControlChanged<'static>) {
     let mut decoder = Decoder::new();
-    let mut packet = [0; PACKET];
+    let mut packet = Aligned([0; PACKET]);
     loop {
         receiver.wait_connection().await;
         decoder.reset();
         defmt::info!("USB: connected");
         loop {
-            match select(receiver.read_packet(&mut packet), control.control_changed()).await {
+            match select(receiver.read_packet(&mut packet.0), control.control_changed()).await {
                 Either::First(Ok(count)) => {
                     LISTENED_TO.store(true, Ordering::Relaxed);
-                    receive(LinkId::Usb, &mut decoder, &packet[..count]);
+                    receive(LinkId::Usb, &mut decoder, &packet.0[..count]);
                 }
                 Either::First(Err(_)) => break,
                 Either::Second(()) => decoder.reset(), // the port was opened or closed
@@ -94,7 +98,8 @@ async fn usb_in(mut receiver: Receiver<'static, UsbDriver>, control: ControlChan
 
 #[embassy_executor::task]
 async fn usb_out(mut sender: Sender<'static, UsbDriver>) {
-    let mut bytes = [0; PACKET + MAX_FRAME];
+    let mut bytes = Aligned([0; PACKET + MAX_FRAME]);
+    let bytes = &mut bytes.0;
     let (mut from, mut to) = (0, 0);
     let mut full = false;
     loop {

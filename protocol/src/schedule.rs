@@ -133,6 +133,7 @@ pub enum Pace {
 /// Everything about a schedule but its steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(C)] // ends with a whole word: what follows it in a `Request` is moved word by word then, and not shifted
 pub struct Program {
     /// Table or stream.
     pub extent: Extent,

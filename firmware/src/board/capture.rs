@@ -8,7 +8,7 @@
 //! STROBE and as for the pulse engine itself.
 //!
 //! # Tradeoffs
-//! The ring is read every millisecond. A line with more than 128 pulses in that time is not one of a camera
+//! The ring is read every millisecond. A line with more than 96 pulses in that time is not one of a camera
 //! or of a projector, and ends the run with a fault.
 
 use core::cell::UnsafeCell;
@@ -28,6 +28,9 @@ use super::programs::Loaded;
 
 /// Counters that the ring holds.
 const RING_WORDS: usize = 256;
+
+/// Edges that may wait: the rest of the ring is for those that come while these are read.
+const MOST_WAITING: u32 = RING_WORDS as u32 * 3 / 4;
 
 /// Binary logarithm of the ring's size in bytes.
 const RING_BITS: u8 = (RING_WORDS * 4).ilog2() as u8;
@@ -61,6 +64,8 @@ pub(crate) struct Capture<const SM: usize> {
     active_low: bool,
     clock: EdgeClock,
     taken: u32,
+    /// Edges that had arrived when last [looked](Self::look) for.
+    known: u32,
     /// How many of what was stored are edges, once the machine stands still.
     edges: Option<u32>,
     lost: bool,
@@ -95,6 +100,7 @@ impl<const SM: usize> Capture<SM> {
             active_low: false,
             clock: EdgeClock::new(false),
             taken: 0,
+            known: 0,
             edges: None,
             lost: false,
             next: None,
@@ -138,6 +144,7 @@ impl<const SM: usize> Capture<SM> {
         }
         self.clock = EdgeClock::new(active);
         self.taken = 0;
+        self.known = 0;
         self.edges = None;
         self.lost = false;
         self.next = None;
@@ -157,18 +164,37 @@ impl<const SM: usize> Capture<SM> {
         ch.ctrl_trig().write_value(control);
     }
 
+    /// Looks which edges have arrived: those that can be [peeked](Self::peek) at from now on.
+    pub(crate) fn look(&mut self) {
+        self.known = self.edges.unwrap_or_else(|| self.arrived());
+        self.lost |= self.known - self.taken > MOST_WAITING || self.taken == MOST_EDGES;
+    }
+
+    /// Whether there is no edge to peek at.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.next.is_none() && (self.taken == self.known || self.lost)
+    }
+
     /// The next edge; `elapsed` is the coarse time since the count began.
     pub(crate) fn peek(&mut self, elapsed: Ticks) -> Option<Sighting> {
         if self.next.is_none() {
-            let waiting = self.edges.unwrap_or_else(|| self.arrived()) - self.taken;
-            self.lost |= waiting as usize >= RING_WORDS || self.taken == MOST_EDGES;
-            if waiting > 0 && !self.lost {
-                let counter = self.stored(self.taken);
-                self.taken += 1;
-                self.next = Some(self.clock.edge(counter, elapsed));
-            }
+            self.next = self.read(elapsed);
         }
         self.next
+    }
+
+    /// The next edge, which is dealt with at once.
+    pub(crate) fn take(&mut self, elapsed: Ticks) -> Option<Sighting> {
+        self.next.take().or_else(|| self.read(elapsed))
+    }
+
+    fn read(&mut self, elapsed: Ticks) -> Option<Sighting> {
+        if self.taken == self.known || self.lost {
+            return None;
+        }
+        let counter = self.stored(self.taken);
+        self.taken += 1;
+        Some(self.clock.edge(counter, elapsed))
     }
 
     /// The counter that the DMA stored as number `number`, which must have arrived.

@@ -20,29 +20,35 @@ const SETTLED_AFTER_US: u32 = 4;
 impl Engine {
     /// Reports some edges of both lines. Returns whether there may be more.
     pub(super) fn report_edges(&mut self, session: &mut Session, started: Ticks, elapsed: Ticks) -> bool {
+        // In this order: a SYNC edge of before a STROBE edge that has arrived has arrived too.
+        self.strobe.look();
+        self.sync.look();
         (0..EDGES_PER_TURN).all(|_| self.report_edge(session, started, elapsed))
     }
 
     /// Reports the earlier of the next edges of both lines, if there is one.
     fn report_edge(&mut self, session: &mut Session, started: Ticks, elapsed: Ticks) -> bool {
-        let (sync, strobe) = (self.sync.peek(elapsed), self.strobe.peek(elapsed));
-        // At the same time SYNC is first: it can be what made the camera expose.
-        if let Some(sync) = sync
-            && strobe.is_none_or(|strobe| sync.at <= strobe.at)
+        // At the same time SYNC is first: it can be what made the camera expose. Most runs have none.
+        if !self.sync.is_empty()
+            && let Some(sync) = self.sync.peek(elapsed)
+            && self
+                .strobe
+                .peek(elapsed)
+                .is_none_or(|strobe| sync.at <= strobe.at)
         {
             self.sync.advance();
             if sync.active {
                 self.report_sync(session, started, sync.at);
             }
-        } else if let Some(strobe) = strobe {
-            self.strobe.advance();
-            if let Some(origin) = self.origin
-                && strobe.at >= origin
-            {
-                session.strobe(strobe.active, strobe.at - origin);
-            }
-        } else {
+            return true;
+        }
+        let Some(strobe) = self.strobe.take(elapsed) else {
             return false;
+        };
+        if let Some(origin) = self.origin
+            && strobe.at >= origin
+        {
+            session.strobe(strobe.active, strobe.at - origin);
         }
         true
     }
