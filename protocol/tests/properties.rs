@@ -257,6 +257,19 @@ proptest! {
     }
 
     #[test]
+    fn a_frame_is_what_other_libraries_make_of_the_message(message in to_device()) {
+        let mut buffer = [0; MAX_FRAME];
+        let frame = encode(&message, &mut buffer).expect("every message fits a frame");
+        let mut bytes = [0; MAX_FRAME];
+        let report = cobs::decode(frame, &mut bytes).expect("it is COBS");
+        let mut plain = [0; MAX_FRAME];
+        let body = postcard::to_slice(&message, &mut plain).expect("it has room");
+        let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC).checksum(body);
+        let (decoded, tail) = bytes[..report.frame_size()].split_last_chunk().expect("a CRC");
+        prop_assert_eq!((decoded, u32::from_le_bytes(*tail)), (&*body, crc));
+    }
+
+    #[test]
     fn any_bytes_decode_without_panic(bytes in vec(any::<u8>(), 0..2000)) {
         // Random bytes carry no valid CRC but once in 2^32 frames.
         prop_assert!(accepted::<ToDevice>(&bytes).is_empty());
