@@ -20,6 +20,7 @@ const MOST: usize = 10;
 const MORE: u8 = 0x80;
 
 /// For `#[serde(with)]`.
+#[allow(clippy::trivially_copy_pass_by_ref)] // as serde calls it
 pub(crate) fn serialize<S: Serializer>(value: &u64, serializer: S) -> Result<S::Ok, S::Error> {
     if serializer.is_human_readable() {
         return serializer.serialize_u64(*value);
