@@ -18,7 +18,7 @@ use crate::controller;
 /// Bytes that wait to be read: two frames of the longest kind, and the time that they take.
 const UART_RX_BYTES: usize = 1024;
 /// Bytes that wait to be sent: a millisecond of them, in which the next frame is made.
-const UART_TX_BYTES: usize = 512;
+const UART_TX_BYTES: usize = 128;
 
 /// A link to the host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]

@@ -203,7 +203,7 @@ impl Bench {
         let push = |piece: &[u32]| {
             words
                 .extend_from_slice(piece)
-                .expect("a step has room for its words")
+                .expect("a step has room for its words");
         };
         if self.session.next_step(push).is_none() {
             let end = run.reader.now();

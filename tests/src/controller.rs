@@ -142,7 +142,7 @@ impl Controller {
             && let Some(fetched) = self.session.next_step(|piece| {
                 words
                     .extend_from_slice(piece)
-                    .expect("a step has room for its words")
+                    .expect("a step has room for its words");
             })
         {
             self.queue.push_back((fetched, std::mem::take(&mut words)));

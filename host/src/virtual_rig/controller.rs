@@ -112,7 +112,7 @@ impl VirtualController {
         let push = |piece: &[u32]| {
             words
                 .extend_from_slice(piece)
-                .expect("a step has room for its words")
+                .expect("a step has room for its words");
         };
         if self.session.next_step(push).is_none() {
             // The engine rests after its last word, as if one more of resting levels followed.
