@@ -26,8 +26,8 @@ use crate::witness::{Sighting, Witness};
 
 /// Places in the outbox that telemetry leaves to responses.
 const RESERVED: usize = 4;
-/// Step records wait at most this long for their batch to fill.
-const FLUSH_AFTER_MS: u64 = 20;
+/// Step records wait at most this part of a second for their batch to fill: 20 ms.
+const FLUSHES_PER_SECOND: u32 = 50;
 /// From one poll to the next, and until the outputs have followed.
 const LATENESS_US: u32 = 1_500;
 /// A stream reports room again when this many steps were played.
@@ -66,6 +66,8 @@ pub struct Session {
     counters: Counters,
     batch_since: Ticks,
     last_heard: Ticks,
+    /// How long the host may be silent in this run; zero for ever.
+    dead_man: Ticks,
     engine: Option<Engine>,
     /// The engine was told to halt and has not said yet how far it got.
     halting: bool,
@@ -104,6 +106,7 @@ impl Session {
             },
             batch_since: Ticks::ZERO,
             last_heard: Ticks::ZERO,
+            dead_man: Ticks::ZERO,
             outbox: Outbox::new(),
             engine: None,
             halting: false,
@@ -236,6 +239,8 @@ impl Session {
             }
             Request::Arm => {
                 let run = self.sequencer.arm()?;
+                let program = self.sequencer.program();
+                self.dead_man = program.map_or(Ticks::ZERO, |p| p.dead_man.to_ticks(self.clock_hz));
                 self.witness.clear();
                 self.awaiting_sync.clear();
                 self.vsync = VsyncWatch::new();
@@ -418,17 +423,14 @@ impl Session {
 
     /// To be called every millisecond: the dead-man time-out, and batches that have waited too long.
     pub fn poll(&mut self, now: Ticks) {
-        let dead_man = self
-            .sequencer
-            .program()
-            .map_or(Ticks::ZERO, |p| p.dead_man.to_ticks(self.clock_hz));
+        let dead_man = self.dead_man;
         let silent = now.saturating_sub(self.last_heard);
         // The outputs have to be low within the time that was set, and the next poll would be too late.
         let early = micros(LATENESS_US, self.clock_hz).min(Ticks(dead_man.0 / 8));
         if dead_man > Ticks::ZERO && silent + early > dead_man && self.sequencer.fail(Fault::HostLost) {
             self.halt();
         }
-        let flush_after = Ticks(FLUSH_AFTER_MS * u64::from(self.clock_hz) / 1000);
+        let flush_after = Ticks(u64::from(self.clock_hz / FLUSHES_PER_SECOND));
         if let Some(started) = self.sequencer.started() {
             let in_run = now.saturating_sub(started);
             if !self.outbox.batch().is_empty() && in_run.saturating_sub(self.batch_since) > flush_after {
