@@ -10,10 +10,12 @@
 //! When the link is slower than the telemetry, step records are dropped and counted rather than delaying a
 //! response; the host measures again what it has no record of.
 
+mod reports;
+
 use heapless::Deque;
 use rcg_protocol::{
-    Counters, Event, Extent, Fault, Identity, Info, PROTOCOL_VERSION, Pace, Reply, Request, Response,
-    SCHEMA_HASH, Seq, SessionId, Start, State, Status, StepFlags, StepRecord, Ticks, ToDevice, ToHost,
+    Counters, Event, Extent, Fault, Identity, Info, PROTOCOL_VERSION, Pace, Reply, Request, SCHEMA_HASH, Seq,
+    SessionId, Start, State, Status, StepFlags, Ticks, ToDevice, ToHost,
 };
 
 use crate::burst::{Burst, SLACK_US, STEP_COST_US};
@@ -24,8 +26,6 @@ use crate::store::{MAX_STEPS, MAX_WORDS};
 use crate::vsync::{Regularity, VsyncWatch};
 use crate::witness::{Sighting, Witness};
 
-/// Places in the outbox that telemetry leaves to responses.
-const RESERVED: usize = 4;
 /// Step records wait at most this part of a second for their batch to fill: 20 ms.
 const FLUSHES_PER_SECOND: u32 = 50;
 /// From one poll to the next, and until the outputs have followed.
@@ -437,82 +437,6 @@ impl Session {
                 self.flush();
             }
         }
-    }
-
-    fn ended(&mut self, at: Ticks) {
-        if !self.witnessed {
-            let unseen = u32::try_from(self.sequencer.steps_done()).unwrap_or(u32::MAX);
-            self.counters.records_lost = self.counters.records_lost.saturating_add(unseen);
-        }
-        while let Some(record) = self.witness.last(at) {
-            self.record(record, at);
-        }
-        self.witness.clear();
-        self.awaiting_sync.clear();
-        self.flush();
-        let Status {
-            state,
-            run,
-            steps_done,
-            fault,
-            ..
-        } = self.status(at);
-        self.send_event(Event::Ended {
-            run,
-            state,
-            fault,
-            steps_done,
-            at,
-        });
-    }
-
-    fn settle(&mut self, now: Ticks) {
-        while let Some(record) = self.witness.settled(now) {
-            self.record(record, now);
-        }
-    }
-
-    fn record(&mut self, record: StepRecord, now: Ticks) {
-        let batch = self.outbox.batch();
-        if batch.is_empty() {
-            self.batch_since = now;
-        }
-        batch.push(record).ok(); // flushed when full, so there is room
-        if batch.is_full() {
-            self.flush();
-        }
-    }
-
-    fn flush(&mut self) {
-        let batch = self.outbox.batch();
-        let records = batch.len() as u32;
-        if records == 0 {
-            return;
-        }
-        if self.outbox.room() > RESERVED {
-            self.outbox.push_batch(self.sequencer.run());
-        } else {
-            self.outbox.batch().clear();
-            self.counters.records_lost += records;
-        }
-    }
-
-    fn send_event(&mut self, event: Event) {
-        // The end of a run may use the reserve: the host waits for it.
-        let reserve = if matches!(event, Event::Ended { .. }) {
-            0
-        } else {
-            RESERVED
-        };
-        if self.outbox.room() > reserve {
-            self.outbox.push(ToHost::Event(event));
-        }
-    }
-
-    fn respond(&mut self, session: SessionId, seq: Seq, result: Result<Reply, Fault>) {
-        // If even the reserve is full the host asks again and is answered from memory.
-        self.outbox
-            .push(ToHost::Response(Response { session, seq, result }));
     }
 }
 
