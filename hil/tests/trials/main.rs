@@ -3,6 +3,7 @@
 //! Names are `device::topic::what`. Every figure is printed at the end and written to `target/hil-figures.json` and `.txt`.
 
 mod chain;
+mod image;
 mod limits;
 mod link;
 mod runs;
@@ -77,6 +78,7 @@ fn main() -> ExitCode {
         link::TRIALS,
         stream::TRIALS,
         chain::TRIALS,
+        image::TRIALS,
     ];
     let specs = topics.into_iter().flatten();
     let trials = specs.flat_map(|spec| {
