@@ -1,6 +1,6 @@
 //! Times of one step, in seconds for people and in ticks for the controller.
 
-use rcg_protocol::{Extent, Micros, Pace, Polarity, Program, Pulse, Start, Step, Ticks};
+use rcg_protocol::{Extent, Micros, Program, Pulse, Step, Ticks};
 use serde::{Deserialize, Serialize};
 
 use crate::rig::Rig;
@@ -87,15 +87,11 @@ impl Timing {
     #[must_use]
     pub fn program(exposures: u32) -> Program {
         Program {
-            extent: Extent::Table {
+            dead_man: Micros::DEFAULT_DEAD_MAN,
+            ..Program::new(Extent::Table {
                 steps: 1,
                 cycles: exposures,
-            },
-            start: Start::AtOnce,
-            pace: Pace::FreeRunning,
-            polarity: Polarity::default(),
-            sync_timeout: Micros(0),
-            dead_man: Micros::DEFAULT_DEAD_MAN,
+            })
         }
     }
 }

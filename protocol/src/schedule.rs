@@ -149,5 +149,25 @@ pub struct Program {
     pub dead_man: Micros,
 }
 
+impl Program {
+    /// A program that starts at once and runs free, with all lines active high and no time-outs.
+    #[must_use]
+    pub const fn new(extent: Extent) -> Self {
+        Self {
+            extent,
+            start: Start::AtOnce,
+            pace: Pace::FreeRunning,
+            polarity: Polarity {
+                proj_active_low: false,
+                cam_active_low: false,
+                sync_active_low: false,
+                strobe_active_low: false,
+            },
+            sync_timeout: Micros(0),
+            dead_man: Micros(0),
+        }
+    }
+}
+
 /// Steps of one [`crate::Request::Append`].
 pub(crate) type StepBatch = Vec<Step, STEPS_PER_APPEND>;

@@ -6,9 +6,7 @@ use std::time::Duration;
 use rcg::device::{Device, DeviceError, Patience};
 use rcg::link::Link;
 use rcg_firmware::pulse::WordFormat;
-use rcg_protocol::{
-    Extent, Micros, Pace, Polarity, Program, Pulse, Request, RunId, Start, Step, Ticks, ToDevice,
-};
+use rcg_protocol::{Extent, Program, Pulse, Request, RunId, Step, Ticks, ToDevice};
 
 use crate::controller::Controller;
 use crate::world::{MockLink, Peer};
@@ -25,19 +23,7 @@ pub type Client = Device<MockLink<Controller>>;
 /// A program without any time-out.
 #[must_use]
 pub const fn program(extent: Extent) -> Program {
-    Program {
-        extent,
-        start: Start::AtOnce,
-        pace: Pace::FreeRunning,
-        polarity: Polarity {
-            proj_active_low: false,
-            cam_active_low: false,
-            sync_active_low: false,
-            strobe_active_low: false,
-        },
-        sync_timeout: Micros(0),
-        dead_man: Micros(0),
-    }
+    Program::new(extent)
 }
 
 /// A table of these steps.

@@ -4,22 +4,10 @@ mod steps;
 mod transitions;
 
 use rcg_firmware::sequencer::Sequencer;
-use rcg_protocol::{Extent, Micros, Pace, Polarity, Program, Pulse, Start, Step, StepId, Ticks};
+use rcg_protocol::{Extent, Program, Pulse, Step, StepId, Ticks};
 
 pub(crate) const fn program(extent: Extent) -> Program {
-    Program {
-        extent,
-        start: Start::AtOnce,
-        pace: Pace::FreeRunning,
-        polarity: Polarity {
-            proj_active_low: false,
-            cam_active_low: false,
-            sync_active_low: false,
-            strobe_active_low: false,
-        },
-        sync_timeout: Micros(0),
-        dead_man: Micros(0),
-    }
+    Program::new(extent)
 }
 
 pub(crate) const fn table(steps: u32, cycles: u32) -> Program {

@@ -2,8 +2,8 @@
 
 use rcg_firmware::session::{Action, Engine, Session};
 use rcg_protocol::{
-    Event, Extent, Fault, Identity, Micros, Pace, Polarity, Program, Pulse, Reply, Request, Response, Seq,
-    SessionId, Start, Status, Step, StepRecord, Ticks, ToDevice, ToHost,
+    Event, Extent, Fault, Identity, Program, Pulse, Reply, Request, Response, Seq, SessionId, Status, Step,
+    StepRecord, Ticks, ToDevice, ToHost,
 };
 
 /// One tick is 8 ns.
@@ -12,19 +12,7 @@ pub(crate) const MS: u64 = 125_000;
 pub(crate) const PERIOD: u64 = MS;
 
 pub(crate) const fn program(extent: Extent) -> Program {
-    Program {
-        extent,
-        start: Start::AtOnce,
-        pace: Pace::FreeRunning,
-        polarity: Polarity {
-            proj_active_low: false,
-            cam_active_low: false,
-            sync_active_low: false,
-            strobe_active_low: false,
-        },
-        sync_timeout: Micros(0),
-        dead_man: Micros(0),
-    }
+    Program::new(extent)
 }
 
 pub(crate) const STEP: Step = Step {

@@ -2,7 +2,7 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use rcg_protocol::{Extent, Micros, Pace, Polarity, Program, Pulse, Start, Step, Ticks};
+use rcg_protocol::{Extent, Program, Pulse, Step, Ticks};
 
 /// Steps of the paper's measurement of one material.
 pub(crate) const STEPS: u64 = 32_400;
@@ -25,14 +25,7 @@ pub(crate) fn table(steps: &[Step], cycles: u64) -> Program {
 
 /// A stream that starts at once and runs freely.
 pub(crate) fn stream() -> Program {
-    Program {
-        extent: Extent::Stream,
-        start: Start::AtOnce,
-        pace: Pace::FreeRunning,
-        polarity: Polarity::default(),
-        sync_timeout: Micros(0),
-        dead_man: Micros(0),
-    }
+    Program::new(Extent::Stream)
 }
 
 /// PROJ for a tenth of the step, then CAM for half of it.

@@ -166,6 +166,12 @@ impl Camera for VirtualCamera {
 
     fn next_frame(&mut self, _timeout: Duration) -> Result<Option<Frame>, CameraError> {
         if self.ready.len() == 0 {
+            // Asked first: once the wires have ended nothing comes behind the shots that are taken then.
+            let failure = self
+                .wires
+                .as_mut()
+                .and_then(Attached::failure)
+                .map(ToString::to_string);
             let shots: Vec<Shot> = self.stage.lock().take_shots(IMAGES);
             let frames: Vec<Frame> = shots
                 .into_par_iter()
@@ -184,14 +190,14 @@ impl Camera for VirtualCamera {
                 })
                 .collect();
             self.ready = frames.into_iter();
-        }
-        if self.ready.len() == 0
-            && let Some(error) = self.wires.as_mut().and_then(Attached::failure)
-        {
-            return Err(CameraError::Failed {
-                camera: "virtual".to_owned(),
-                reason: error.to_string(),
-            });
+            if self.ready.len() == 0
+                && let Some(reason) = failure
+            {
+                return Err(CameraError::Failed {
+                    camera: "virtual".to_owned(),
+                    reason,
+                });
+            }
         }
         Ok(self.ready.next())
     }

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use rcg::device::Feed;
 use rcg::link::Link as _;
-use rcg_protocol::{Extent, Micros, Pace, Polarity, Program, Pulse, Start, Step, Ticks};
+use rcg_protocol::{Extent, Program, Pulse, Step, Ticks};
 use serde_json::json;
 
 use super::TriggerBox;
@@ -20,19 +20,7 @@ pub(crate) struct Args {
 }
 
 /// A stream that is loaded and never fired.
-const PROGRAM: Program = Program {
-    extent: Extent::Stream,
-    start: Start::AtOnce,
-    pace: Pace::FreeRunning,
-    polarity: Polarity {
-        proj_active_low: false,
-        cam_active_low: false,
-        sync_active_low: false,
-        strobe_active_low: false,
-    },
-    sync_timeout: Micros(0),
-    dead_man: Micros(0),
-};
+const PROGRAM: Program = Program::new(Extent::Stream);
 
 /// 20,000 steps a second, as long on the wire as those that would be fired.
 const STEP: Step = Step {
