@@ -7,6 +7,7 @@ use std::path::Path;
 use divan::{Bencher, counter::ItemsCount};
 use half::f16;
 use rcg::assemble::{CHUNK, assemble};
+use rcg::incident::Grid;
 use rcg::measure::capture;
 use rcg::measurement::Measurement;
 use rcg::plan::{Plan, Request};
@@ -21,7 +22,7 @@ fn main() {
 
 fn captured(dir: &Path) -> Measurement {
     let request = Request {
-        step_deg: 2.0,
+        grid: Grid::ThetaPhi { step_deg: 2.0 },
         image_size: 96,
         exposure_s: Some(0.004),
         sample: Some("ward:brass".to_owned()),

@@ -4,6 +4,7 @@
 use std::time::Duration;
 
 use divan::{Bencher, counter::ItemsCount};
+use rcg::incident::Grid;
 use rcg::measure::{complete, prepare};
 use rcg::plan::Request;
 use rcg::progress::Silent;
@@ -18,7 +19,7 @@ fn main() {
 fn measure(bencher: Bencher, step_deg: f64) {
     let rig = Rig::load("rcg-2").expect("a preset");
     let request = Request {
-        step_deg,
+        grid: Grid::ThetaPhi { step_deg },
         image_size: 96,
         exposure_s: None,
         sample: Some("ward:brass".to_owned()),

@@ -3,7 +3,7 @@
 //! The mark is 9,523 patterns/s, the rate of the DMD of preset `dmd`.
 
 use divan::{Bencher, black_box, counter::ItemsCount};
-use rcg::incident::IncidentGrid;
+use rcg::incident::Rings;
 use rcg::optics::View;
 use rcg::pattern::{BitPattern, PatternMaker};
 use rcg::rig::Rig;
@@ -16,7 +16,7 @@ fn main() {
 fn draw_1000(bencher: Bencher, step_deg: f64) {
     let rig = Rig::load("dmd").expect("a preset");
     let maker = PatternMaker::new(View::projector(&rig), rig.light.spot_deg, 1.0);
-    let grid = IncidentGrid::new(step_deg).expect("divides 90");
+    let grid = Rings::theta_phi(step_deg).expect("divides 90");
     let (width_px, height_px) = maker.size_px();
     let mut image = BitPattern::black(width_px, height_px);
     let lit: Vec<_> = (0..grid.len())

@@ -27,6 +27,7 @@ use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
 use crate::disk::Disk;
+use crate::incident::Grid;
 use crate::optics::{Unmeasurable, View};
 use crate::plan::{Directions, Plan};
 use crate::provenance::Provenance;
@@ -221,7 +222,7 @@ pub fn assemble(
     let channels = format.channels;
     let disk = Disk::new(plan.request.image_size as usize);
     let resampling = Resampling::new(&View::camera(rig), disk);
-    let grid = directions.grid;
+    let grid = &directions.grid;
     let brdf_layout = BrdfLayout {
         incident: grid.len(),
         grid: disk.size(),
@@ -366,7 +367,7 @@ fn chunk_rows(
 }
 
 fn coordinates(directions: &Directions, disk: Disk, resampling: &Resampling) -> [SmallArray<'static>; 5] {
-    let grid = directions.grid;
+    let grid = &directions.grid;
     let angle = |pick: fn((f64, f64)) -> f64| (0..grid.len()).map(|i| pick(grid.angles_deg(i))).collect();
     let codes = |reasons: &[Option<Unmeasurable>]| {
         reasons
@@ -428,18 +429,31 @@ fn coordinates(directions: &Directions, disk: Disk, resampling: &Resampling) -> 
 }
 
 fn attributes(rig: &Rig, plan: &Plan) -> Map<String, Value> {
+    let incident = match plan.request.grid {
+        Grid::ThetaPhi { .. } => {
+            "theta = (ring + 1/2) step, phi = sector step, index = ring * (360/step) + sector"
+        }
+        Grid::EqualSolidAngle { .. } => {
+            "theta = (ring + 1/2) step, ceil(360 sin(theta)/step) directions on each ring, from phi = 0 on"
+        }
+        Grid::List { .. } => "any directions, interpolated on their spherical Delaunay triangulation",
+    };
     let attributes = json!({
         "title": "bidirectional reflectance distribution function f in 1/sr, without the cosine",
-        "incident_grid": "theta = (ring + 1/2) step, phi = sector step, index = ring * (360/step) + sector",
+        "incident_grid": incident,
+        "incident_kind": plan.request.grid.kind(),
         "outgoing_grid": "Lambert azimuthal equal-area disk: x + iy = sqrt(2) sin(theta/2) exp(i phi), -1..1",
-        "step_deg": plan.request.step_deg,
+        "step_deg": plan.request.grid.step_deg(),
         "rig": rig.name,
         "spot_deg": plan.spot_deg,
         "exposure_s": plan.exposure_s,
         "source": concat!("rcg ", env!("CARGO_PKG_VERSION")),
     });
     match attributes {
-        Value::Object(map) => map,
+        Value::Object(mut map) => {
+            map.retain(|_, value| !value.is_null());
+            map
+        }
         _ => Map::new(),
     }
 }

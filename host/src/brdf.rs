@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use crate::disk::Disk;
-use crate::incident::IncidentGrid;
+use crate::incident::{Grid, IncidentError, IncidentSet};
 use crate::optics::Unmeasurable;
 use crate::provenance::Provenance;
 use crate::store::{BrdfReader, BrdfRows, StoreError};
@@ -64,7 +64,7 @@ pub enum BrdfError {
 pub struct Brdf {
     path: PathBuf,
     reader: BrdfReader,
-    grid: IncidentGrid,
+    grid: IncidentSet,
     disk: Disk,
     incident: Vec<Option<Unmeasurable>>,
     outgoing: Vec<Option<Unmeasurable>>,
@@ -99,11 +99,7 @@ impl Brdf {
             expected,
             found,
         };
-        let step = reader.attributes().get("step_deg").cloned().unwrap_or_default();
-        let grid = step
-            .as_f64()
-            .and_then(|step| IncidentGrid::new(step).ok())
-            .ok_or_else(|| content("step_deg", "degrees that divide 90".to_owned(), step.to_string()))?;
+        let grid = incident_set(&reader, &content)?;
         let layout = *reader.layout();
         if grid.len() != layout.incident {
             let expected = format!("{} directions from step_deg", grid.len());
@@ -164,7 +160,7 @@ impl Brdf {
 
     /// The incident directions.
     #[must_use]
-    pub const fn grid(&self) -> &IncidentGrid {
+    pub const fn grid(&self) -> &IncidentSet {
         &self.grid
     }
 
@@ -307,6 +303,56 @@ impl Brdf {
             _ => Missing::Saturated,
         })
     }
+}
+
+/// The incident directions of a file; `content` makes the complaint from field, expected and found.
+fn incident_set(
+    reader: &BrdfReader,
+    content: &dyn Fn(&'static str, String, String) -> BrdfError,
+) -> Result<IncidentSet, BrdfError> {
+    let attribute = |name| reader.attributes().get(name).cloned().unwrap_or_default();
+    let kind = attribute("incident_kind");
+    let grid = match kind.as_str() {
+        Some("list") => {
+            let angles = |field| {
+                reader.small(field)?.as_f64().map(<[f64]>::to_vec).ok_or_else(|| {
+                    let found = "another type".to_owned();
+                    content(field, "degrees of type float64".to_owned(), found)
+                })
+            };
+            let (theta, phi): (Vec<f64>, Vec<f64>) = (angles("incident_theta")?, angles("incident_phi")?);
+            Grid::List {
+                directions_deg: theta.into_iter().zip(phi).map(<[f64; 2]>::from).collect(),
+            }
+        }
+        // Files of before there was another kind do not say.
+        None | Some("theta-phi" | "equal-solid-angle") => {
+            let step = attribute("step_deg");
+            let expected = || "degrees that divide 90".to_owned();
+            let step_deg = step
+                .as_f64()
+                .ok_or_else(|| content("step_deg", expected(), step.to_string()))?;
+            if kind == "equal-solid-angle" {
+                Grid::EqualSolidAngle { step_deg }
+            } else {
+                Grid::ThetaPhi { step_deg }
+            }
+        }
+        Some(_) => {
+            let expected = "theta-phi, equal-solid-angle or list".to_owned();
+            return Err(content("incident_kind", expected, kind.to_string()));
+        }
+    };
+    grid.build().map_err(|error| match error {
+        IncidentError::Step { step_deg } => {
+            let found = step_deg.to_string();
+            content("step_deg", "degrees that divide 90".to_owned(), found)
+        }
+        IncidentError::List { expected, found } => {
+            content("incident_theta, incident_phi", expected.to_owned(), found)
+        }
+        IncidentError::File { expected, found, .. } => content("incident", expected, found),
+    })
 }
 
 fn heaviest(neighbours: &[(usize, f64)], reasons: &[Option<Unmeasurable>]) -> Option<(f64, Unmeasurable)> {

@@ -17,6 +17,7 @@ use serde::Serialize;
 
 use crate::brdf::Brdf;
 use crate::direction::from_degrees;
+use crate::incident::IncidentSet;
 use crate::provenance::Provenance;
 use crate::quadrature::mean_f;
 use crate::sample::Sample;
@@ -26,6 +27,8 @@ use crate::store::StoreError;
 pub const JUDGED_THETA_DEG: f64 = 80.0;
 /// Pairs of directions for the reciprocity residual.
 const RECIPROCITY_PAIRS: usize = 20_000;
+/// Bins of the polar angle in degrees where the incident directions form no rings.
+const LIST_BIN_DEG: f64 = 5.0;
 /// Incident directions for which the blur is computed.
 const BLUR_DIRECTIONS: usize = 48;
 
@@ -143,6 +146,27 @@ impl LogHistogram {
     }
 }
 
+/// Bins of the incident polar angle: the rings of the grid, or a list's share of them.
+struct ThetaBins {
+    width_deg: f64,
+}
+
+impl ThetaBins {
+    fn new(incident: &IncidentSet) -> Self {
+        Self {
+            width_deg: incident.step_deg().unwrap_or(LIST_BIN_DEG),
+        }
+    }
+
+    fn count(&self) -> usize {
+        (90.0 / self.width_deg).round() as usize
+    }
+
+    fn of(&self, theta_deg: f64) -> usize {
+        ((theta_deg / self.width_deg) as usize).min(self.count() - 1)
+    }
+}
+
 /// What one chunk adds.
 #[derive(Clone)]
 struct Part {
@@ -152,7 +176,7 @@ struct Part {
     compared: u64,
     measured: u64,
     judged: u64,
-    /// Per ring of the incident grid: Σ albedo, Σ seen, directions.
+    /// Per bin of the incident polar angle: Σ albedo, Σ seen, directions.
     rings: Vec<(f64, f64, u32)>,
 }
 
@@ -194,7 +218,7 @@ pub fn evaluate(
     progress: &(dyn Fn(usize) + Sync),
 ) -> Result<Evaluation, StoreError> {
     let grid = brdf.grid();
-    let rings = grid.len() / grid.phi_count();
+    let bins = ThetaBins::new(grid);
     let cells: Vec<Option<DVec3>> = (0..brdf.disk().len())
         .map(|cell| {
             brdf.disk()
@@ -207,11 +231,11 @@ pub fn evaluate(
     let total = (0..brdf.chunks())
         .into_par_iter()
         .map(|chunk| {
-            let part = part(brdf, chunk, &cells, sample, rings);
+            let part = part(brdf, chunk, &cells, sample, &bins);
             progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1);
             part
         })
-        .try_reduce(|| Part::new(rings), |a, b| Ok(a.merge(&b)))?;
+        .try_reduce(|| Part::new(bins.count()), |a, b| Ok(a.merge(&b)))?;
 
     let (residual, pairs) = reciprocity(brdf)?;
     // How many pairs of directions with θ ≤ 80° there are in all.
@@ -236,7 +260,7 @@ pub fn evaluate(
         median_relative_sigma: total.sigma.quantile(0.5),
         reciprocity_residual_median: residual,
         reciprocity_pairs: pairs,
-        albedo: albedo(&total.rings, grid.step_deg()),
+        albedo: albedo(&total.rings, &bins),
         against_reference,
     })
 }
@@ -264,9 +288,9 @@ fn part(
     chunk: usize,
     cells: &[Option<DVec3>],
     sample: Option<&dyn Sample>,
-    rings: usize,
+    bins: &ThetaBins,
 ) -> Result<Part, StoreError> {
-    let mut part = Part::new(rings);
+    let mut part = Part::new(bins.count());
     let Some(rows) = brdf.chunk(chunk)? else {
         return Ok(part);
     };
@@ -310,7 +334,7 @@ fn part(
                 }
             }
         }
-        let ring = &mut part.rings[index / brdf.grid().phi_count()];
+        let ring = &mut part.rings[bins.of(brdf.grid().angles_deg(index).0)];
         *ring = (ring.0 + albedo, ring.1 + seen, ring.2 + 1);
     }
     Ok(part)
@@ -326,9 +350,9 @@ fn channel_values(f: [f64; 3], channels: usize) -> impl Iterator<Item = f64> {
     f.into_iter().take(channels)
 }
 
-fn albedo(rings: &[(f64, f64, u32)], step_deg: f64) -> Vec<Albedo> {
+fn albedo(rings: &[(f64, f64, u32)], bins: &ThetaBins) -> Vec<Albedo> {
     let mean = |ring: usize, (albedo, seen, directions): (f64, f64, u32)| Albedo {
-        theta_deg: (ring as f64 + 0.5) * step_deg,
+        theta_deg: (ring as f64 + 0.5) * bins.width_deg,
         albedo: albedo / f64::from(directions),
         seen: seen / f64::from(directions),
     };

@@ -84,7 +84,7 @@ pub fn prepare(
     } else {
         progress.begin("pilot capture", 1, "runs");
         let mut instrument = setup.open(&scaled, &request)?;
-        let exposure_s = pilot(&scaled, request.step_deg, &mut instrument)?;
+        let exposure_s = pilot(&scaled, &request.grid, &mut instrument)?;
         progress.end();
         exposure_s
     };
@@ -170,7 +170,8 @@ pub fn complete(
         out: measurement.dir().display().to_string(),
         rig: measurement.rig.name.clone(),
         sample: spec.to_owned(),
-        step_deg: plan.request.step_deg,
+        grid: plan.request.grid.to_string(),
+        step_deg: plan.request.grid.step_deg(),
         image_size: plan.request.image_size,
         incident_directions: measurement.directions.grid.len(),
         exposures: plan.len(),

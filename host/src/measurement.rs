@@ -16,7 +16,7 @@ use serde_json::{Map, Value, json};
 use sha2::{Digest as _, Sha256};
 
 use crate::capture::{CaptureError, Instrument, Tally};
-use crate::incident::StepError;
+use crate::incident::IncidentError;
 use crate::optics::View;
 use crate::pattern::{LitSet, PatternMaker};
 use crate::plan::{Directions, Exposure, Plan, PlanError, Request};
@@ -77,8 +77,8 @@ pub enum MeasurementError {
     Capture(#[from] CaptureError),
 }
 
-impl From<StepError> for MeasurementError {
-    fn from(error: StepError) -> Self {
+impl From<IncidentError> for MeasurementError {
+    fn from(error: IncidentError) -> Self {
         Self::Plan(error.into())
     }
 }
@@ -158,7 +158,7 @@ impl Measurement {
     /// [`MeasurementError`].
     pub fn create(dir: &Path, rig: Rig, plan: Plan) -> Result<Self, MeasurementError> {
         Self::check_new(dir)?;
-        let directions = Directions::new(&rig, plan.request.step_deg)?;
+        let directions = Directions::new(&rig, &plan.request.grid)?;
         let measurement = Self {
             dir: dir.to_owned(),
             rig,
@@ -193,7 +193,15 @@ impl Measurement {
         let rig = Rig::load(&rig_path.to_string_lossy())?;
         let plan = Plan::read(&dir.join("plan.toml"))?;
         plan.check(&dir.join("plan.toml"))?;
-        let directions = Directions::new(&rig, plan.request.step_deg)?;
+        if plan.rig != rig.name {
+            return Err(MeasurementError::Differs {
+                path: rig_path.display().to_string(),
+                field: "name",
+                expected: plan.rig,
+                found: rig.name,
+            });
+        }
+        let directions = Directions::new(&rig, &plan.request.grid)?;
         let lens = &rig.camera.lens;
         if directions.measurable().count() != plan.directions || lens.width_px != plan.request.image_size {
             return Err(MeasurementError::Differs {
@@ -233,9 +241,14 @@ impl Measurement {
             found,
         };
         let text = |value: &dyn std::fmt::Debug| format!("{value:?}");
+        let other_grid = if held.grid != request.grid && held.grid.to_string() == request.grid.to_string() {
+            format!("another {}", request.grid)
+        } else {
+            request.grid.to_string()
+        };
         let fields: [(&'static str, String, String); 7] = [
             ("rig", self.rig.name.clone(), rig_name.to_owned()),
-            ("step", text(&held.step_deg), text(&request.step_deg)),
+            ("grid", held.grid.to_string(), other_grid),
             ("image-size", text(&held.image_size), text(&request.image_size)),
             ("exposure-ms", text(&held.exposure_s), text(&request.exposure_s)),
             ("sample", text(&held.sample), text(&request.sample)),

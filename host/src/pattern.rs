@@ -193,7 +193,7 @@ impl PatternMaker {
 mod tests {
     use super::*;
     use crate::direction::{angle_between, from_degrees};
-    use crate::incident::IncidentGrid;
+    use crate::incident::Rings;
     use crate::rig::Rig;
 
     fn maker(preset: &str, spot_deg: f64) -> PatternMaker {
@@ -210,7 +210,7 @@ mod tests {
     fn the_solid_angle_is_constant_to_half_a_pixel_and_the_centroid_is_where_it_should_be() {
         for preset in ["rcg-1", "rcg-2"] {
             let maker = maker(preset, 1.0);
-            let grid = IncidentGrid::new(5.0).unwrap();
+            let grid = Rings::theta_phi(5.0).unwrap();
             let mut pixels = (usize::MAX, 0);
             for index in 0..grid.len() {
                 let w = grid.direction(index);

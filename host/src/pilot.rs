@@ -2,10 +2,11 @@
 
 use crate::capture::{Instrument, Tally};
 use crate::evaluate::is_judged;
+use crate::incident::Grid;
 use crate::measurement::MeasurementError;
 use crate::optics::{DirectionMap, View};
 use crate::pattern::{LitSet, PatternMaker};
-use crate::plan::{Directions, PlanError};
+use crate::plan::{Directions, PlanError, spot_deg};
 use crate::rig::Rig;
 use crate::schedule::Timing;
 
@@ -23,14 +24,17 @@ const PILOT_TARGET: f64 = 0.85;
 ///
 /// # Errors
 /// [`MeasurementError`].
-pub fn pilot(rig: &Rig, step_deg: f64, instrument: &mut Instrument) -> Result<f64, MeasurementError> {
-    let directions = Directions::new(rig, step_deg)?;
+pub fn pilot(rig: &Rig, grid: &Grid, instrument: &mut Instrument) -> Result<f64, MeasurementError> {
+    let directions = Directions::new(rig, grid)?;
     let lit = |index: &usize| is_judged(directions.grid.direction(*index));
     let measurable: Vec<usize> = directions.measurable().filter(lit).collect();
     // A stride that shares no factor with the ring length visits all azimuths.
     let every = (measurable.len() / PILOT_DIRECTIONS).max(1) | 1;
-    let spot_deg = rig.light.spot_deg.min(step_deg);
-    let maker = PatternMaker::new(View::projector(rig), spot_deg, rig.projector.irradiance);
+    let maker = PatternMaker::new(
+        View::projector(rig),
+        spot_deg(rig, grid),
+        rig.projector.irradiance,
+    );
     let lit: Vec<Option<LitSet>> = measurable
         .iter()
         .step_by(every)

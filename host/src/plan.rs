@@ -8,7 +8,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::incident::{IncidentGrid, StepError};
+use crate::incident::{Grid, IncidentError, IncidentSet};
 use crate::optics::{Unmeasurable, View};
 use crate::rig::{Rig, RigError, explain};
 use crate::schedule::{ScheduleError, Timing};
@@ -22,12 +22,29 @@ const SEGMENT_MAX: usize = 400;
 /// No step is longer: settling, delay, exposure and read-out at the ends of their ranges, rounded up.
 const LONGEST_PERIOD_S: f64 = 200.0;
 
+/// Version of the format of `plan.toml`.
+const FORMAT: u32 = 2;
+
+/// The key of `plan.toml` that is read first.
+#[derive(Deserialize)]
+struct Version {
+    format: u32,
+}
+
+/// Opening in degrees of the cone that one pattern lights: that of `rig`, but no wider than the step of `grid`, which
+/// it would blur.
+#[must_use]
+pub fn spot_deg(rig: &Rig, grid: &Grid) -> f64 {
+    grid.step_deg()
+        .map_or(rig.light.spot_deg, |step_deg| rig.light.spot_deg.min(step_deg))
+}
+
 /// What the user wants measured. Kept in `plan.toml` as it was asked for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Request {
-    /// Degrees between incident directions.
-    pub step_deg: f64,
+    /// Incident directions.
+    pub grid: Grid,
     /// Camera image and outgoing grid: this many pixels a side.
     pub image_size: u32,
     /// Exposure time in s; `None` lets a pilot capture choose it.
@@ -48,6 +65,8 @@ pub struct Request {
 pub struct Plan {
     /// Version of this file's format.
     pub format: u32,
+    /// Name of the rig that it was made for.
+    pub rig: String,
     /// What was asked for.
     pub request: Request,
     /// Exposure time in s.
@@ -58,7 +77,7 @@ pub struct Plan {
     pub segment: usize,
     /// Times of one step.
     pub timing: Timing,
-    /// Indices of the incident directions that are measured are derived from rig and step; this is how many.
+    /// Indices of the incident directions that are measured are derived from rig and grid; this is how many.
     pub directions: usize,
 }
 
@@ -85,9 +104,9 @@ impl Exposure {
 /// Why there is no plan.
 #[derive(Debug, thiserror::Error)]
 pub enum PlanError {
-    /// The step makes no grid.
+    /// The incident directions.
     #[error(transparent)]
-    Step(#[from] StepError),
+    Incident(#[from] IncidentError),
     /// The image is too small or too large.
     #[error("image-size: expected a number of pixels from 8 to 4096, found {0}")]
     ImageSize(u32),
@@ -120,19 +139,19 @@ pub enum PlanError {
 /// The incident directions of a plan.
 #[derive(Clone, Debug)]
 pub struct Directions {
-    /// The whole grid.
-    pub grid: IncidentGrid,
-    /// For each direction of the grid, why it cannot be lit.
+    /// All of them.
+    pub grid: IncidentSet,
+    /// For each of them, why it cannot be lit.
     pub reasons: Vec<Option<Unmeasurable>>,
 }
 
 impl Directions {
-    /// The grid of `step_deg` as the projector of `rig` sees it.
+    /// The directions of `grid` as the projector of `rig` sees them.
     ///
     /// # Errors
-    /// [`StepError`].
-    pub fn new(rig: &Rig, step_deg: f64) -> Result<Self, StepError> {
-        let grid = IncidentGrid::new(step_deg)?;
+    /// [`IncidentError`].
+    pub fn new(rig: &Rig, grid: &Grid) -> Result<Self, IncidentError> {
+        let grid = grid.build()?;
         let projector = View::projector(rig);
         let reasons = (0..grid.len())
             .map(|index| projector.pixel(grid.direction(index)).err())
@@ -159,7 +178,7 @@ impl Plan {
         if !(8..=4096).contains(&request.image_size) {
             return Err(PlanError::ImageSize(request.image_size));
         }
-        let directions = Directions::new(rig, request.step_deg)?;
+        let directions = Directions::new(rig, &request.grid)?;
         let count = directions.measurable().count();
         if count == 0 {
             let reason = directions.reasons[0].unwrap_or(Unmeasurable::OutsideImage);
@@ -171,11 +190,11 @@ impl Plan {
         let pixels = request.image_size as usize * request.image_size as usize;
         let frame_bytes = pixels * rig.camera.channels as usize * 2;
         let timing = Timing::new(rig, exposure_s)?;
-        // A spot wider than the step would blur what the step is meant to resolve.
-        let spot_deg = rig.light.spot_deg.min(request.step_deg);
+        let spot_deg = spot_deg(rig, &request.grid);
         let segment = (SEGMENT_BYTES / frame_bytes).clamp(8, SEGMENT_MAX);
         Ok(Self {
-            format: 1,
+            format: FORMAT,
+            rig: rig.name.clone(),
             request,
             exposure_s,
             spot_deg,
@@ -229,11 +248,13 @@ impl Plan {
         };
         let text = std::fs::read_to_string(path)
             .map_err(|e| fail(format!("expected a plan, found no readable file: {e}")))?;
-        let plan: Self = toml::from_str(&text).map_err(|e| explain(&text, path, &e))?;
-        if plan.format != 1 {
-            return Err(fail(format!("format: expected 1, found {}", plan.format)));
+        // Another version may have other keys, which are no mistakes of the user's.
+        if let Ok(Version { format }) = toml::from_str(&text)
+            && format != FORMAT
+        {
+            return Err(fail(format!("format: expected {FORMAT}, found {format}")));
         }
-        Ok(plan)
+        toml::from_str(&text).map_err(|e| explain(&text, path, &e).into())
     }
 
     /// Refuses numbers that no plan of this program has; `path` is where it was read.

@@ -33,8 +33,10 @@ pub struct Summary {
     pub rig: String,
     /// What was measured.
     pub sample: String,
-    /// Degrees between incident directions.
-    pub step_deg: f64,
+    /// The incident directions in words.
+    pub grid: String,
+    /// Degrees between their rings; `None` for a list.
+    pub step_deg: Option<f64>,
     /// Pixels a side.
     pub image_size: u32,
     /// Incident directions of the whole grid, those included that the rig cannot light.
@@ -157,8 +159,8 @@ pub fn lines(summary: &Summary) -> Vec<(&'static str, String)> {
         (
             "incident directions",
             format!(
-                "{} on the grid of {}°, {} in reach",
-                summary.incident_directions, summary.step_deg, summary.assembled.directions
+                "{} ({}), {} in reach",
+                summary.incident_directions, summary.grid, summary.assembled.directions
             ),
         ),
         (

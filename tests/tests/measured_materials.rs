@@ -5,6 +5,7 @@
 use std::path::Path;
 use std::time::Duration;
 
+use rcg::incident::Grid;
 use rcg::measure::{complete, prepare};
 use rcg::plan::Request;
 use rcg::progress::Silent;
@@ -21,7 +22,7 @@ fn median_error(file: &str) -> Option<f64> {
         return None;
     }
     let request = Request {
-        step_deg: 6.0,
+        grid: Grid::ThetaPhi { step_deg: 6.0 },
         image_size: 96,
         exposure_s: None,
         sample: Some(path.display().to_string()),

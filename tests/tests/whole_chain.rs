@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use rcg::brdf::Brdf;
 use rcg::evaluate::{Evaluation, evaluate};
+use rcg::incident::Grid;
 use rcg::measure::{assemble_measurement, capture, complete};
 use rcg::measurement::Measurement;
 use rcg::plan::{Plan, Request};
@@ -19,7 +20,7 @@ struct Moved(f64);
 
 fn request(sample: &str, noise: bool) -> Request {
     Request {
-        step_deg: 15.0,
+        grid: Grid::ThetaPhi { step_deg: 15.0 },
         image_size: 48,
         exposure_s: None,
         sample: Some(sample.to_owned()),

@@ -8,6 +8,7 @@ use std::time::Duration;
 use rcg::camera::Frame;
 use rcg::capture::Instrument;
 use rcg::device::DeviceError;
+use rcg::incident::Grid;
 use rcg::measure::{complete, prepare};
 use rcg::pattern::BitPattern;
 use rcg::plan::Request;
@@ -42,7 +43,7 @@ fn setup(bridge: Option<&Bridge>, mischief: Mischief) -> Setup {
 
 fn request() -> Request {
     Request {
-        step_deg: 15.0,
+        grid: Grid::ThetaPhi { step_deg: 15.0 },
         image_size: 32,
         exposure_s: None,
         sample: Some("ward:brass".to_owned()),

@@ -136,6 +136,17 @@ fn attributes_that_make_no_sense_are_refused() {
     with_edit(&group, "/attributes/step_deg", &json!(30.0), || {
         refused(&brdf, &["incident", "144"]);
     });
+    with_edit(&group, "/attributes/incident_kind", &json!("hexagons"), || {
+        refused(&brdf, &["incident_kind", "hexagons"]);
+    });
+    // As written before there was another kind.
+    with_edit(&group, "/attributes/incident_kind", &json!(null), || {
+        run(&["evaluate", text(&brdf)], "").done();
+    });
+    // The coordinates of any grid are a list.
+    with_edit(&group, "/attributes/incident_kind", &json!("list"), || {
+        run(&["evaluate", text(&brdf)], "").done();
+    });
     with_edit(&group, "/attributes/rcg_format", &json!("raw"), || {
         refused(&brdf, &["rcg_format", "raw"]);
     });

@@ -133,7 +133,7 @@ fn a_measurement_is_resumed_only_as_what_it_is() {
     quick_measurement(&out);
     let before = files(&out);
     for (name, value, parts) in [
-        ("--step", "30", ["step", "15", "30"]),
+        ("--step", "30", ["grid", "θ × φ grid of 15°", "θ × φ grid of 30°"]),
         ("--sample", "lambert:0.5", ["sample", "ward:brass", "lambert:0.5"]),
         ("--seed", "2", ["seed", "1", "2"]),
         ("--image-size", "32", ["image-size", "16", "32"]),

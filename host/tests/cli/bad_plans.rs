@@ -80,7 +80,7 @@ fn numbers_that_make_no_plan_are_refused() {
         ("proj_width_s", "nan", "found NaN"),
         ("step_deg", "7.0", "found 7"),
         ("step_deg", "1e-300", "found 0.00"),
-        ("format", "2", "found 2"),
+        ("format", "1", "found 1"),
     ] {
         // The step and what goes with it are not read from one file alone.
         let file = if key == "step_deg" { "" } else { "plan.toml" };

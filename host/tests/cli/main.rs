@@ -23,6 +23,7 @@ mod directions;
 #[cfg(target_os = "linux")]
 mod disk_full;
 mod faults_on_purpose;
+mod grids;
 #[cfg(unix)]
 mod killed;
 mod pictures;

@@ -32,14 +32,14 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let rig = Rig::load(rig)?;
     let measurement = if args.resume && Measurement::exists(&args.out) {
         let measurement = Measurement::open(&args.out)?;
-        let request = args.request.request(Some(&measurement.plan.request));
+        let request = args.request.request(Some(&measurement.plan.request))?;
         measurement.check_same(&request, &rig.name)?;
         measurement
     } else {
         if args.resume {
             Measurement::sweep(&args.out)?;
         }
-        prepare(&args.out, &rig, args.request.request(None), &setup, output)?
+        prepare(&args.out, &rig, args.request.request(None)?, &setup, output)?
     };
     let began = Instant::now();
     let summary = complete(&measurement, &setup, &|| began.elapsed(), output)?;

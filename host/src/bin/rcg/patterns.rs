@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use rcg::measurement::{Measurement, MeasurementError, write_whole};
 use rcg::optics::View;
 use rcg::pattern::{BitPattern, PatternMaker};
-use rcg::plan::{Directions, PlanError};
+use rcg::plan::{Directions, PlanError, spot_deg};
 use rcg::progress::Progress as _;
 use rcg::render::save;
 use rcg::rig::Rig;
@@ -15,6 +15,7 @@ use serde_json::json;
 
 use crate::Done;
 use crate::output::Output;
+use crate::request::GridArgs;
 
 /// Write the patterns that a measurement shows.
 ///
@@ -25,20 +26,20 @@ pub(crate) struct Args {
     /// New or empty directory for the pictures
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Degrees between incident directions; must divide 90
-    #[arg(long, value_name = "DEG", default_value_t = 15.0)]
-    step: f64,
+    #[command(flatten)]
+    grid: GridArgs,
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let rig = Rig::load(rig)?;
-    let directions = Directions::new(&rig, args.step).map_err(PlanError::from)?;
+    let grid = args.grid.grid(None, 15.0)?;
+    let directions = Directions::new(&rig, &grid).map_err(PlanError::from)?;
     Measurement::check_new(&args.out)?;
     fs::create_dir_all(&args.out).map_err(|source| MeasurementError::Io {
         path: args.out.display().to_string(),
         source,
     })?;
-    let spot_deg = rig.light.spot_deg.min(args.step);
+    let spot_deg = spot_deg(&rig, &grid);
     let maker = PatternMaker::new(View::projector(&rig), spot_deg, rig.projector.irradiance);
     let (width, height) = maker.size_px();
     let mut image = BitPattern::black(width, height);

@@ -27,7 +27,7 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let rig = Rig::load(rig)?;
-    let request = args.request.request(None);
+    let request = args.request.request(None)?;
     let plan = if let Some(out) = &args.out {
         prepare(out, &rig, request, &args.mischief.setup(), output)?.plan
     } else {
@@ -41,7 +41,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         Plan::new(request, &scaled, exposure_s)?
     };
     let bound = plan.timing.bound(&rig);
-    let grid = rcg::incident::IncidentGrid::new(plan.request.step_deg).map_err(PlanError::from)?;
+    let grid = plan.request.grid.build().map_err(PlanError::from)?;
     let grid_s = grid.len() as f64 * plan.timing.period_s;
     let value = json!({
         "rig": rig.name,

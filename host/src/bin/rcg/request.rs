@@ -1,11 +1,49 @@
 //! Arguments that say what is measured.
 
+use std::path::Path;
+
+use rcg::incident::Grid;
 use rcg::measure::DEFAULT_SAMPLE;
-use rcg::plan::Request;
+use rcg::plan::{PlanError, Request};
 use rcg::setup::{Setup, TriggerBox};
 use rcg::virtual_rig::Mischief;
 
 use crate::failure::Failure;
+
+/// Incident directions.
+#[derive(Clone, Debug, clap::Args)]
+pub(crate) struct GridArgs {
+    /// Incident directions: theta-phi (rings of equally many), equal-solid-angle (rings of directions that are at most
+    /// a step apart), or a text file of lines `θ φ` in degrees [default: theta-phi]
+    #[arg(long, value_name = "theta-phi|equal-solid-angle|FILE")]
+    grid: Option<String>,
+    /// Degrees between rings of incident directions; must divide 90 [default: 3; 15 for patterns]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    step: Option<f64>,
+}
+
+impl GridArgs {
+    /// The incident directions: what is not given is as in `before`, or a θ × φ grid of `default_step_deg`.
+    pub(crate) fn grid(&self, before: Option<&Grid>, default_step_deg: f64) -> Result<Grid, Failure> {
+        let step_deg = self
+            .step
+            .or_else(|| before.and_then(Grid::step_deg))
+            .unwrap_or(default_step_deg);
+        let kind = self.grid.as_deref().or_else(|| before.map(Grid::kind));
+        let list = match (kind, before) {
+            (None | Some("theta-phi"), _) => return Ok(Grid::ThetaPhi { step_deg }),
+            (Some("equal-solid-angle"), _) => return Ok(Grid::EqualSolidAngle { step_deg }),
+            (Some(_), Some(before)) if self.grid.is_none() => before.clone(),
+            (Some(file), _) => Grid::read_list(Path::new(file)).map_err(PlanError::from)?,
+        };
+        match self.step {
+            None => Ok(list),
+            Some(step_deg) => Err(Failure::input(format!(
+                "--step: expected none with a list of directions, found {step_deg}"
+            ))),
+        }
+    }
+}
 
 /// What is measured. An argument that is not given has its default, or on `--resume` the value of before.
 #[derive(Clone, Debug, clap::Args)]
@@ -14,9 +52,8 @@ pub(crate) struct RequestArgs {
     /// or a measured .bsdf file [default: ward:brass]
     #[arg(long, value_name = "SAMPLE")]
     sample: Option<String>,
-    /// Degrees between incident directions; must divide 90 [default: 3]
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
-    step: Option<f64>,
+    #[command(flatten)]
+    grid: GridArgs,
     /// Camera image and outgoing grid: pixels a side [default: 96]
     #[arg(long, value_name = "N")]
     image_size: Option<u32>,
@@ -33,12 +70,10 @@ pub(crate) struct RequestArgs {
 
 impl RequestArgs {
     /// The request, with `before` in place of the defaults if there is one.
-    pub(crate) fn request(&self, before: Option<&Request>) -> Request {
+    pub(crate) fn request(&self, before: Option<&Request>) -> Result<Request, Failure> {
         let sample = before.map_or_else(|| Some(DEFAULT_SAMPLE.to_owned()), |before| before.sample.clone());
-        Request {
-            step_deg: self
-                .step
-                .unwrap_or_else(|| before.map_or(3.0, |before| before.step_deg)),
+        Ok(Request {
+            grid: self.grid.grid(before.map(|before| &before.grid), 3.0)?,
             image_size: self
                 .image_size
                 .unwrap_or_else(|| before.map_or(96, |before| before.image_size)),
@@ -54,7 +89,7 @@ impl RequestArgs {
             seed: self
                 .seed
                 .unwrap_or_else(|| before.map_or(1, |before| before.seed)),
-        }
+        })
     }
 }
 

@@ -1,0 +1,205 @@
+//! Rings of equally spaced incident directions.
+//!
+//! # Design
+//! Ring k lies at θ = (k + ½)·step. Interpolation works in the plane p = θ·(cos φ, sin φ), where the directions of a
+//! ring are the corners of a regular polygon. A direction lies between two polygons, on a ray from the pole that
+//! crosses one side of each; it is interpolated linearly along both sides and then along the ray. That reproduces
+//! every linear function of p exactly, at the pole and where two rings have different counts too. Within the first
+//! polygon the ray's other end takes part; beyond the last one the value stays.
+//!
+//! # Tradeoffs
+//! At the pole the value is the mean of two opposite directions, and which two depends on the azimuth that it was asked
+//! at: a difference of second order in the step, for which four neighbours are always enough.
+
+use std::f64::consts::{PI, TAU};
+
+use glam::DVec3;
+
+use super::{IncidentError, Neighbours};
+use crate::direction::{from_degrees, to_angles};
+
+/// Rings of equally spaced directions.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rings {
+    step_deg: f64,
+    /// Index of the first direction of each ring, and after the last one.
+    starts: Vec<usize>,
+}
+
+/// Where a ray from the pole crosses a side of a ring's polygon.
+struct Crossing {
+    /// The corners of the side with their weights.
+    ends: [(usize, f64); 2],
+    /// Distance from the pole in the plane, in radians.
+    radius_rad: f64,
+}
+
+impl Rings {
+    /// Rings of 360/`step_deg` directions each.
+    ///
+    /// # Errors
+    /// [`IncidentError::Step`] if 90° is no whole number of steps.
+    pub fn theta_phi(step_deg: f64) -> Result<Self, IncidentError> {
+        Self::new(step_deg, |_, rings| 4 * rings)
+    }
+
+    /// Rings of as many directions as keep the gap along each ring within `step_deg`: 360·sinθ/step, rounded up.
+    ///
+    /// # Errors
+    /// As [`Self::theta_phi`].
+    pub fn equal_solid_angle(step_deg: f64) -> Result<Self, IncidentError> {
+        Self::new(step_deg, |theta_deg, rings| {
+            (4.0 * rings as f64 * theta_deg.to_radians().sin()).ceil() as usize
+        })
+    }
+
+    fn new(step_deg: f64, count: impl Fn(f64, usize) -> usize) -> Result<Self, IncidentError> {
+        let rings = 90.0 / step_deg;
+        let whole = (rings - rings.round()).abs() < 1e-9 * rings;
+        if !(0.25..=45.0).contains(&step_deg) || !whole {
+            return Err(IncidentError::Step { step_deg });
+        }
+        let rings = rings.round() as usize;
+        let step_deg = 90.0 / rings as f64;
+        let mut starts = vec![0];
+        for ring in 0..rings {
+            starts.push(starts[ring] + count((ring as f64 + 0.5) * step_deg, rings));
+        }
+        Ok(Self { step_deg, starts })
+    }
+
+    /// Number of directions.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.starts[self.rings()]
+    }
+
+    /// Never: there are at least two rings.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        false
+    }
+
+    /// Number of rings.
+    #[must_use]
+    pub fn rings(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// Number of directions of `ring`, from the pole.
+    #[must_use]
+    pub fn count(&self, ring: usize) -> usize {
+        self.starts[ring + 1] - self.starts[ring]
+    }
+
+    /// Degrees between rings.
+    #[must_use]
+    pub const fn step_deg(&self) -> f64 {
+        self.step_deg
+    }
+
+    /// Angles (θ, φ) of direction `index` in degrees.
+    #[must_use]
+    pub fn angles_deg(&self, index: usize) -> (f64, f64) {
+        let ring = self.ring_of(index);
+        let sector = index - self.starts[ring];
+        (
+            (ring as f64 + 0.5) * self.step_deg,
+            sector as f64 * (360.0 / self.count(ring) as f64),
+        )
+    }
+
+    /// Unit vector of direction `index`, sample frame.
+    #[must_use]
+    pub fn direction(&self, index: usize) -> DVec3 {
+        let (theta_deg, phi_deg) = self.angles_deg(index);
+        from_degrees(theta_deg, phi_deg)
+    }
+
+    fn ring_of(&self, index: usize) -> usize {
+        self.starts.partition_point(|&start| start <= index) - 1
+    }
+
+    /// See [`super::IncidentSet::neighbours`].
+    #[must_use]
+    pub fn neighbours(&self, w: DVec3) -> Neighbours {
+        let (theta_rad, phi_rad) = to_angles(w);
+        let last = self.rings() - 1;
+        // The ring at or inside of w; its polygon lies within its circle.
+        let circle = theta_rad / self.step_deg.to_radians() - 0.5;
+        if circle < 0.0 {
+            let outer = self.crossing(0, phi_rad);
+            if theta_rad < outer.radius_rad {
+                let across = self.crossing(0, phi_rad + PI);
+                return between(&across, -across.radius_rad, &outer, theta_rad);
+            }
+        }
+        let mut ring = (circle.max(0.0) as usize).min(last);
+        let mut inner = self.crossing(ring, phi_rad);
+        while ring < last {
+            let outer = self.crossing(ring + 1, phi_rad);
+            if theta_rad < outer.radius_rad {
+                return between(&inner, inner.radius_rad, &outer, theta_rad);
+            }
+            inner = outer;
+            ring += 1;
+        }
+        let [a, b] = inner.ends;
+        [a, b, (a.0, 0.0), (b.0, 0.0)]
+    }
+
+    /// Where the ray at azimuth `phi_rad` crosses the polygon of `ring`.
+    fn crossing(&self, ring: usize, phi_rad: f64) -> Crossing {
+        let count = self.count(ring);
+        let place = phi_rad.rem_euclid(TAU) / TAU * count as f64;
+        let low = place.floor();
+        // Angles from the middle of the side, at whose distance from the pole the radius is least.
+        let half = PI / count as f64;
+        let angle = (2.0 * (place - low) - 1.0) * half;
+        let t = 0.5 + 0.5 * angle.tan() / half.tan();
+        let index = |sector: usize| self.starts[ring] + sector % count;
+        Crossing {
+            ends: [(index(low as usize), 1.0 - t), (index(low as usize + 1), t)],
+            radius_rad: (ring as f64 + 0.5) * self.step_deg.to_radians() * half.cos() / angle.cos(),
+        }
+    }
+
+    /// See [`super::IncidentSet::adjacent`].
+    #[must_use]
+    pub fn adjacent(&self, index: usize) -> Vec<usize> {
+        let ring = self.ring_of(index);
+        let count = self.count(ring);
+        let sector = index - self.starts[ring];
+        let phi_rad = TAU * sector as f64 / count as f64;
+        let beside = [(sector + 1) % count, (sector + count - 1) % count].map(|s| self.starts[ring] + s);
+        let above = if ring == 0 {
+            self.crossing(0, phi_rad + PI)
+        } else {
+            self.crossing(ring - 1, phi_rad)
+        };
+        let below = (ring + 1 < self.rings()).then(|| self.crossing(ring + 1, phi_rad));
+        let mut adjacent = beside.to_vec();
+        for (end, weight) in above
+            .ends
+            .into_iter()
+            .chain(below.into_iter().flat_map(|b| b.ends))
+        {
+            if weight > 1e-9 && !adjacent.contains(&end) {
+                adjacent.push(end);
+            }
+        }
+        adjacent
+    }
+}
+
+/// Linear between two crossings of a ray, for a place at `theta_rad` on it; `inner` stands at `inner_rad`.
+fn between(inner: &Crossing, inner_rad: f64, outer: &Crossing, theta_rad: f64) -> Neighbours {
+    let t = ((theta_rad - inner_rad) / (outer.radius_rad - inner_rad)).clamp(0.0, 1.0);
+    let ([a, b], [c, d]) = (inner.ends, outer.ends);
+    [
+        (a.0, a.1 * (1.0 - t)),
+        (b.0, b.1 * (1.0 - t)),
+        (c.0, c.1 * t),
+        (d.0, d.1 * t),
+    ]
+}
