@@ -4,13 +4,15 @@ use std::path::PathBuf;
 
 use rcg::measure::prepare;
 use rcg::measurement::MeasurementError;
-use rcg::plan::{Plan, PlanError};
+use rcg::pace::Pace;
+use rcg::plan::{Directions, Plan, PlanError};
 use rcg::report::duration;
 use rcg::rig::Rig;
-use serde_json::json;
+use rcg::schedule::Bound;
+use serde_json::{Value, json};
 
 use crate::Done;
-use crate::output::Output;
+use crate::output::{Output, table};
 use crate::request::{MischiefArgs, RequestArgs};
 
 /// Show what a measurement would take, or write its plan.
@@ -40,38 +42,78 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             .map_err(MeasurementError::from)?;
         Plan::new(request, &scaled, exposure_s)?
     };
-    let bound = plan.timing.bound(&rig);
-    let grid = plan.request.grid.build().map_err(PlanError::from)?;
-    let grid_s = grid.len() as f64 * plan.timing.period_s;
-    let value = json!({
+    let directions = Directions::new(&rig, &plan.request.grid).map_err(PlanError::from)?;
+    let pace = Pace::new(&plan, &directions, &rig);
+    let mut value = json!({
         "rig": rig.name,
         "exposures": plan.len(),
         "directions": plan.directions,
-        "grid_directions": grid.len(),
-        "grid_s": grid_s,
+        "grid": plan.request.grid.kind(),
+        "grid_directions": directions.grid.len(),
         "exposure_s": plan.exposure_s,
-        "period_s": plan.timing.period_s,
-        "instrument_s": plan.duration_s(),
-        "bound_by": bound,
+        "bound_by": plan.timing.bound(&rig),
         "segment_exposures": plan.segment,
         "out": args.out,
     });
-    output.print(&value, || {
-        let what = match bound {
-            rcg::schedule::Bound::Camera => "settling, exposing and reading out",
-            rcg::schedule::Bound::Projector => "the projector's pattern rate",
-        };
-        format!(
-            "{} exposures, {} of them lit, of {:.3} ms every {:.3} ms: {} on {}, bound by {what}\n\
-             (all {} directions of the grid, those included that are out of reach: {})\n",
-            plan.len(),
-            plan.directions,
-            plan.exposure_s * 1e3,
-            plan.timing.period_s * 1e3,
-            duration(plan.duration_s()),
-            rig.name,
-            grid.len(),
-            duration(grid_s),
-        )
-    })
+    if let (Some(value), Ok(Value::Object(pace))) = (value.as_object_mut(), serde_json::to_value(&pace)) {
+        value.extend(pace);
+    }
+    output.print(&value, || table(&lines(&plan, &directions, &pace, &rig)))
+}
+
+fn lines(plan: &Plan, directions: &Directions, pace: &Pace, rig: &Rig) -> Vec<(&'static str, String)> {
+    let mut lines = vec![
+        (
+            "incident directions",
+            format!(
+                "{} ({}), {} in reach",
+                directions.grid.len(),
+                plan.request.grid,
+                plan.directions
+            ),
+        ),
+        (
+            "exposures",
+            format!(
+                "{} of {} every {}, {:.0} per second",
+                plan.len(),
+                duration(plan.exposure_s),
+                duration(pace.period_s),
+                pace.rate_hz
+            ),
+        ),
+        (
+            "time",
+            format!(
+                "{} on {}: {} with light, {} with black patterns",
+                duration(pace.instrument_s),
+                rig.name,
+                duration(pace.lit_s),
+                duration(pace.black_s)
+            ),
+        ),
+        (
+            "not counted",
+            format!("{} times that patterns are loaded into the projector", pace.loads),
+        ),
+        (
+            "whole grid",
+            format!(
+                "{}, those directions included that are out of reach",
+                duration(pace.grid_s)
+            ),
+        ),
+    ];
+    let what = match plan.timing.bound(rig) {
+        Bound::Camera => "settling, exposing and reading out",
+        Bound::Projector => "the projector's pattern rate",
+    };
+    lines.push(("bound by", what.to_owned()));
+    for cost in &pace.costs {
+        lines.push((
+            "what would help",
+            format!("{}: {}", cost.limit.remedy(), duration(cost.instrument_without_s)),
+        ));
+    }
+    lines
 }
