@@ -13,13 +13,14 @@
 //! | the result | [`assemble`] (with the private `resample`), [`disk`] (outgoing directions), [`provenance`], [`brdf`] (look-up) |
 //! | judgement | [`sample`] (known materials), [`reflectance`], [`evaluate`], [`render`], [`report`] |
 //!
-//! [`measure`] does all of it in one go. From the raw frames on, every stage reads files only.
+//! [`measure`] does all of it in one go; [`adaptive`] chooses the directions on the way. From the raw frames on, every stage reads files only.
 //!
 //! Directions are unit vectors away from the surface, f is in sr⁻¹ without the cosine, and names carry units.
 //! Time, chance and progress are arguments: the crate has no clock, no random source and no voice of its own.
 
 #![forbid(unsafe_code)]
 
+pub mod adaptive;
 pub mod assemble;
 pub mod brdf;
 pub mod camera;

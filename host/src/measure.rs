@@ -172,6 +172,7 @@ pub fn complete(
         sample: spec.to_owned(),
         grid: plan.request.grid.to_string(),
         step_deg: plan.request.grid.step_deg(),
+        adaptive: measurement.noted("adaptive"),
         image_size: plan.request.image_size,
         incident_directions: measurement.directions.grid.len(),
         exposures: plan.len(),

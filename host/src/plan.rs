@@ -126,6 +126,16 @@ pub enum PlanError {
     /// The plan file is not TOML, or a field is unknown, missing or of the wrong type.
     #[error(transparent)]
     Toml(#[from] RigError),
+    /// The plan was made for another rig.
+    #[error("{path}: expected a plan of rig {rig}, found one of rig {plan}")]
+    OtherRig {
+        /// The file.
+        path: String,
+        /// The rig that it was made for.
+        plan: String,
+        /// The rig that there is.
+        rig: String,
+    },
     /// The plan file cannot be used.
     #[error("{path}: {reason}")]
     File {
@@ -255,6 +265,32 @@ impl Plan {
             return Err(fail(format!("format: expected {FORMAT}, found {format}")));
         }
         toml::from_str(&text).map_err(|e| explain(&text, path, &e).into())
+    }
+
+    /// Reads the plan at `path`, which must have been made for `rig`.
+    ///
+    /// # Errors
+    /// As [`Self::read`] and [`Self::check`]; [`PlanError::OtherRig`].
+    pub fn of_rig(path: &std::path::Path, rig: &Rig) -> Result<Self, PlanError> {
+        let plan = Self::read(path)?;
+        plan.check(path)?;
+        if plan.rig != rig.name {
+            return Err(PlanError::OtherRig {
+                path: path.display().to_string(),
+                plan: plan.rig,
+                rig: rig.name.clone(),
+            });
+        }
+        Ok(plan)
+    }
+
+    /// The request that measures the same again, with this plan's exposure time.
+    #[must_use]
+    pub fn replayed(self) -> Request {
+        Request {
+            exposure_s: Some(self.exposure_s),
+            ..self.request
+        }
     }
 
     /// Refuses numbers that no plan of this program has; `path` is where it was read.

@@ -8,6 +8,8 @@ pub trait Progress: Sync {
     fn reach(&self, done: usize);
     /// The stage is over.
     fn end(&self);
+    /// Something worth saying between stages, in one line.
+    fn remark(&self, _line: &str) {}
 }
 
 /// Nobody.

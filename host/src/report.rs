@@ -6,6 +6,7 @@ use std::fs;
 use image::{Rgb, RgbImage};
 use serde::Serialize;
 
+use crate::adaptive::{Adapted, Stop};
 use crate::assemble::Assembled;
 use crate::brdf::Brdf;
 use crate::capture::Tally;
@@ -37,6 +38,8 @@ pub struct Summary {
     pub grid: String,
     /// Degrees between their rings; `None` for a list.
     pub step_deg: Option<f64>,
+    /// How the directions were chosen, if that was done on the way.
+    pub adaptive: Option<Adapted>,
     /// Pixels a side.
     pub image_size: u32,
     /// Incident directions of the whole grid, those included that the rig cannot light.
@@ -191,8 +194,34 @@ pub fn lines(summary: &Summary) -> Vec<(&'static str, String)> {
             ),
         ),
     ];
+    lines.extend(summary.adaptive.as_ref().map(adaptive_line));
     lines.extend(evaluation_lines(&summary.evaluation));
     lines
+}
+
+fn adaptive_line(adapted: &Adapted) -> (&'static str, String) {
+    let predicted = format!(
+        "{} captures, {:.1} dB predicted (f·cosθi at exposure 1, clipped to 1)",
+        adapted.captures, adapted.predicted_db
+    );
+    let why = match (adapted.stop, adapted.goal.target_db) {
+        (Stop::Target, _) => "the target is reached".to_owned(),
+        (Stop::Budget, None) => "the budget is used up".to_owned(),
+        (stop, target_db) => {
+            let why = match stop {
+                Stop::Noise => format!(
+                    "more captures cannot help: noise alone allows {:.1} dB",
+                    adapted.noise_limit_db
+                ),
+                Stop::Spot => "more captures cannot help: their spots of light would overlap".to_owned(),
+                Stop::Target | Stop::Budget => "the budget is used up".to_owned(),
+            };
+            target_db.map_or(why.clone(), |target_db| {
+                format!("the target of {target_db} dB is not reached; {why}")
+            })
+        }
+    };
+    ("adaptive", format!("{predicted}: {why}"))
 }
 
 /// An evaluation as lines of (what, figure).

@@ -8,6 +8,7 @@
 // Counts, and numbers that the command was given, come back exactly.
 #![allow(clippy::float_cmp)]
 
+mod adaptive;
 mod answers;
 mod bad_arguments;
 mod bad_brdf;

@@ -2,6 +2,7 @@
 
 use std::io;
 
+use rcg::adaptive::AdaptiveError;
 use rcg::assemble::AssembleError;
 use rcg::brdf::BrdfError;
 use rcg::device::DeviceError;
@@ -163,6 +164,15 @@ impl Blame for MeasureError {
             Self::Wires(error) => matches!(error, WiresError::Address { .. }),
             Self::Assemble(AssembleError::Store(error)) => error.is_input(),
             Self::Report(_) => false,
+        }
+    }
+}
+
+impl Blame for AdaptiveError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Goal(_) | Self::Toml(_) | Self::Differs { .. } | Self::OutOfReach { .. } => true,
+            Self::Measure(error) => error.is_input(),
         }
     }
 }

@@ -3,8 +3,10 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
+use rcg::adaptive::{self, AdaptiveError, Goal};
 use rcg::measure::{complete, prepare};
 use rcg::measurement::Measurement;
+use rcg::plan::Plan;
 use rcg::report::lines;
 use rcg::rig::Rig;
 
@@ -20,6 +22,18 @@ pub(crate) struct Args {
     out: PathBuf,
     #[command(flatten)]
     request: RequestArgs,
+    /// Choose the incident directions on the way, where the predicted error is largest, until --target or --budget
+    #[arg(long, conflicts_with_all = ["grid", "step", "replay"])]
+    adaptive: bool,
+    /// With --adaptive: stop at this predicted PSNR of f·cosθi at exposure 1, clipped to 1
+    #[arg(long, value_name = "dB", requires = "adaptive", allow_negative_numbers = true)]
+    target: Option<String>,
+    /// With --adaptive: stop after so many captures with light
+    #[arg(long, value_name = "N", requires = "adaptive")]
+    budget: Option<usize>,
+    /// Measure as this plan.toml says, directions and exposure time; it must be one of the same rig
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["grid", "step"])]
+    replay: Option<PathBuf>,
     /// Go on with a measurement that was interrupted
     #[arg(long)]
     resume: bool,
@@ -39,7 +53,17 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         if args.resume {
             Measurement::sweep(&args.out)?;
         }
-        prepare(&args.out, &rig, args.request.request(None)?, &setup, output)?
+        let before = match &args.replay {
+            Some(path) => Some(Plan::of_rig(path, &rig)?.replayed()),
+            None => None,
+        };
+        let request = args.request.request(before.as_ref())?;
+        if args.adaptive {
+            let goal = Goal::new(args.target.as_deref(), args.budget).map_err(AdaptiveError::from)?;
+            adaptive::measure(&args.out, &rig, &request, goal, &setup, args.resume, output)?.0
+        } else {
+            prepare(&args.out, &rig, request, &setup, output)?
+        }
     };
     let began = Instant::now();
     let summary = complete(&measurement, &setup, &|| began.elapsed(), output)?;

@@ -131,6 +131,13 @@ impl Progress for Output {
         }
     }
 
+    fn remark(&self, line: &str) {
+        if !self.quiet {
+            // A reader of stderr that has gone is no reason to stop measuring.
+            writeln!(io::stderr(), "{line}").ok();
+        }
+    }
+
     fn end(&self) {
         if let Some(bar) = self.bar().take() {
             bar.finish();

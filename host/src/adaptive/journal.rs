@@ -1,0 +1,210 @@
+//! What an adaptive measurement has on disk until it has a plan.
+//!
+//! | file | holds |
+//! |---|---|
+//! | `adaptive.toml` | what was asked for, and the exposure time |
+//! | `directions.txt` | lines `θ φ` in degrees in the order of capture; written before the batch is captured |
+//! | `adaptive.zarr` | raw frames: a segment of black patterns, then one segment per batch |
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::{BATCH, Goal, GoalError};
+use crate::incident::IncidentError;
+use crate::measure::MeasureError;
+use crate::measurement::{MeasurementError, write_whole};
+use crate::plan::Request;
+use crate::rig::{Rig, RigError, explain};
+use crate::store::{RawLayout, RawStore, StoreError};
+
+const ASKED: &str = "adaptive.toml";
+const DIRECTIONS: &str = "directions.txt";
+const FRAMES: &str = "adaptive.zarr";
+
+/// Why an adaptive measurement failed.
+#[derive(Debug, thiserror::Error)]
+pub enum AdaptiveError {
+    /// The goal.
+    #[error(transparent)]
+    Goal(#[from] GoalError),
+    /// Everything that any measurement can fail at.
+    #[error(transparent)]
+    Measure(#[from] MeasureError),
+    /// The file of what was asked for.
+    #[error(transparent)]
+    Toml(#[from] RigError),
+    /// Another measurement is in the directory.
+    #[error("{path}: expected what was asked for when it was begun, found another {field}")]
+    Differs {
+        /// The file.
+        path: String,
+        /// What differs.
+        field: &'static str,
+    },
+    /// The rig reaches too few directions.
+    #[error("rig {rig}: expected incident directions all around that the projector can light, found {found}")]
+    OutOfReach {
+        /// Name of the rig.
+        rig: String,
+        /// How many.
+        found: usize,
+    },
+}
+
+impl From<MeasurementError> for AdaptiveError {
+    fn from(error: MeasurementError) -> Self {
+        Self::Measure(error.into())
+    }
+}
+
+impl From<StoreError> for AdaptiveError {
+    fn from(error: StoreError) -> Self {
+        Self::Measure(MeasurementError::from(error).into())
+    }
+}
+
+impl From<IncidentError> for AdaptiveError {
+    fn from(error: IncidentError) -> Self {
+        Self::Measure(MeasurementError::from(error).into())
+    }
+}
+
+/// What was asked for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Asked {
+    /// Exposure time in s.
+    pub(super) exposure_s: f64,
+    /// The rig as TOML.
+    pub(super) rig: String,
+    pub(super) goal: Goal,
+    /// The request; its grid has no part in it.
+    pub(super) request: Request,
+}
+
+/// The files.
+pub(super) struct Journal {
+    dir: PathBuf,
+    pub(super) asked: Asked,
+    pub(super) frames: RawStore,
+}
+
+impl Journal {
+    /// Whether an adaptive measurement was begun in `dir`.
+    pub(super) fn exists(dir: &Path) -> bool {
+        dir.join(ASKED).is_file()
+    }
+
+    /// Begins in `dir`, which is new or empty; `rig` has its camera image scaled.
+    pub(super) fn create(dir: &Path, asked: Asked, rig: &Rig) -> Result<Self, AdaptiveError> {
+        fs::create_dir_all(dir).map_err(|source| io(dir, source))?;
+        let text = toml::to_string(&asked).expect("plain data");
+        write_whole(&dir.join(ASKED), text.as_bytes())?;
+        Self::with(dir, asked, rig)
+    }
+
+    /// Opens what was begun in `dir`.
+    pub(super) fn open(dir: &Path, rig: &Rig) -> Result<Self, AdaptiveError> {
+        let path = dir.join(ASKED);
+        let text = fs::read_to_string(&path).map_err(|source| io(&path, source))?;
+        let asked: Asked = toml::from_str(&text).map_err(|error| explain(&text, &path, &error))?;
+        if asked.rig != rig.to_toml() {
+            return Err(differs(dir, "rig"));
+        }
+        Self::with(dir, asked, rig)
+    }
+
+    fn with(dir: &Path, asked: Asked, rig: &Rig) -> Result<Self, AdaptiveError> {
+        let path = dir.join(FRAMES);
+        let frames = if path.exists() {
+            RawStore::open(&path)?
+        } else {
+            RawStore::create(
+                &path,
+                layout(rig, BATCH + asked.goal.budget),
+                serde_json::Map::new(),
+            )?
+        };
+        Ok(Self {
+            dir: dir.to_owned(),
+            asked,
+            frames,
+        })
+    }
+
+    /// The directions that were chosen, in degrees; none at the beginning.
+    pub(super) fn directions_deg(&self) -> Result<Vec<[f64; 2]>, AdaptiveError> {
+        let path = self.dir.join(DIRECTIONS);
+        if !path.exists() {
+            return Ok(Vec::new());
+        }
+        match crate::incident::Grid::read_list(&path)? {
+            crate::incident::Grid::List { directions_deg } => Ok(directions_deg),
+            _ => Ok(Vec::new()),
+        }
+    }
+
+    /// Writes down what is captured next.
+    pub(super) fn choose(&self, directions_deg: &[[f64; 2]]) -> Result<(), AdaptiveError> {
+        let lines: Vec<String> = directions_deg
+            .iter()
+            .map(|[theta_deg, phi_deg]| format!("{theta_deg} {phi_deg}\n"))
+            .collect();
+        let text = format!("# θ φ in degrees, in the order of capture\n{}", lines.concat());
+        Ok(write_whole(&self.dir.join(DIRECTIONS), text.as_bytes())?)
+    }
+
+    /// Makes `raw.zarr` of the first `directions` captures, for a plan with segments of [`BATCH`].
+    pub(super) fn publish(&self, rig: &Rig, directions: usize) -> Result<(), AdaptiveError> {
+        let path = self.dir.join("raw.zarr");
+        if path.exists() {
+            // Of a run that ended before its plan was written.
+            fs::remove_dir_all(&path).map_err(|source| io(&path, source))?;
+        }
+        let mut attributes = serde_json::Map::new();
+        attributes.insert("rig".to_owned(), rig.name.clone().into());
+        attributes.insert(
+            "source".to_owned(),
+            concat!("rcg ", env!("CARGO_PKG_VERSION")).into(),
+        );
+        let raw = RawStore::create(&path, layout(rig, BATCH + directions), attributes)?;
+        for segment in 0..raw.segments() {
+            raw.write_segment(segment, &self.frames.read_segment(segment)?)?;
+        }
+        Ok(())
+    }
+
+    /// Removes the frames, which `raw.zarr` holds now.
+    pub(super) fn close(self) -> Result<(), AdaptiveError> {
+        let path = self.dir.join(FRAMES);
+        Ok(fs::remove_dir_all(&path).map_err(|source| io(&path, source))?)
+    }
+}
+
+pub(super) fn differs(dir: &Path, field: &'static str) -> AdaptiveError {
+    AdaptiveError::Differs {
+        path: dir.join(ASKED).display().to_string(),
+        field,
+    }
+}
+
+fn layout(rig: &Rig, exposures: usize) -> RawLayout {
+    let format = rig.frame_format();
+    RawLayout {
+        exposures,
+        segment: BATCH,
+        height: format.height_px,
+        width: format.width_px,
+        channels: format.channels,
+        bits: format.bits,
+    }
+}
+
+fn io(path: &Path, source: std::io::Error) -> MeasurementError {
+    MeasurementError::Io {
+        path: path.display().to_string(),
+        source,
+    }
+}

@@ -1,0 +1,152 @@
+//! Images on the outgoing disk, and what their neighbours say of them.
+//!
+//! # Design
+//! Two rules predict f at an incident direction from captured ones with barycentric weights: *direct*, at the same
+//! outgoing direction, and *half vector*, where each neighbour is looked up at the outgoing direction that has the same
+//! half vector, so that a highlight moves instead of cross-fading. An image is judged by the better of the two.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use crate::direction::angle_between;
+use crate::disk::Disk;
+use crate::incident::{DirectionList, IncidentSet, Neighbours};
+
+/// Luminance of one capture on the outgoing disk.
+pub(super) struct Image {
+    /// f in sr⁻¹ per cell; NaN where there is none.
+    pub(super) f: Vec<f32>,
+    /// Mean over the cells of the noise variance of f, in sr⁻².
+    pub(super) noise: f64,
+}
+
+/// How well the neighbours of a captured direction predict its image.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct LeftOut {
+    /// Mean squared error of f·cosθi at exposure 1, clipped to 1, without the part of the noise.
+    pub(super) mse: f64,
+    /// Mean squared error of the image itself by noise, in the same unit.
+    pub(super) noise_mse: f64,
+    /// Mean squared distance to what it was predicted from, weighted, in rad².
+    pub(super) spacing: f64,
+}
+
+/// Rule of prediction.
+#[derive(Clone, Copy)]
+enum Rule {
+    Direct,
+    HalfVector,
+}
+
+/// Weighted captured images.
+type Parts<'a> = Vec<(DVec3, &'a Image, f64)>;
+
+/// Every second cell of every second row of the disk: enough to judge by.
+pub(super) fn judged_cells(disk: Disk) -> Vec<(usize, DVec3)> {
+    (0..disk.len())
+        .filter(|cell| cell % disk.size() % 2 == 0 && cell / disk.size() % 2 == 0)
+        .filter_map(|cell| Some((cell, disk.direction(cell)?)))
+        .collect()
+}
+
+/// For each of the captured directions, how well the others predict it.
+pub(super) fn leave_one_out(
+    angles_deg: &[[f64; 2]],
+    set: &IncidentSet,
+    images: &[Image],
+    disk: Disk,
+    cells: &[(usize, DVec3)],
+) -> Vec<LeftOut> {
+    (0..images.len())
+        .into_par_iter()
+        .map(|index| {
+            let w = set.direction(index);
+            let parts: Parts = others(angles_deg, set, index)
+                .into_iter()
+                .filter(|(_, weight)| *weight > 0.0)
+                .map(|(other, weight)| (set.direction(other), &images[other], weight))
+                .collect();
+            left_out(w, &images[index], &parts, disk, cells)
+        })
+        .collect()
+}
+
+/// Weights of the other directions at direction `index`.
+fn others(angles_deg: &[[f64; 2]], set: &IncidentSet, index: usize) -> Neighbours {
+    // What is around it triangulates the hole that it leaves.
+    let adjacent = set.adjacent(index);
+    let around: Vec<[f64; 2]> = adjacent.iter().map(|&other| angles_deg[other]).collect();
+    match DirectionList::new(&around) {
+        Ok(list) => list
+            .neighbours(set.direction(index))
+            .map(|(place, weight)| (adjacent[place], weight)),
+        // Two at the edge.
+        Err(_) => [
+            (adjacent[0], 1.0),
+            (adjacent[0], 0.0),
+            (adjacent[0], 0.0),
+            (adjacent[0], 0.0),
+        ],
+    }
+}
+
+fn left_out(w: DVec3, image: &Image, parts: &Parts, disk: Disk, cells: &[(usize, DVec3)]) -> LeftOut {
+    let shown = |f: f64| (f * w.z).clamp(0.0, 1.0);
+    let (mut direct, mut half, mut count) = (0.0, 0.0, 0_u32);
+    for &(cell, wo) in cells {
+        let truth = f64::from(image.f[cell]);
+        if truth.is_nan() {
+            continue;
+        }
+        let Some(a) = predicted(Rule::Direct, w, wo, parts, disk) else {
+            continue;
+        };
+        let b = predicted(Rule::HalfVector, w, wo, parts, disk).unwrap_or(a);
+        direct += (shown(a) - shown(truth)).powi(2);
+        half += (shown(b) - shown(truth)).powi(2);
+        count += 1;
+    }
+    let mse = f64::min(direct, half) / f64::from(count.max(1));
+    let noise_mse = image.noise * w.z * w.z;
+    let of_parts: f64 = parts
+        .iter()
+        .map(|(_, image, weight)| image.noise * weight * weight)
+        .sum();
+    LeftOut {
+        mse: (mse - noise_mse - of_parts * w.z * w.z).max(0.0),
+        noise_mse,
+        spacing: parts
+            .iter()
+            .map(|(other, _, weight)| weight * angle_between(*other, w).powi(2))
+            .sum(),
+    }
+}
+
+/// f for incident direction `w` and outgoing direction `wo`, in sr⁻¹.
+fn predicted(rule: Rule, w: DVec3, wo: DVec3, parts: &Parts, disk: Disk) -> Option<f64> {
+    let half = (w + wo).normalize();
+    let (mut sum, mut total) = (0.0, 0.0);
+    for &(wi, image, weight) in parts {
+        let wo = match rule {
+            Rule::Direct => wo,
+            Rule::HalfVector => 2.0 * half.dot(wi) * half - wi,
+        };
+        if let Some(f) = look_up(image, wo, disk) {
+            sum += weight * f;
+            total += weight;
+        }
+    }
+    (total > 0.5).then(|| sum / total)
+}
+
+fn look_up(image: &Image, wo: DVec3, disk: Disk) -> Option<f64> {
+    let (mut sum, mut total) = (0.0, 0.0);
+    for (cell, weight) in disk.neighbours(wo)? {
+        let f = f64::from(image.f[cell]);
+        if !f.is_nan() {
+            sum += weight * f;
+            total += weight;
+        }
+    }
+    (total > 0.5).then(|| sum / total)
+}
