@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::predict::LeftOut;
 use crate::direction::angle_between;
+use crate::evaluate::is_judged;
 use crate::incident::DirectionList;
 
 /// Candidates of a batch keep this share of their distances to captured directions from each other.
@@ -62,7 +63,7 @@ pub(super) fn outlook(
         } else {
             mean(&|at| at.mse * spacing / at.spacing)
         };
-        if reachable(middle) {
+        if reachable(middle) && is_judged(middle) {
             mse += solid_angle_sr * error;
             area += solid_angle_sr;
             if !left_out.is_empty() {

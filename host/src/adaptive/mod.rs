@@ -10,8 +10,8 @@
 //! 4. The mean error over all triangles is the predicted PSNR. The loop ends at the target, at the budget, or where
 //!    more captures cannot help: noise rules, or all spots of light would overlap.
 //!
-//! The error is that of f·cosθi in luminance at exposure 1, clipped to 1, over the outgoing directions that the camera
-//! sees, mean over the incident directions within the captured ones.
+//! The error is that of f·cosθi in luminance at exposure 1, clipped to 1, mean over the pairs of directions within reach
+//! and up to θ = 80°, as far as the camera sees them.
 //!
 //! What comes out is an ordinary measurement: its plan holds a list of directions, in the order of their capture, and
 //! can be measured again. Until then `adaptive.toml`, `directions.txt` and `adaptive.zarr` ([`journal`]) hold what was
@@ -33,3 +33,6 @@ pub use run::{Adapted, measure};
 
 /// Captures of a batch: one run of the controller, one segment of the raw frames.
 pub const BATCH: usize = crate::plan::BLACK_EXPOSURES;
+
+#[cfg(test)]
+mod tests;

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use crate::direction::angle_between;
 use crate::disk::Disk;
+use crate::evaluate::is_judged;
 use crate::incident::{DirectionList, IncidentSet, Neighbours};
 
 /// Luminance of one capture on the outgoing disk.
@@ -38,14 +39,14 @@ enum Rule {
     HalfVector,
 }
 
-/// Weighted captured images.
-type Parts<'a> = Vec<(DVec3, &'a Image, f64)>;
+/// A captured image: its incident direction, itself, and its weight.
+pub(super) type Part<'a> = (DVec3, &'a Image, f64);
 
-/// Every second cell of every second row of the disk: enough to judge by.
+/// Every second cell of every second row of the disk, as far as errors are judged: enough to go by.
 pub(super) fn judged_cells(disk: Disk) -> Vec<(usize, DVec3)> {
     (0..disk.len())
-        .filter(|cell| cell % disk.size() % 2 == 0 && cell / disk.size() % 2 == 0)
-        .filter_map(|cell| Some((cell, disk.direction(cell)?)))
+        .filter(|cell| (cell % disk.size()).is_multiple_of(2) && (cell / disk.size()).is_multiple_of(2))
+        .filter_map(|cell| Some((cell, disk.direction(cell).filter(|w| is_judged(*w))?)))
         .collect()
 }
 
@@ -61,7 +62,7 @@ pub(super) fn leave_one_out(
         .into_par_iter()
         .map(|index| {
             let w = set.direction(index);
-            let parts: Parts = others(angles_deg, set, index)
+            let parts: Vec<Part> = others(angles_deg, set, index)
                 .into_iter()
                 .filter(|(_, weight)| *weight > 0.0)
                 .map(|(other, weight)| (set.direction(other), &images[other], weight))
@@ -90,7 +91,24 @@ fn others(angles_deg: &[[f64; 2]], set: &IncidentSet, index: usize) -> Neighbour
     }
 }
 
-fn left_out(w: DVec3, image: &Image, parts: &Parts, disk: Disk, cells: &[(usize, DVec3)]) -> LeftOut {
+fn left_out(w: DVec3, image: &Image, parts: &[Part], disk: Disk, cells: &[(usize, DVec3)]) -> LeftOut {
+    let noise_mse = image.noise * w.z * w.z;
+    let of_parts: f64 = parts
+        .iter()
+        .map(|(_, image, weight)| image.noise * weight * weight)
+        .sum();
+    LeftOut {
+        mse: (mse(w, image, parts, disk, cells) - noise_mse - of_parts * w.z * w.z).max(0.0),
+        noise_mse,
+        spacing: parts
+            .iter()
+            .map(|(other, _, weight)| weight * angle_between(*other, w).powi(2))
+            .sum(),
+    }
+}
+
+/// Mean squared difference between `image` at incident direction `w` and what `parts` predict, by the better rule.
+pub(super) fn mse(w: DVec3, image: &Image, parts: &[Part], disk: Disk, cells: &[(usize, DVec3)]) -> f64 {
     let shown = |f: f64| (f * w.z).clamp(0.0, 1.0);
     let (mut direct, mut half, mut count) = (0.0, 0.0, 0_u32);
     for &(cell, wo) in cells {
@@ -106,24 +124,11 @@ fn left_out(w: DVec3, image: &Image, parts: &Parts, disk: Disk, cells: &[(usize,
         half += (shown(b) - shown(truth)).powi(2);
         count += 1;
     }
-    let mse = f64::min(direct, half) / f64::from(count.max(1));
-    let noise_mse = image.noise * w.z * w.z;
-    let of_parts: f64 = parts
-        .iter()
-        .map(|(_, image, weight)| image.noise * weight * weight)
-        .sum();
-    LeftOut {
-        mse: (mse - noise_mse - of_parts * w.z * w.z).max(0.0),
-        noise_mse,
-        spacing: parts
-            .iter()
-            .map(|(other, _, weight)| weight * angle_between(*other, w).powi(2))
-            .sum(),
-    }
+    f64::min(direct, half) / f64::from(count.max(1))
 }
 
 /// f for incident direction `w` and outgoing direction `wo`, in sr⁻¹.
-fn predicted(rule: Rule, w: DVec3, wo: DVec3, parts: &Parts, disk: Disk) -> Option<f64> {
+fn predicted(rule: Rule, w: DVec3, wo: DVec3, parts: &[Part], disk: Disk) -> Option<f64> {
     let half = (w + wo).normalize();
     let (mut sum, mut total) = (0.0, 0.0);
     for &(wi, image, weight) in parts {

@@ -12,7 +12,8 @@ fn a_budget_is_kept_and_the_plan_can_be_measured_again() {
     let scratch = tempfile::tempdir().unwrap();
     let out = scratch.path().join("out");
     let arguments = [
-        &["measure", "--out", text(&out), "--budget", "72", "--json"],
+        &["measure", "--out", text(&out), "--budget", "72", "--json"][..],
+        &["--noise", "off"],
         &QUICK[..],
     ]
     .concat();
@@ -23,12 +24,11 @@ fn a_budget_is_kept_and_the_plan_can_be_measured_again() {
     assert_eq!(summary["exposures"], 72 + 16);
     assert!(!out.join("adaptive.zarr").exists());
 
-    // The same directions, exposure time, sample and seed: the same bits.
+    // The same directions, exposure time and sample: without noise the same bits.
     let again = scratch.path().join("again");
     let plan = out.join("plan.toml");
     run(&["measure", "--out", text(&again), "--replay", text(&plan)], "").done();
     let f = |out: &std::path::Path| files(&out.join("brdf.zarr/f"));
-    assert_eq!(f(&again).keys().count(), f(&out).keys().count());
     assert!(f(&again) == f(&out), "replayed to other values");
 
     // Its list is a grid like any other, in the same order.
@@ -110,14 +110,8 @@ fn what_was_begun_is_resumed_to_the_same_bits_and_only_as_what_it_is() {
     fs::rename(cut.join("raw.zarr"), cut.join("adaptive.zarr")).unwrap();
     fs::remove_dir_all(cut.join("brdf.zarr")).unwrap();
     for segment in 3..6 {
-        for entry in fs::read_dir(cut.join("adaptive.zarr/frames/c"))
-            .unwrap()
-            .flatten()
-        {
-            if entry.file_name().to_string_lossy() == segment.to_string() {
-                fs::remove_dir_all(entry.path()).unwrap();
-            }
-        }
+        let chunk = format!("c.{segment}.0.0.0");
+        fs::remove_file(cut.join("adaptive.zarr/frames").join(chunk)).unwrap();
     }
     let list = fs::read_to_string(cut.join("directions.txt")).unwrap();
     let kept: Vec<&str> = list.lines().take(1 + 48).collect();

@@ -26,7 +26,7 @@ pub(crate) struct Args {
     #[arg(long, conflicts_with_all = ["grid", "step", "replay"])]
     adaptive: bool,
     /// With --adaptive: stop at this predicted PSNR of f·cosθi at exposure 1, clipped to 1
-    #[arg(long, value_name = "dB", requires = "adaptive", allow_negative_numbers = true)]
+    #[arg(long, value_name = "dB", requires = "adaptive", allow_hyphen_values = true)]
     target: Option<String>,
     /// With --adaptive: stop after so many captures with light
     #[arg(long, value_name = "N", requires = "adaptive")]
