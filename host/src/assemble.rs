@@ -35,6 +35,10 @@ use crate::resample::Resampling;
 use crate::rig::Rig;
 use crate::store::{BrdfLayout, BrdfRows, BrdfWriter, RawStore, Segment, SmallArray, SmallData, StoreError};
 
+mod luminance;
+
+pub(crate) use luminance::FrameAssembler;
+
 /// Incident directions per chunk of `brdf.zarr`.
 pub const CHUNK: usize = 32;
 /// Chunks that are computed at a time.
@@ -168,89 +172,6 @@ fn project<const CHANNELS: usize>(
     }
     out_sigma.convert_from_f32_slice(sigma);
     (measured, saturated)
-}
-
-/// Turns single frames into luminance on the disk, as assembly would.
-pub(crate) struct FrameAssembler {
-    radiometry: Radiometry,
-    resampling: Resampling,
-    channels: usize,
-    disk: Disk,
-}
-
-impl FrameAssembler {
-    /// For frames of `rig` with the black exposures of `black`.
-    ///
-    /// # Errors
-    /// A sentence if there are no black exposures.
-    pub(crate) fn new(rig: &Rig, black: &Segment, disk: Disk) -> Result<Self, String> {
-        Ok(Self {
-            radiometry: Radiometry::new(rig, black, rig.frame_format().len())?,
-            resampling: Resampling::new(&View::camera(rig), disk),
-            channels: rig.frame_format().channels,
-            disk,
-        })
-    }
-
-    /// For each frame of `segment`: the luminance of f in sr⁻¹ per cell (NaN where there is none), and the mean of the
-    /// variance of f by noise.
-    pub(crate) fn luminance(&self, segment: &Segment) -> Vec<(Vec<f32>, f64)> {
-        let frames = segment.frames.par_chunks_exact(self.radiometry.dark.len());
-        segment
-            .records
-            .par_iter()
-            .zip(frames)
-            .map(|(record, frame)| {
-                let place = Segment {
-                    frames: frame.to_vec(),
-                    records: vec![*record],
-                };
-                let window = BTreeMap::from([(0, place)]);
-                let mut work = Work::default();
-                let places = [Some((0, 0))];
-                chunk_rows(
-                    &places,
-                    &window,
-                    self.channels,
-                    self.disk,
-                    &self.radiometry,
-                    &self.resampling,
-                    &mut work,
-                );
-                self.luminance_of(&work.rows)
-            })
-            .collect()
-    }
-
-    fn luminance_of(&self, rows: &BrdfRows) -> (Vec<f32>, f64) {
-        // ITU-R BT.601.
-        let weights: &[f32] = if self.channels == 1 {
-            &[1.0]
-        } else {
-            &[0.299, 0.587, 0.114]
-        };
-        let (mut variance, mut count) = (0.0, 0_u32);
-        let cells = rows
-            .f
-            .chunks_exact(self.channels)
-            .zip(rows.sigma.chunks_exact(self.channels));
-        let f = cells
-            .zip(&rows.provenance)
-            .map(|((f, sigma), &provenance)| {
-                if provenance == Provenance::Missing.code() {
-                    return f32::NAN;
-                }
-                let squares = weights
-                    .iter()
-                    .zip(sigma)
-                    .map(|(weight, sigma)| (weight * sigma.to_f32()).powi(2));
-                variance += f64::from(squares.sum::<f32>());
-                count += 1;
-                weights.iter().zip(f).map(|(weight, f)| weight * f).sum()
-            })
-            .collect();
-        (f, variance / f64::from(count.max(1)))
-    }
 }
 
 /// Why assembly failed.

@@ -21,8 +21,11 @@ use crate::optics::View;
 use crate::pattern::{LitSet, PatternMaker};
 use crate::plan::{Directions, Exposure, Plan, PlanError, Request};
 use crate::rig::{Rig, RigError};
-use crate::schedule::Timing;
-use crate::store::{ExposureRecord, RawLayout, RawStore, Segment, StoreError};
+use crate::store::{RawLayout, RawStore, Segment, StoreError};
+
+mod segment;
+
+pub(crate) use segment::take_segment;
 
 /// Files that a directory can hold before it is a measurement.
 const BEGINNINGS: [&str; 4] = ["rig.tmp", "rig.toml", "plan.tmp", "adaptive.tmp"];
@@ -450,42 +453,6 @@ impl Measurement {
         let text = serde_json::to_string_pretty(&manifest).expect("JSON values can be written");
         write_whole(&path, text.as_bytes())
     }
-}
-
-/// Takes one segment: an exposure of `exposure_s` with each pattern of `lit`, with their records.
-pub(crate) fn take_segment(
-    instrument: &mut Instrument,
-    timing: &Timing,
-    exposure_s: f64,
-    exposures: &[Exposure],
-    lit: &[Option<LitSet>],
-    tally: &mut Tally,
-    progress: &mut dyn FnMut(usize),
-) -> Result<Segment, MeasurementError> {
-    let captured = instrument.take_lit(lit, timing, tally, progress)?;
-    let mut segment = Segment {
-        frames: Vec::new(),
-        records: Vec::with_capacity(exposures.len()),
-    };
-    let length: usize = captured.iter().map(|shot| shot.dn.len()).sum();
-    segment.frames.reserve_exact(length);
-    for ((exposure, lit), shot) in exposures.iter().zip(lit).zip(captured) {
-        segment.frames.extend_from_slice(&shot.dn);
-        segment.records.push(ExposureRecord {
-            incident: exposure.code(),
-            kind: u8::from(*exposure == Exposure::Black),
-            exposure_s,
-            trigger_tick: shot.ticks[0].0,
-            strobe_on_tick: shot.ticks[1].0,
-            strobe_off_tick: shot.ticks[2].0,
-            frame_id: shot.frame_id,
-            attempts: shot.attempts,
-            flags: u16::from(shot.flags),
-            lit_solid_angle_sr: lit.as_ref().map_or(0.0, |lit| lit.solid_angle_sr),
-            lit_irradiance: lit.as_ref().map_or(0.0, |lit| lit.irradiance),
-        });
-    }
-    Ok(segment)
 }
 
 fn hex(bytes: &[u8]) -> String {

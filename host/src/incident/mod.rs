@@ -6,7 +6,7 @@
 //! | kind | directions |
 //! |---|---|
 //! | `theta-phi` | rings at θ = (k + ½)·step of 360/step each: 32,400 at 1°, as in the paper |
-//! | `equal-solid-angle` | the same rings, each with as many as keep the gap along it within the step: 20,671 at 1° |
+//! | `equal-solid-angle` | the same rings, each with as many as keep the gap along it within the step: 20,672 at 1° |
 //! | `list` | any, interpolated on their spherical Delaunay triangulation ([`DirectionList`]) |
 //!
 //! No ring has a pole that is counted many times or lies at the horizon, where nothing is lit.

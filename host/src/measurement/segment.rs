@@ -1,0 +1,44 @@
+//! One segment: a run of the controller, its frames and their records.
+
+use super::MeasurementError;
+use crate::capture::{Instrument, Tally};
+use crate::pattern::LitSet;
+use crate::plan::Exposure;
+use crate::schedule::Timing;
+use crate::store::{ExposureRecord, Segment};
+
+/// Takes one segment: an exposure of `exposure_s` with each pattern of `lit`, with their records.
+pub(crate) fn take_segment(
+    instrument: &mut Instrument,
+    timing: &Timing,
+    exposure_s: f64,
+    exposures: &[Exposure],
+    lit: &[Option<LitSet>],
+    tally: &mut Tally,
+    progress: &mut dyn FnMut(usize),
+) -> Result<Segment, MeasurementError> {
+    let captured = instrument.take_lit(lit, timing, tally, progress)?;
+    let mut segment = Segment {
+        frames: Vec::new(),
+        records: Vec::with_capacity(exposures.len()),
+    };
+    let length: usize = captured.iter().map(|shot| shot.dn.len()).sum();
+    segment.frames.reserve_exact(length);
+    for ((exposure, lit), shot) in exposures.iter().zip(lit).zip(captured) {
+        segment.frames.extend_from_slice(&shot.dn);
+        segment.records.push(ExposureRecord {
+            incident: exposure.code(),
+            kind: u8::from(*exposure == Exposure::Black),
+            exposure_s,
+            trigger_tick: shot.ticks[0].0,
+            strobe_on_tick: shot.ticks[1].0,
+            strobe_off_tick: shot.ticks[2].0,
+            frame_id: shot.frame_id,
+            attempts: shot.attempts,
+            flags: u16::from(shot.flags),
+            lit_solid_angle_sr: lit.as_ref().map_or(0.0, |lit| lit.solid_angle_sr),
+            lit_irradiance: lit.as_ref().map_or(0.0, |lit| lit.irradiance),
+        });
+    }
+    Ok(segment)
+}
