@@ -103,7 +103,7 @@ pub enum SampleError {
 /// | `lambert`, `lambert:0.5` | [`Lambert`] of that albedo, by default 0.5 |
 /// | `ward`, `ward:brass`, `ward:rd=0.1,rs=0.33,ax=0.05,ay=0.16` | [`Ward`], by default rolled brass |
 /// | `ggx`, `ggx:satin`, `ggx:plastic`, `ggx:f0=0.9,ax=0.1,ay=0.2,rd=0.05` | [`Ggx`] |
-/// | `velvet`, `velvet:pile`, `velvet:rd=0.03,rs=0.6,ax=0.25,ay=0.7` | [`Velvet`], anisotropic cloth |
+/// | `velvet`, `velvet:pile`, `velvet:rd=0.03,rs=0.6,ax=0.7,ay=1.2` | [`Velvet`], anisotropic cloth |
 /// | `satin`, `satin:silk`, `satin:f0=0.3,along=0.14,across=0.6,weft=0.2,rd=0.12` | [`Satin`], anisotropic cloth |
 /// | a path | [`MeasuredRgl`], a `.bsdf` tensor file of the RGL material database |
 ///

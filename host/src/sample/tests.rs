@@ -131,8 +131,8 @@ fn cloth_never_reflects_more_than_it_receives() {
         "velvet",
         "velvet:rd=0,rs=1,ax=0.05,ay=0.05",
         "velvet:rd=0,rs=1,ax=0.3,ay=0.3",
-        "velvet:rd=0,rs=1,ax=0.05,ay=1",
-        "velvet:rd=0,rs=1,ax=1,ay=1",
+        "velvet:rd=0,rs=1,ax=0.05,ay=2",
+        "velvet:rd=0,rs=1,ax=2,ay=2",
         "velvet:rd=0.5,rs=0.5,ax=0.3,ay=1",
         "satin",
         "satin:f0=1,rd=0,along=0.3,across=1,weft=0.5",
@@ -174,7 +174,7 @@ fn specifications_give_the_models_they_name() {
     same("ward:ay=0.2", "ward:brass,ay=0.2");
     same("ggx", "ggx:f0=0.9,ax=0.1,ay=0.2,rd=0.05");
     same("ggx:rd=0,f0=0.6", "ggx:metal,f0=0.6,rd=0");
-    same("velvet", "velvet:pile,rd=0.03,rs=0.6,ax=0.25,ay=0.7");
+    same("velvet", "velvet:pile,rd=0.03,rs=0.6,ax=0.7,ay=1.2");
     same(
         "satin",
         "satin:silk,f0=0.3,along=0.14,across=0.6,weft=0.2,rd=0.12",

@@ -33,20 +33,20 @@ const PARAMETERS: [Parameter; 4] = [
         min: 0.0,
         max: 1.0,
     },
-    // Below 0.05 the rim is narrower than any pixel.
+    // Below 0.05 the rim is narrower than any pixel; above 2 the cloth is no longer dark in the middle.
     Parameter {
         key: "ax",
         min: 0.05,
-        max: 1.0,
+        max: 2.0,
     },
     Parameter {
         key: "ay",
         min: 0.05,
-        max: 1.0,
+        max: 2.0,
     },
 ];
 
-const PRESETS: [Preset<4>; 1] = [("pile", [0.03, 0.6, 0.25, 0.7])];
+const PRESETS: [Preset<4>; 1] = [("pile", [0.03, 0.6, 0.7, 1.2])];
 
 /// Velvet-like anisotropic cloth, grey.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,14 +55,14 @@ pub struct Velvet {
     pub rho_d: f64,
     /// Reflectance of a fibre, 0–1; rd + rs ≤ 1.
     pub rho_s: f64,
-    /// Spread of the facets from upright along +x, as a cotangent, 0.05–1.
+    /// Spread of the facets from upright along +x, as a cotangent, 0.05–2.
     pub alpha_x: f64,
-    /// Spread of the facets from upright along +y, as a cotangent, 0.05–1.
+    /// Spread of the facets from upright along +y, as a cotangent, 0.05–2.
     pub alpha_y: f64,
 }
 
 impl Velvet {
-    /// The default: rd 0.03, rs 0.6, αx 0.25, αy 0.7.
+    /// The default: rd 0.03, rs 0.6, αx 0.7, αy 1.2.
     pub const PILE: Self = Self::from_values(PRESETS[0].1);
 
     const fn from_values([rho_d, rho_s, alpha_x, alpha_y]: [f64; 4]) -> Self {

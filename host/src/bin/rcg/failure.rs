@@ -4,6 +4,7 @@ use std::io;
 
 use rcg::assemble::AssembleError;
 use rcg::brdf::BrdfError;
+use rcg::chart::ChartError;
 use rcg::device::DeviceError;
 use rcg::link::LinkError;
 use rcg::measure::MeasureError;
@@ -172,6 +173,16 @@ impl Blame for SourceError {
         match self {
             Self::Brdf(error) => error.is_input(),
             Self::Sample(_) => true,
+        }
+    }
+}
+
+impl Blame for ChartError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Format { .. } => true,
+            Self::File(error) => error.is_input(),
+            Self::Picture(_) => false,
         }
     }
 }

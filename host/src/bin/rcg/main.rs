@@ -15,6 +15,7 @@ mod numbers;
 mod output;
 mod patterns;
 mod plan;
+mod plot;
 mod render;
 mod request;
 mod usage;
@@ -67,8 +68,10 @@ enum Command {
     Value(value::Args),
     /// Judge a BRDF by itself and against a known sample
     Evaluate(evaluate::Args),
-    /// Draw a sphere of a BRDF or sample under a light
+    /// Draw a BRDF or sample on a sphere or a corrugated sheet under distant lights
     Render(render::Args),
+    /// Plot reflectance against the azimuth of the outgoing direction
+    Plot(plot::Args),
     /// Talk to the trigger box
     Controller(controller::Args),
 }
@@ -89,6 +92,7 @@ fn main() -> ExitCode {
         Command::Value(args) => value::run(args, &output),
         Command::Evaluate(args) => evaluate::run(args, &output),
         Command::Render(args) => render::run(args, &output),
+        Command::Plot(args) => plot::run(args, &output),
         Command::Controller(args) => controller::run(args, &cli.rig, &output),
     };
     match done {
