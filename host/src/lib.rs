@@ -11,7 +11,7 @@
 //! | capture | [`setup`] (which instrument), [`capture`] (fire, collect, repeat), [`pairing`] (which frame belongs to which trigger) |
 //! | files | [`store`] (Zarr), [`measurement`] (the directory and its stages) |
 //! | the result | [`assemble`] (with the private `resample`), [`disk`] (outgoing directions), [`provenance`], [`brdf`] (look-up) |
-//! | judgement | [`sample`] (known materials), [`reflectance`], [`evaluate`], [`render`], [`scan`], [`chart`], [`report`] |
+//! | judgement | [`sample`] (known materials), [`reflectance`], [`evaluate`], [`render`], [`scan`], [`study`], [`chart`], [`report`] |
 //!
 //! [`measure`] does all of it in one go. From the raw frames on, every stage reads files only.
 //!
@@ -55,4 +55,5 @@ pub mod scan;
 pub mod schedule;
 pub mod setup;
 pub mod store;
+pub mod study;
 pub mod virtual_rig;

@@ -104,7 +104,7 @@ impl AzimuthScan {
                 ticks: (0..=6).map(|k| f64::from(k) * 60.0).collect(),
                 scale: Scale::Linear,
             },
-            y: Axis::covering("BRDF f (1/sr)", values),
+            y: Axis::covering("BRDF f (1/sr)", values.chain([0.0])),
             legend: "incident (θi, φi)".to_owned(),
             marks: false,
             curves,

@@ -84,14 +84,18 @@ pub struct Chart {
 }
 
 impl Axis {
-    /// A linear axis with about six round ticks that covers 0 and all finite `values`.
+    /// A linear axis with about six round ticks that covers all finite `values`.
     #[must_use]
     pub fn covering(label: &str, values: impl Iterator<Item = f64>) -> Self {
-        let (low, high) = values
-            .filter(|value| value.is_finite())
-            .fold((0.0, 0.0), |(low, high): (f64, f64), value| {
-                (low.min(value), high.max(value))
-            });
+        let range =
+            values
+                .filter(|value| value.is_finite())
+                .fold(None, |range: Option<(f64, f64)>, value| {
+                    range.map_or(Some((value, value)), |(low, high)| {
+                        Some((low.min(value), high.max(value)))
+                    })
+                });
+        let (low, high) = range.unwrap_or((0.0, 1.0));
         let span = if high > low { high - low } else { 1.0 };
         let decade = 10_f64.powf((span / 6.0).log10().floor());
         let steps = [1.0, 2.0, 2.5, 5.0, 10.0].map(|factor| factor * decade);
@@ -99,7 +103,8 @@ impl Axis {
             .into_iter()
             .find(|step| span / step <= 6.0)
             .unwrap_or(decade * 10.0);
-        let (first, last) = ((low / step).floor(), (high / step).ceil().max(1.0));
+        let first = (low / step).floor();
+        let last = (high / step).ceil().max(first + 1.0);
         let count = (last - first) as usize;
         Self {
             label: label.to_owned(),
@@ -318,7 +323,7 @@ mod tests {
     #[test]
     fn ticks_are_round_and_cover_the_values() {
         for (high, last, count) in [(0.7, 0.8, 5), (3.31, 4.0, 5), (56.0, 60.0, 7), (1e-3, 1e-3, 6)] {
-            let axis = Axis::covering("y", [high, f64::NAN].into_iter());
+            let axis = Axis::covering("y", [0.0, high, f64::NAN].into_iter());
             assert!((axis.ticks.last().unwrap() / last - 1.0).abs() < 1e-9, "{axis:?}");
             assert_eq!(axis.ticks.len(), count, "{axis:?}");
         }

@@ -1,5 +1,6 @@
 //! From SVG to pixels, with a font that is built in.
 
+use std::fmt::Write as _;
 use std::sync::Arc;
 
 use image::{Rgb, RgbImage, imageops};
@@ -43,15 +44,16 @@ pub fn draw_svg(document: &str, scale: f32) -> RgbImage {
 pub fn captioned(image: &RgbImage, captions: &[String]) -> RgbImage {
     let width = image.width();
     let column = f64::from(width) / captions.len().max(1) as f64;
-    let texts: String = captions
-        .iter()
-        .enumerate()
-        .map(|(index, caption)| {
-            let caption = caption.replace('&', "&amp;").replace('<', "&lt;");
-            let x = (index as f64 + 0.5) * column;
-            format!(r#"<text x="{x}" y="23" font-size="17" text-anchor="middle">{caption}</text>"#)
-        })
-        .collect();
+    let mut texts = String::new();
+    for (index, caption) in captions.iter().enumerate() {
+        let caption = caption.replace('&', "&amp;").replace('<', "&lt;");
+        let x = (index as f64 + 0.5) * column;
+        write!(
+            texts,
+            r#"<text x="{x}" y="23" font-size="17" text-anchor="middle">{caption}</text>"#
+        )
+        .expect("strings take everything");
+    }
     let strip = draw_svg(
         &format!(
             r#"<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{STRIP}" font-family="sans-serif">{texts}</svg>"#

@@ -110,7 +110,6 @@ impl Picture {
 /// A value as sRGB; where there is none, a diagonal hatch.
 fn coded(value: &Value, exposure: f32, x: usize, y: usize) -> [u8; 3] {
     match value {
-        Ok([r, g, b]) if r == g && g == b => [srgb(r * exposure); 3],
         Ok(radiance) => radiance.map(|l| srgb(l * exposure)),
         Err(_) if (x + y) % 8 < 2 => [86, 74, 110],
         Err(_) => [52, 46, 66],

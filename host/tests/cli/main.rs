@@ -16,6 +16,7 @@ mod bad_places;
 mod bad_plans;
 mod bad_rigs;
 mod bad_samples;
+mod bad_studies;
 #[cfg(target_os = "linux")]
 mod bad_trigger_box;
 mod command;
@@ -27,6 +28,7 @@ mod faults_on_purpose;
 mod killed;
 mod pictures;
 mod pipes;
+mod studies;
 mod tensor_file;
 mod tree;
 mod trigger_box;

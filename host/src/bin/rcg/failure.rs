@@ -14,6 +14,7 @@ use rcg::reflectance::SourceError;
 use rcg::rig::RigError;
 use rcg::sample::SampleError;
 use rcg::store::StoreError;
+use rcg::study::StudyError;
 use rcg::virtual_rig::WiresError;
 
 /// A failed command.
@@ -183,6 +184,16 @@ impl Blame for ChartError {
             Self::Format { .. } => true,
             Self::File(error) => error.is_input(),
             Self::Picture(_) => false,
+        }
+    }
+}
+
+impl Blame for StudyError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Store(error) => error.is_input(),
+            Self::Chart(error) => error.is_input(),
+            Self::Interval(_) | Self::ImageSize(_) | Self::Exposure(_) => true,
         }
     }
 }

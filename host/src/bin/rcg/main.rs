@@ -18,6 +18,7 @@ mod plan;
 mod plot;
 mod render;
 mod request;
+mod study;
 mod usage;
 mod value;
 
@@ -72,6 +73,8 @@ enum Command {
     Render(render::Args),
     /// Plot reflectance against the azimuth of the outgoing direction
     Plot(plot::Args),
+    /// PSNR of rendered spheres against sampling interval and image size
+    Study(study::Args),
     /// Talk to the trigger box
     Controller(controller::Args),
 }
@@ -93,6 +96,7 @@ fn main() -> ExitCode {
         Command::Evaluate(args) => evaluate::run(args, &output),
         Command::Render(args) => render::run(args, &output),
         Command::Plot(args) => plot::run(args, &output),
+        Command::Study(args) => study::run(args, &output),
         Command::Controller(args) => controller::run(args, &cli.rig, &output),
     };
     match done {

@@ -1,0 +1,241 @@
+//! The sampling study: how fine a measurement must be for pictures made from it to be right.
+//!
+//! # Design
+//! After figures 8 and 9 of the RCG paper. A known sample is captured by an ideal instrument ([`IdealCaptures`]) at
+//! an interval between incident directions and with an image size; spheres rendered from the captures are held
+//! against spheres of the sample itself ([`Spheres`]). What limits the pictures is then the sampling and the
+//! interpolation alone.
+//!
+//! # Tradeoffs
+//! An image is the equal-area [`Disk`] in which this crate stores captures. A camera's own image of the mirror, nearly
+//! stereographic, has pixels √2 as wide at the normal: for the same PSNR it needs about √2 as many a side.
+
+mod figures;
+mod ideal;
+mod spheres;
+
+use serde::Serialize;
+
+use crate::chart::ChartError;
+use crate::disk::Disk;
+use crate::incident::{IncidentGrid, StepError};
+use crate::progress::Progress;
+use crate::reflectance::Reflectance;
+use crate::sample::Sample;
+use crate::store::StoreError;
+
+pub use ideal::IdealCaptures;
+pub use spheres::{LIGHT_PHIS, LIGHT_THETAS, Psnr, SPHERE_PX, Spheres};
+
+/// Allowed image sizes in pixels a side, as those of a measurement.
+const IMAGE_SIZES: std::ops::RangeInclusive<usize> = 8..=4096;
+
+/// What is to be studied.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Factor from radiance under unit irradiance to the white of a picture.
+    pub exposure: f32,
+    /// Degrees between incident directions.
+    pub intervals_deg: Vec<f64>,
+    /// Pixels a side of a capture.
+    pub image_sizes: Vec<usize>,
+    /// How captures are interpolated.
+    pub interpolation: Interpolation,
+}
+
+/// How values between captured directions are found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Interpolation {
+    /// Linear in all four angles.
+    Direct,
+}
+
+impl Interpolation {
+    /// Its name on the command line and in files.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Direct => "direct",
+        }
+    }
+}
+
+/// One reconstruction and how good it is.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Row {
+    /// Degrees between incident directions.
+    pub interval_deg: f64,
+    /// Pixels a side of a capture.
+    pub image_size: usize,
+    /// Number of captures, one per incident direction of the grid θ × φ.
+    pub captures: usize,
+    /// How they were interpolated.
+    pub interpolation: Interpolation,
+    /// The smallest PSNR over the lights.
+    #[serde(flatten)]
+    pub psnr: Psnr,
+}
+
+/// The outcome.
+#[derive(Clone, Debug, Serialize)]
+pub struct Study {
+    /// The sample as it was named.
+    pub sample: String,
+    /// Factor from radiance under unit irradiance to the white of a picture.
+    pub exposure: f32,
+    /// Pixels a side of the pictures, all of which count.
+    pub sphere_px: usize,
+    /// Polar angles (0 to 90°) and azimuths of the lights.
+    pub lights: [usize; 2],
+    /// One per interval and image size.
+    pub rows: Vec<Row>,
+}
+
+/// Why there is no study.
+#[derive(Debug, thiserror::Error)]
+pub enum StudyError {
+    /// An interval makes no grid.
+    #[error("intervals: {0}")]
+    Interval(#[from] StepError),
+    /// An image size is out of range.
+    #[error("image-sizes: expected a number of pixels from 8 to 4096, found {0}")]
+    ImageSize(usize),
+    /// The exposure is none.
+    #[error("exposure: expected a positive number, found {0}")]
+    Exposure(f32),
+    /// What was captured cannot be read.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// Figures and tables.
+    #[error(transparent)]
+    Chart(#[from] ChartError),
+}
+
+impl Settings {
+    /// The grids of the intervals.
+    fn grids(&self) -> Result<Vec<IncidentGrid>, StudyError> {
+        if !(self.exposure.is_finite() && self.exposure > 0.0) {
+            return Err(StudyError::Exposure(self.exposure));
+        }
+        if let Some(&size) = self.image_sizes.iter().find(|size| !IMAGE_SIZES.contains(size)) {
+            return Err(StudyError::ImageSize(size));
+        }
+        Ok(self
+            .intervals_deg
+            .iter()
+            .map(|&step| IncidentGrid::new(step))
+            .collect::<Result<_, _>>()?)
+    }
+}
+
+/// Studies `sample`, which is called `name`.
+///
+/// # Errors
+/// [`StudyError`].
+pub fn study(
+    name: &str,
+    sample: &dyn Sample,
+    settings: &Settings,
+    progress: &dyn Progress,
+) -> Result<Study, StudyError> {
+    let grids = settings.grids()?;
+    let spheres = Spheres::new(&sample, settings.exposure)?;
+    progress.begin(
+        "study",
+        grids.len() * settings.image_sizes.len(),
+        "reconstructions",
+    );
+    let mut rows = Vec::new();
+    for grid in grids {
+        for &image_size in &settings.image_sizes {
+            let captures = reconstruction(sample, grid, image_size, settings.interpolation);
+            rows.push(Row {
+                interval_deg: grid.step_deg(),
+                image_size,
+                captures: grid.len(),
+                interpolation: settings.interpolation,
+                psnr: spheres.judge(captures.as_ref())?,
+            });
+            progress.reach(rows.len());
+        }
+    }
+    progress.end();
+    Ok(Study {
+        sample: name.to_owned(),
+        exposure: settings.exposure,
+        sphere_px: SPHERE_PX,
+        lights: [LIGHT_THETAS, LIGHT_PHIS],
+        rows,
+    })
+}
+
+/// What can be looked up in ideal captures of `sample` on `grid` with `image_size` pixels a side.
+#[must_use]
+pub fn reconstruction<'a>(
+    sample: &'a dyn Sample,
+    grid: IncidentGrid,
+    image_size: usize,
+    interpolation: Interpolation,
+) -> Box<dyn Reflectance + 'a> {
+    match interpolation {
+        Interpolation::Direct => Box::new(IdealCaptures::new(sample, grid, Disk::new(image_size))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::progress::Silent;
+    use crate::sample::parse;
+
+    fn settings(intervals_deg: &[f64], image_sizes: &[usize]) -> Settings {
+        Settings {
+            exposure: 1.0,
+            intervals_deg: intervals_deg.to_vec(),
+            image_sizes: image_sizes.to_vec(),
+            interpolation: Interpolation::Direct,
+        }
+    }
+
+    #[test]
+    fn linear_interpolation_converges_with_the_square_of_the_steps() {
+        // Half the interval and half the pixel make a quarter of the error: 12 dB, once both are finer than the lobe.
+        let brass = parse("ward:brass").unwrap();
+        let y = |interval_deg: f64, image_size: usize| {
+            let settings = settings(&[interval_deg], &[image_size]);
+            let found = study("brass", brass.as_ref(), &settings, &Silent).unwrap();
+            assert_eq!(
+                found.rows[0].captures,
+                (4.0 * (90.0 / interval_deg).powi(2)) as usize
+            );
+            found.rows[0].psnr.psnr_y_db.unwrap()
+        };
+        let (coarse, fine) = (y(2.0, 96), y(1.0, 192));
+        assert!((10.0..13.5).contains(&(fine - coarse)), "{coarse} {fine}");
+        // The paper's claim.
+        assert!(y(1.0, 96) > 40.0);
+        // A lobe of 5° falls through a grid of 10°.
+        assert!((20.0..32.0).contains(&y(10.0, 96)));
+    }
+
+    #[test]
+    fn settings_that_make_no_study_are_refused() {
+        let white = parse("lambert").unwrap();
+        let refused = |settings: &Settings| {
+            study("white", white.as_ref(), settings, &Silent)
+                .expect_err("must be refused")
+                .to_string()
+        };
+        assert!(refused(&settings(&[7.0], &[32])).contains("found 7"));
+        assert_eq!(
+            refused(&settings(&[10.0], &[4])),
+            "image-sizes: expected a number of pixels from 8 to 4096, found 4"
+        );
+        let dark = Settings {
+            exposure: 0.0,
+            ..settings(&[10.0], &[32])
+        };
+        assert!(refused(&dark).contains("found 0"));
+    }
+}
