@@ -11,7 +11,7 @@
 //! | capture | [`setup`] (which instrument), [`capture`] (fire, collect, repeat), [`pairing`] (which frame belongs to which trigger) |
 //! | files | [`store`] (Zarr), [`measurement`] (the directory and its stages) |
 //! | the result | [`assemble`] (with the private `resample`), [`disk`] (outgoing directions), [`provenance`], [`brdf`] (look-up) |
-//! | judgement | [`sample`] (known materials), [`reflectance`], [`evaluate`], [`render`], [`scan`], [`study`], [`chart`], [`report`] |
+//! | judgement | [`sample`] (known materials), [`reflectance`], [`evaluate`], [`render`], [`scan`], [`study`], [`chart`], [`report`], [`paper`] |
 //!
 //! [`measure`] does all of it in one go. From the raw frames on, every stage reads files only.
 //!
@@ -36,6 +36,7 @@ pub mod measure;
 pub mod measurement;
 pub mod optics;
 pub mod pairing;
+pub mod paper;
 pub mod pattern;
 pub mod pilot;
 pub mod plan;

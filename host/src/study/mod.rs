@@ -43,6 +43,18 @@ pub struct Settings {
     pub interpolation: Interpolation,
 }
 
+impl Default for Settings {
+    /// The intervals and image sizes of the paper's figures, at exposure 1.
+    fn default() -> Self {
+        Self {
+            exposure: 1.0,
+            intervals_deg: vec![10.0, 5.0, 3.0, 2.0, 1.0, 0.5],
+            image_sizes: vec![32, 48, 64, 96, 128, 256],
+            interpolation: Interpolation::Direct,
+        }
+    }
+}
+
 /// How values between captured directions are found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]

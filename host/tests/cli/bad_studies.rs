@@ -128,3 +128,31 @@ fn a_scene_that_is_none_is_refused() {
         assert!(!picture.exists(), "{arguments:?}");
     }
 }
+
+#[test]
+fn a_page_that_cannot_be_made_is_refused_and_leaves_nothing() {
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("paper");
+    let paper = ["paper", "--out", text(&out)];
+    refuses(
+        &[&paper[..], &["--step", "7"]].concat(),
+        "",
+        2,
+        &["step", "divides 90", "found 7"],
+    );
+    refuses(
+        &[&paper[..], &["--image-size", "4"]].concat(),
+        "",
+        2,
+        &["image-size", "8 to 4096", "found 4"],
+    );
+    assert!(!out.exists());
+    std::fs::write(scratch.path().join("thesis.tex"), "all of it").unwrap();
+    let parts = [
+        text(scratch.path()),
+        "expected a new or empty directory",
+        "found one with files",
+    ];
+    refuses(&["paper", "--out", text(scratch.path())], "", 2, &parts);
+    assert_eq!(std::fs::read_dir(scratch.path()).unwrap().count(), 1);
+}

@@ -9,6 +9,7 @@ use rcg::device::DeviceError;
 use rcg::link::LinkError;
 use rcg::measure::MeasureError;
 use rcg::measurement::MeasurementError;
+use rcg::paper::PaperError;
 use rcg::plan::PlanError;
 use rcg::reflectance::SourceError;
 use rcg::rig::RigError;
@@ -194,6 +195,16 @@ impl Blame for StudyError {
             Self::Store(error) => error.is_input(),
             Self::Chart(error) => error.is_input(),
             Self::Interval(_) | Self::ImageSize(_) | Self::Exposure(_) => true,
+        }
+    }
+}
+
+impl Blame for PaperError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Measure(error) => error.is_input(),
+            Self::Study(error) => error.is_input(),
+            Self::Chart(error) => error.is_input(),
         }
     }
 }

@@ -13,6 +13,7 @@ mod map;
 mod measure;
 mod numbers;
 mod output;
+mod paper;
 mod patterns;
 mod plan;
 mod plot;
@@ -75,6 +76,8 @@ enum Command {
     Plot(plot::Args),
     /// PSNR of rendered spheres against sampling interval and image size
     Study(study::Args),
+    /// Every figure of the RCG paper from our own data
+    Paper(paper::Args),
     /// Talk to the trigger box
     Controller(controller::Args),
 }
@@ -97,6 +100,7 @@ fn main() -> ExitCode {
         Command::Render(args) => render::run(args, &output),
         Command::Plot(args) => plot::run(args, &output),
         Command::Study(args) => study::run(args, &output),
+        Command::Paper(args) => paper::run(args, &output),
         Command::Controller(args) => controller::run(args, &cli.rig, &output),
     };
     match done {

@@ -29,22 +29,16 @@ pub(crate) struct Args {
         allow_negative_numbers = true
     )]
     exposure: f32,
-    /// Degrees between incident directions; each must divide 90
+    /// Degrees between incident directions; each must divide 90 [default: 10,5,3,2,1,0.5]
     #[arg(
         long,
         value_name = "DEG,...",
         value_delimiter = ',',
-        default_value = "10,5,3,2,1,0.5",
         allow_negative_numbers = true
     )]
     intervals: Vec<f64>,
-    /// Pixels a side of a capture
-    #[arg(
-        long,
-        value_name = "N,...",
-        value_delimiter = ',',
-        default_value = "32,48,64,96,128,256"
-    )]
+    /// Pixels a side of a capture [default: 32,48,64,96,128,256]
+    #[arg(long, value_name = "N,...", value_delimiter = ',')]
     image_sizes: Vec<usize>,
     /// How values between captured directions are found
     #[arg(long, value_enum, default_value_t = Rule::Direct)]
@@ -63,14 +57,19 @@ enum Rule {
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
     let sample = parse(&args.sample)?;
-    let settings = Settings {
+    let mut settings = Settings {
         exposure: args.exposure,
-        intervals_deg: args.intervals.clone(),
-        image_sizes: args.image_sizes.clone(),
         interpolation: match args.interpolation {
             Rule::Direct => Interpolation::Direct,
         },
+        ..Settings::default()
     };
+    if !args.intervals.is_empty() {
+        settings.intervals_deg.clone_from(&args.intervals);
+    }
+    if !args.image_sizes.is_empty() {
+        settings.image_sizes.clone_from(&args.image_sizes);
+    }
     let found = study(&args.sample, sample.as_ref(), &settings, output)?;
     if let Some(out) = &args.out {
         found.save(sample.as_ref(), out)?;
