@@ -8,7 +8,6 @@
 
 mod raster;
 
-use std::fs;
 use std::ops::Range;
 use std::path::Path;
 
@@ -181,15 +180,11 @@ impl Chart {
         Ok(())
     }
 
-    /// Writes `stem.svg` and `stem.png` into `dir`, which is made if it is missing.
+    /// Writes `stem.svg` and `stem.png` into `dir`.
     ///
     /// # Errors
     /// [`ChartError`].
     pub fn save_both(&self, dir: &Path, stem: &str) -> Result<(), ChartError> {
-        fs::create_dir_all(dir).map_err(|source| MeasurementError::Io {
-            path: dir.display().to_string(),
-            source,
-        })?;
         self.save(&dir.join(format!("{stem}.svg")))?;
         self.save(&dir.join(format!("{stem}.png")))
     }

@@ -143,8 +143,7 @@ pub fn paper(
         cloth_figures(cloth, &brdf, &figures)?;
     }
     let brass = parse(BRASS)?;
-    let study = study(BRASS, brass.as_ref(), settings, progress)?;
-    study.save(brass.as_ref(), &figures)?;
+    let study = study(BRASS, brass.as_ref(), settings, Some(&figures), progress)?;
     let page = out.join("paper.html");
     // The page comes last: a directory that has it is whole.
     write_whole(&page, page::page(&study, &measurements, step_deg).as_bytes())?;
@@ -229,6 +228,7 @@ mod tests {
         let settings = Settings {
             intervals_deg: vec![30.0],
             image_sizes: vec![16],
+            coarse_intervals_deg: vec![30.0],
             ..Settings::default()
         };
         let made = paper(&out, 22.5, 16, &settings, &|| Duration::ZERO, &Silent).unwrap();

@@ -1,47 +1,23 @@
 //! The study as tables, charts and pictures.
 
 use std::fmt::Write as _;
-use std::fs;
 use std::path::Path;
 
 use image::RgbImage;
 
-use super::{IdealCaptures, Row, Study, StudyError};
+use super::{COMPARED_IMAGE_SIZE, IdealCaptures, Interpolation, Row, Study, StudyError};
 use crate::chart::{Axis, Chart, ChartError, Curve, Scale, captioned};
 use crate::disk::Disk;
 use crate::incident::IncidentGrid;
-use crate::measurement::{MeasurementError, write_whole};
+use crate::measurement::write_whole;
 use crate::reflectance::Reflectance;
 use crate::render::{save, sheet, sphere};
 use crate::sample::Sample;
 
-/// Image size of the comparison, or the next to it that was studied.
-const COMPARED_IMAGE_SIZE: usize = 96;
 /// Lights of the comparison, one row each: polar angle and azimuth in degrees.
 const COMPARED_LIGHTS_DEG: [(f64, f64); 2] = [(45.0, 90.0), (60.0, 36.0)];
 
 impl Study {
-    /// A row per reconstruction; PSNR is empty where it is infinite.
-    #[must_use]
-    pub fn csv(&self) -> String {
-        let mut table =
-            "interval_deg,image_size,captures,interpolation,psnr_y_db,psnr_cb_db,psnr_cr_db\n".to_owned();
-        for row in &self.rows {
-            let psnr = [row.psnr.psnr_y_db, row.psnr.psnr_cb_db, row.psnr.psnr_cr_db];
-            let [y, cb, cr] = psnr.map(|db| db.map_or_else(String::new, |db| format!("{db:.3}")));
-            writeln!(
-                table,
-                "{},{},{},{},{y},{cb},{cr}",
-                row.interval_deg,
-                row.image_size,
-                row.captures,
-                row.interpolation.name()
-            )
-            .expect("strings take everything");
-        }
-        table
-    }
-
     /// PSNR of Y against the interval, one curve per image size: figure 8 of the paper.
     #[must_use]
     pub fn against_interval(&self) -> Chart {
@@ -96,6 +72,34 @@ impl Study {
             label: format!("{value}"),
             points: points(value),
         });
+        self.psnr_chart(x, ticks, legend, curves.collect())
+    }
+
+    /// PSNR of Y against the number of captures, one curve per interpolation.
+    #[must_use]
+    pub fn against_captures(&self) -> Chart {
+        let mut ticks = distinct(self.methods.iter().map(|row| row.captures as f64));
+        widen(&mut ticks);
+        let curve = |method: Interpolation| {
+            let rows = self.methods.iter().filter(|row| row.interpolation == method);
+            let mut points: Vec<_> = rows
+                .map(|row| (row.captures as f64, row.psnr.psnr_y_db))
+                .collect();
+            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+            Curve {
+                label: method.name().to_owned(),
+                points,
+            }
+        };
+        let x = format!("captures of {COMPARED_IMAGE_SIZE} × {COMPARED_IMAGE_SIZE} pixels");
+        self.psnr_chart(&x, ticks, "interpolation", Interpolation::ALL.map(curve).to_vec())
+    }
+
+    fn psnr_chart(&self, x: &str, ticks: Vec<f64>, legend: &str, curves: Vec<Curve>) -> Chart {
+        let values = curves
+            .iter()
+            .flat_map(|curve| &curve.points)
+            .filter_map(|point| point.1);
         Chart {
             title: format!("{}, exposure {}", self.sample, self.exposure),
             x: Axis {
@@ -103,31 +107,32 @@ impl Study {
                 ticks,
                 scale: Scale::Logarithmic,
             },
-            y: Axis::covering(
-                "smallest PSNR of Y over the lights (dB)",
-                self.rows.iter().filter_map(|row| row.psnr.psnr_y_db),
-            ),
+            y: Axis::covering("smallest PSNR of Y over the lights (dB)", values),
             legend: legend.to_owned(),
             marks: true,
-            curves: curves.collect(),
+            curves,
         }
     }
 
-    /// Writes `study.csv`, `study.json`, the charts `psnr-interval` and `psnr-image-size` (`.svg`, `.png`) and
-    /// `comparison.png` into `dir`, which is made if it is missing. `sample` is what was studied.
+    /// Writes `study.csv`, `methods.csv`, `study.json`, the charts `psnr-interval`, `psnr-image-size` and
+    /// `psnr-captures` (`.svg`, `.png`) and `comparison.png` into `dir`. `sample` is what was studied.
     ///
     /// # Errors
     /// [`StudyError`].
-    pub fn save(&self, sample: &dyn Sample, dir: &Path) -> Result<(), StudyError> {
-        fs::create_dir_all(dir).map_err(|source| {
-            let path = dir.display().to_string();
-            ChartError::from(MeasurementError::Io { path, source })
-        })?;
+    pub(super) fn save(&self, sample: &dyn Sample, dir: &Path) -> Result<(), StudyError> {
         self.against_interval().save_both(dir, "psnr-interval")?;
         self.against_image_size().save_both(dir, "psnr-image-size")?;
+        if !self.methods.is_empty() {
+            self.against_captures().save_both(dir, "psnr-captures")?;
+        }
         save(&self.comparison(sample)?, &dir.join("comparison.png")).map_err(ChartError::from)?;
         let json = serde_json::to_string_pretty(self).expect("invariant: plain data");
-        for (name, text) in [("study.json", json), ("study.csv", self.csv())] {
+        let tables = [
+            ("study.json", json),
+            ("study.csv", csv(&self.rows)),
+            ("methods.csv", csv(&self.methods)),
+        ];
+        for (name, text) in tables {
             write_whole(&dir.join(name), text.as_bytes()).map_err(ChartError::from)?;
         }
         Ok(())
@@ -169,6 +174,20 @@ impl Study {
         );
         Ok(captioned(&sheet(&rows, self.exposure), &captions))
     }
+}
+
+/// A row per reconstruction; PSNR is empty where it is infinite.
+fn csv(rows: &[Row]) -> String {
+    let mut table =
+        "interval_deg,image_size,captures,interpolation,psnr_y_db,psnr_cb_db,psnr_cr_db\n".to_owned();
+    for row in rows {
+        let psnr = [row.psnr.psnr_y_db, row.psnr.psnr_cb_db, row.psnr.psnr_cr_db];
+        let [y, cb, cr] = psnr.map(|db| db.map_or_else(String::new, |db| format!("{db:.3}")));
+        let (interval, size, method) = (row.interval_deg, row.image_size, row.interpolation.name());
+        writeln!(table, "{interval},{size},{},{method},{y},{cb},{cr}", row.captures)
+            .expect("strings take everything");
+    }
+    table
 }
 
 /// Rising values without repetitions.

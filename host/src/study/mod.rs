@@ -14,11 +14,15 @@ mod figures;
 mod ideal;
 mod spheres;
 
+use std::fs;
+use std::path::Path;
+
 use serde::Serialize;
 
 use crate::chart::ChartError;
 use crate::disk::Disk;
 use crate::incident::{IncidentGrid, StepError};
+use crate::measurement::MeasurementError;
 use crate::progress::Progress;
 use crate::reflectance::Reflectance;
 use crate::sample::Sample;
@@ -41,7 +45,12 @@ pub struct Settings {
     pub image_sizes: Vec<usize>,
     /// How captures are interpolated.
     pub interpolation: Interpolation,
+    /// Degrees between incident directions of the coarse captures by which all interpolations are compared.
+    pub coarse_intervals_deg: Vec<f64>,
 }
+
+/// Pixels a side of the captures by which interpolations are compared.
+pub const COMPARED_IMAGE_SIZE: usize = 96;
 
 impl Default for Settings {
     /// The intervals and image sizes of the paper's figures, at exposure 1.
@@ -51,6 +60,7 @@ impl Default for Settings {
             intervals_deg: vec![10.0, 5.0, 3.0, 2.0, 1.0, 0.5],
             image_sizes: vec![32, 48, 64, 96, 128, 256],
             interpolation: Interpolation::Direct,
+            coarse_intervals_deg: vec![30.0, 15.0, 10.0, 7.5, 6.0, 5.0, 3.0],
         }
     }
 }
@@ -64,6 +74,9 @@ pub enum Interpolation {
 }
 
 impl Interpolation {
+    /// All of them.
+    pub const ALL: [Self; 1] = [Self::Direct];
+
     /// Its name on the command line and in files.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -102,6 +115,8 @@ pub struct Study {
     pub lights: [usize; 2],
     /// One per interval and image size.
     pub rows: Vec<Row>,
+    /// One per coarse interval and interpolation, all at [`COMPARED_IMAGE_SIZE`].
+    pub methods: Vec<Row>,
 }
 
 /// Why there is no study.
@@ -125,23 +140,25 @@ pub enum StudyError {
 }
 
 impl Settings {
-    /// The grids of the intervals.
-    fn grids(&self) -> Result<Vec<IncidentGrid>, StudyError> {
+    /// The grids of the intervals and of the coarse intervals.
+    fn grids(&self) -> Result<[Vec<IncidentGrid>; 2], StudyError> {
         if !(self.exposure.is_finite() && self.exposure > 0.0) {
             return Err(StudyError::Exposure(self.exposure));
         }
         if let Some(&size) = self.image_sizes.iter().find(|size| !IMAGE_SIZES.contains(size)) {
             return Err(StudyError::ImageSize(size));
         }
-        Ok(self
-            .intervals_deg
-            .iter()
-            .map(|&step| IncidentGrid::new(step))
-            .collect::<Result<_, _>>()?)
+        let grids = |steps: &[f64]| {
+            steps
+                .iter()
+                .map(|&step| IncidentGrid::new(step))
+                .collect::<Result<_, _>>()
+        };
+        Ok([grids(&self.intervals_deg)?, grids(&self.coarse_intervals_deg)?])
     }
 }
 
-/// Studies `sample`, which is called `name`.
+/// Studies `sample`, which is called `name`; with tables and figures in the directory `out` if there is one.
 ///
 /// # Errors
 /// [`StudyError`].
@@ -149,37 +166,66 @@ pub fn study(
     name: &str,
     sample: &dyn Sample,
     settings: &Settings,
+    out: Option<&Path>,
     progress: &dyn Progress,
 ) -> Result<Study, StudyError> {
-    let grids = settings.grids()?;
-    let spheres = Spheres::new(&sample, settings.exposure)?;
-    progress.begin(
-        "study",
-        grids.len() * settings.image_sizes.len(),
-        "reconstructions",
-    );
-    let mut rows = Vec::new();
-    for grid in grids {
-        for &image_size in &settings.image_sizes {
-            let captures = reconstruction(sample, grid, image_size, settings.interpolation);
-            rows.push(Row {
-                interval_deg: grid.step_deg(),
-                image_size,
-                captures: grid.len(),
-                interpolation: settings.interpolation,
-                psnr: spheres.judge(captures.as_ref())?,
-            });
-            progress.reach(rows.len());
-        }
+    let [grids, coarse] = settings.grids()?;
+    if let Some(out) = out {
+        // Before the work rather than after it.
+        fs::create_dir_all(out).map_err(|source| {
+            let path = out.display().to_string();
+            ChartError::from(MeasurementError::Io { path, source })
+        })?;
     }
+    let spheres = Spheres::new(&sample, settings.exposure)?;
+    let mut tried = Vec::new();
+    for grid in &grids {
+        tried.extend(
+            settings
+                .image_sizes
+                .iter()
+                .map(|&size| (*grid, size, settings.interpolation)),
+        );
+    }
+    let curves = tried.len();
+    for grid in &coarse {
+        tried.extend(Interpolation::ALL.map(|method| (*grid, COMPARED_IMAGE_SIZE, method)));
+    }
+    progress.begin("study", tried.len(), "reconstructions");
+    let mut rows: Vec<Row> = Vec::new();
+    for (grid, image_size, interpolation) in tried {
+        // What was judged for the curves need not be judged again.
+        let known = rows.iter().find(|row| {
+            (row.captures, row.image_size, row.interpolation) == (grid.len(), image_size, interpolation)
+        });
+        let psnr = match known {
+            Some(row) => row.psnr,
+            None => spheres.judge(reconstruction(sample, grid, image_size, interpolation).as_ref())?,
+        };
+        let (interval_deg, captures) = (grid.step_deg(), grid.len());
+        rows.push(Row {
+            interval_deg,
+            image_size,
+            captures,
+            interpolation,
+            psnr,
+        });
+        progress.reach(rows.len());
+    }
+    let methods = rows.split_off(curves);
     progress.end();
-    Ok(Study {
+    let study = Study {
         sample: name.to_owned(),
         exposure: settings.exposure,
         sphere_px: SPHERE_PX,
         lights: [LIGHT_THETAS, LIGHT_PHIS],
         rows,
-    })
+        methods,
+    };
+    if let Some(out) = out {
+        study.save(sample, out)?;
+    }
+    Ok(study)
 }
 
 /// What can be looked up in ideal captures of `sample` on `grid` with `image_size` pixels a side.
@@ -206,7 +252,8 @@ mod tests {
             exposure: 1.0,
             intervals_deg: intervals_deg.to_vec(),
             image_sizes: image_sizes.to_vec(),
-            interpolation: Interpolation::Direct,
+            coarse_intervals_deg: Vec::new(),
+            ..Settings::default()
         }
     }
 
@@ -216,7 +263,7 @@ mod tests {
         let brass = parse("ward:brass").unwrap();
         let y = |interval_deg: f64, image_size: usize| {
             let settings = settings(&[interval_deg], &[image_size]);
-            let found = study("brass", brass.as_ref(), &settings, &Silent).unwrap();
+            let found = study("brass", brass.as_ref(), &settings, None, &Silent).unwrap();
             assert_eq!(
                 found.rows[0].captures,
                 (4.0 * (90.0 / interval_deg).powi(2)) as usize
@@ -235,7 +282,7 @@ mod tests {
     fn settings_that_make_no_study_are_refused() {
         let white = parse("lambert").unwrap();
         let refused = |settings: &Settings| {
-            study("white", white.as_ref(), settings, &Silent)
+            study("white", white.as_ref(), settings, None, &Silent)
                 .expect_err("must be refused")
                 .to_string()
         };

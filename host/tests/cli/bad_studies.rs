@@ -9,6 +9,10 @@ fn a_study_that_cannot_be_is_refused() {
     for (arguments, parts) in [
         (["--intervals", "10,7"], ["intervals", "divides 90", "found 7"]),
         (["--intervals", "0"], ["intervals", "divides 90", "found 0"]),
+        (
+            ["--coarse-intervals", "11"],
+            ["intervals", "divides 90", "found 11"],
+        ),
         (["--intervals", "10,x"], ["--intervals", "expected", "`x`"]),
         (["--image-sizes", "32,4"], ["image-sizes", "8 to 4096", "found 4"]),
         (
@@ -43,6 +47,8 @@ fn a_study_that_has_no_place_fails_with_the_path() {
         "--sample",
         "lambert",
         "--intervals",
+        "45",
+        "--coarse-intervals",
         "45",
         "--image-sizes",
         "8",

@@ -9,7 +9,14 @@ use crate::command::{run, text};
 fn a_study_writes_what_it_says() {
     let scratch = tempfile::tempdir().unwrap();
     let out = scratch.path().join("study");
-    let sizes = ["--intervals", "30,10", "--image-sizes", "16,48"];
+    let sizes = [
+        "--intervals",
+        "30,10",
+        "--image-sizes",
+        "16,48",
+        "--coarse-intervals",
+        "45,30",
+    ];
     let arguments = [
         &["study", "--exposure", "2", "--json", "--out", text(&out)][..],
         &sizes,
@@ -38,6 +45,23 @@ fn a_study_writes_what_it_says() {
             "brass is grey: {row}"
         );
     }
+    let methods = answer["methods"].as_array().unwrap();
+    assert!(methods.iter().all(|row| row["image_size"] == 96), "{methods:?}");
+    let captures: Vec<_> = methods
+        .iter()
+        .filter(|row| row["interpolation"] == "direct")
+        .collect();
+    assert_eq!(
+        (&captures[0]["captures"], &captures[1]["captures"]),
+        (&16.into(), &36.into())
+    );
+    assert_eq!(
+        fs::read_to_string(out.join("methods.csv"))
+            .unwrap()
+            .lines()
+            .count(),
+        1 + methods.len()
+    );
     let table = fs::read_to_string(out.join("study.csv")).unwrap();
     let mut lines = table.lines();
     assert_eq!(
@@ -49,7 +73,7 @@ fn a_study_writes_what_it_says() {
     let file: serde_json::Value =
         serde_json::from_str(&fs::read_to_string(out.join("study.json")).unwrap()).unwrap();
     assert_eq!(file["rows"], answer["rows"]);
-    for chart in ["psnr-interval", "psnr-image-size"] {
+    for chart in ["psnr-interval", "psnr-image-size", "psnr-captures"] {
         let svg = fs::read_to_string(out.join(chart).with_extension("svg")).unwrap();
         assert!(svg.starts_with("<svg") && svg.contains("PSNR"), "{chart}");
         assert!(

@@ -40,6 +40,15 @@ pub(crate) struct Args {
     /// Pixels a side of a capture [default: 32,48,64,96,128,256]
     #[arg(long, value_name = "N,...", value_delimiter = ',')]
     image_sizes: Vec<usize>,
+    /// Degrees between the incident directions of coarse captures by which all interpolations are compared, at 96 pixels
+    /// [default: 30,15,10,7.5,6,5,3]
+    #[arg(
+        long,
+        value_name = "DEG,...",
+        value_delimiter = ',',
+        allow_negative_numbers = true
+    )]
+    coarse_intervals: Vec<f64>,
     /// How values between captured directions are found
     #[arg(long, value_enum, default_value_t = Rule::Direct)]
     interpolation: Rule,
@@ -64,32 +73,47 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         },
         ..Settings::default()
     };
-    if !args.intervals.is_empty() {
-        settings.intervals_deg.clone_from(&args.intervals);
+    for (field, given) in [
+        (&mut settings.intervals_deg, &args.intervals),
+        (&mut settings.coarse_intervals_deg, &args.coarse_intervals),
+    ] {
+        if !given.is_empty() {
+            field.clone_from(given);
+        }
     }
     if !args.image_sizes.is_empty() {
         settings.image_sizes.clone_from(&args.image_sizes);
     }
-    let found = study(&args.sample, sample.as_ref(), &settings, output)?;
-    if let Some(out) = &args.out {
-        found.save(sample.as_ref(), out)?;
-    }
+    let found = study(
+        &args.sample,
+        sample.as_ref(),
+        &settings,
+        args.out.as_deref(),
+        output,
+    )?;
     output.print(&found, || text(&found))
 }
 
 fn text(found: &Study) -> String {
     let mut text = format!(
         "{}, exposure {}: smallest PSNR in dB over {}x{} lights, sphere of {} pixels\n\
-         interval  size  captures      Y     Cb     Cr\n",
+         interval  size  captures  interpolation      Y     Cb     Cr\n",
         found.sample, found.exposure, found.lights[0], found.lights[1], found.sphere_px
     );
-    for row in &found.rows {
+    let break_at = found.rows.len();
+    for (index, row) in found.rows.iter().chain(&found.methods).enumerate() {
+        if index == break_at {
+            text.push_str("interpolations of coarse captures\n");
+        }
         let db = |db: Option<f64>| db.map_or_else(|| "-".to_owned(), |db| format!("{db:.1}"));
         let [y, cb, cr] = [row.psnr.psnr_y_db, row.psnr.psnr_cb_db, row.psnr.psnr_cr_db].map(db);
         writeln!(
             text,
-            "{:>7}°  {:>4}  {:>8}  {y:>5}  {cb:>5}  {cr:>5}",
-            row.interval_deg, row.image_size, row.captures
+            "{:>7}°  {:>4}  {:>8}  {:<13}  {y:>5}  {cb:>5}  {cr:>5}",
+            row.interval_deg,
+            row.image_size,
+            row.captures,
+            row.interpolation.name()
         )
         .expect("strings take everything");
     }
