@@ -86,6 +86,16 @@ impl IdealCaptures<'_> {
     fn look_all_up(&self, pairs: &[(DVec3, DVec3)]) -> Vec<Value> {
         let is_above = |&(wi, wo): &(DVec3, DVec3)| wi.z > 0.0 && wo.z > 0.0;
         let neighbours: Vec<_> = pairs.iter().map(|pair| self.grid.neighbours(pair.0)).collect();
+        let around: Vec<_> = pairs
+            .iter()
+            .map(|pair| {
+                if is_above(pair) {
+                    self.around(pair.1)
+                } else {
+                    [(0, 0.0); 4]
+                }
+            })
+            .collect();
         // A term is a query and one of its neighbours; a counting sort puts those of a row side by side.
         let rows = || {
             let above = neighbours
@@ -123,7 +133,7 @@ impl IdealCaptures<'_> {
             let mut seen = vec![None; if is_dense { self.disk.len() } else { 0 }];
             for term in terms {
                 let (query, share) = (term / TERMS, neighbours[term / TERMS][term % TERMS].1);
-                for (cell, weight) in self.around(pairs[query].1) {
+                for (cell, weight) in around[query] {
                     let Some(wo) = self.cells[cell].filter(|_| weight > 0.0) else {
                         continue;
                     };
