@@ -70,13 +70,9 @@ enum Command {
     Value(value::Args),
     /// Judge a BRDF by itself and against a known sample
     Evaluate(evaluate::Args),
-    /// Draw a BRDF or sample on a sphere or a corrugated sheet under distant lights
     Render(render::Args),
-    /// Plot reflectance against the azimuth of the outgoing direction
     Plot(plot::Args),
-    /// PSNR of rendered spheres against sampling interval and image size
     Study(study::Args),
-    /// Every figure of the RCG paper from our own data
     Paper(paper::Args),
     /// Talk to the trigger box
     Controller(controller::Args),

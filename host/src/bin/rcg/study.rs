@@ -9,7 +9,7 @@ use rcg::study::{Interpolation, Settings, Study, study};
 use crate::Done;
 use crate::output::Output;
 
-/// How finely must a sample be captured? PSNR of rendered spheres against sampling interval and image size.
+/// Study how finely a sample must be captured: PSNR of rendered spheres by sampling interval and image size.
 ///
 /// A known sample is captured by an ideal instrument (no hole, no noise), on the grid theta x phi of the incident
 /// directions; spheres of 160x160 pixels under 19x10 lights (theta 0 to 90, 10 azimuths) are rendered from the captures
