@@ -11,7 +11,7 @@
 //! | capture | [`setup`] (which instrument), [`capture`] (fire, collect, repeat), [`pairing`] (which frame belongs to which trigger) |
 //! | files | [`store`] (Zarr), [`measurement`] (the directory and its stages) |
 //! | the result | [`assemble`] (with the private `resample`), [`disk`] (outgoing directions), [`provenance`], [`brdf`] (look-up) |
-//! | judgement | [`sample`] (known materials), [`reflectance`], [`evaluate`], [`render`], [`report`] |
+//! | judgement | [`sample`] (known materials), [`reflectance`], [`evaluate`], [`render`], [`scan`], [`study`], [`chart`], [`report`], [`paper`] |
 //!
 //! [`measure`] does all of it in one go; [`adaptive`] chooses the directions on the way. From the raw frames on, every stage reads files only.
 //!
@@ -25,6 +25,7 @@ pub mod assemble;
 pub mod brdf;
 pub mod camera;
 pub mod capture;
+pub mod chart;
 pub mod device;
 pub mod direction;
 pub mod disk;
@@ -37,6 +38,7 @@ pub mod measurement;
 pub mod optics;
 pub mod pace;
 pub mod pairing;
+pub mod paper;
 pub mod pattern;
 pub mod pilot;
 pub mod plan;
@@ -52,7 +54,9 @@ mod resample;
 pub mod rig;
 pub mod run;
 pub mod sample;
+pub mod scan;
 pub mod schedule;
 pub mod setup;
 pub mod store;
+pub mod study;
 pub mod virtual_rig;

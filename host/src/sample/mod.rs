@@ -11,10 +11,12 @@
 mod ggx;
 mod lambert;
 mod rgl;
+mod satin;
 mod spec;
 mod tensor_file;
 #[cfg(test)]
 mod tensor_writer;
+mod velvet;
 mod ward;
 mod warp;
 
@@ -25,6 +27,8 @@ use glam::DVec3;
 pub use ggx::Ggx;
 pub use lambert::Lambert;
 pub use rgl::MeasuredRgl;
+pub use satin::Satin;
+pub use velvet::Velvet;
 pub use ward::Ward;
 
 /// Directions whose cosine is at or below this count as at the horizon, where f is zero.
@@ -99,6 +103,8 @@ pub enum SampleError {
 /// | `lambert`, `lambert:0.5` | [`Lambert`] of that albedo, by default 0.5 |
 /// | `ward`, `ward:brass`, `ward:rd=0.1,rs=0.33,ax=0.05,ay=0.16` | [`Ward`], by default rolled brass |
 /// | `ggx`, `ggx:satin`, `ggx:plastic`, `ggx:f0=0.9,ax=0.1,ay=0.2,rd=0.05` | [`Ggx`] |
+/// | `velvet`, `velvet:pile`, `velvet:rd=0.03,rs=0.6,ax=0.7,ay=1.2` | [`Velvet`], anisotropic cloth |
+/// | `satin`, `satin:silk`, `satin:f0=0.3,along=0.14,across=0.6,weft=0.2,rd=0.12` | [`Satin`], anisotropic cloth |
 /// | a path | [`MeasuredRgl`], a `.bsdf` tensor file of the RGL material database |
 ///
 /// A preset may be followed by parameters that change it, as in `ward:brass,ax=0.1`; what is not given keeps the
@@ -116,6 +122,8 @@ pub fn parse(spec: &str) -> Result<Box<dyn Sample>, SampleError> {
         "lambert" => Ok(Box::new(Lambert::from_arguments(spec, arguments)?)),
         "ward" => Ok(Box::new(Ward::from_arguments(spec, arguments)?)),
         "ggx" => Ok(Box::new(Ggx::from_arguments(spec, arguments)?)),
+        "velvet" => Ok(Box::new(Velvet::from_arguments(spec, arguments)?)),
+        "satin" => Ok(Box::new(Satin::from_arguments(spec, arguments)?)),
         _ => {
             let path = Path::new(spec);
             let named_bsdf = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("bsdf"));
@@ -126,7 +134,7 @@ pub fn parse(spec: &str) -> Result<Box<dyn Sample>, SampleError> {
             Err(SampleError::Spec {
                 spec: spec.to_owned(),
                 field: "model".to_owned(),
-                expected: "lambert, ward, ggx or the path of a .bsdf file".to_owned(),
+                expected: "lambert, ward, ggx, velvet, satin or the path of a .bsdf file".to_owned(),
                 found: format!("'{model}'"),
             })
         }

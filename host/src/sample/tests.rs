@@ -20,6 +20,8 @@ fn analytic() -> Vec<Box<dyn Sample>> {
         "ggx",
         "ggx:satin",
         "ggx:plastic",
+        "velvet",
+        "satin",
     ]
     .iter()
     .map(|spec| parse(spec).expect("valid"))
@@ -54,22 +56,26 @@ proptest! {
     }
 
     #[test]
-    fn no_text_makes_parse_panic(spec in "(lambert|ward|ggx|[a-z]{0,3}):?[-=,.:a-z0-9]{0,12}") {
+    fn no_text_makes_parse_panic(spec in "(lambert|ward|ggx|velvet|satin|[a-z]{0,3}):?[-=,.:a-z0-9]{0,12}") {
         let _ = parse(&spec);
     }
 }
 
 #[test]
 fn anisotropic_models_change_when_turned() {
-    for spec in ["ward:brass", "ggx:satin"] {
+    for spec in ["ward:brass", "ggx:satin", "velvet", "satin"] {
         let sample = parse(spec).expect("valid");
         assert!(!sample.is_isotropic());
-        let (a, b) = (from_degrees(30.0, 0.0), from_degrees(20.0, 180.0));
-        let (before, after) = (
-            sample.f(a, b)[0],
-            sample.f(turned(a, FRAC_PI_2), turned(b, FRAC_PI_2))[0],
-        );
-        assert!((before - after).abs() > 0.01 * before, "{spec}: {before} {after}");
+        // A highlight's flank, and for velvet, whose facets look sideways, both on the same side.
+        let pairs = [
+            (from_degrees(30.0, 0.0), from_degrees(20.0, 180.0)),
+            (from_degrees(60.0, 0.0), from_degrees(60.0, 0.0)),
+        ];
+        let change = |(a, b)| {
+            let after = sample.f(turned(a, FRAC_PI_2), turned(b, FRAC_PI_2))[0];
+            (after / sample.f(a, b)[0] - 1.0).abs()
+        };
+        assert!(pairs.into_iter().map(change).fold(0.0, f64::max) > 0.01, "{spec}");
     }
 }
 
@@ -119,6 +125,32 @@ fn ggx_never_reflects_more_than_it_receives() {
 }
 
 #[test]
+fn cloth_never_reflects_more_than_it_receives() {
+    // Presets, and the extremes of what is allowed.
+    for spec in [
+        "velvet",
+        "velvet:rd=0,rs=1,ax=0.05,ay=0.05",
+        "velvet:rd=0,rs=1,ax=0.3,ay=0.3",
+        "velvet:rd=0,rs=1,ax=0.05,ay=2",
+        "velvet:rd=0,rs=1,ax=2,ay=2",
+        "velvet:rd=0.5,rs=0.5,ax=0.3,ay=1",
+        "satin",
+        "satin:f0=1,rd=0,along=0.3,across=1,weft=0.5",
+    ] {
+        let sample = parse(spec).expect("valid");
+        for theta_deg in [0.0, 45.0, 75.0, 85.0, 88.0] {
+            for phi_deg in [0.0, 90.0] {
+                let found = albedo(sample.as_ref(), from_degrees(theta_deg, phi_deg));
+                assert!(
+                    (0.0..=1.0).contains(&found),
+                    "{spec} at {theta_deg}, {phi_deg}: {found}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
 fn no_model_reflects_at_or_below_the_horizon() {
     let up = from_degrees(30.0, 40.0);
     for sample in analytic() {
@@ -142,6 +174,11 @@ fn specifications_give_the_models_they_name() {
     same("ward:ay=0.2", "ward:brass,ay=0.2");
     same("ggx", "ggx:f0=0.9,ax=0.1,ay=0.2,rd=0.05");
     same("ggx:rd=0,f0=0.6", "ggx:metal,f0=0.6,rd=0");
+    same("velvet", "velvet:pile,rd=0.03,rs=0.6,ax=0.7,ay=1.2");
+    same(
+        "satin",
+        "satin:silk,f0=0.3,along=0.14,across=0.6,weft=0.2,rd=0.12",
+    );
     assert_eq!(
         format!("{:?}", parse("ggx:satin").expect("valid")),
         format!("{:?}", Ggx::SATIN)
@@ -155,11 +192,11 @@ fn a_wrong_specification_is_answered_with_one_sentence() {
     };
     wrong(
         "lambrt:0.5",
-        "sample 'lambrt:0.5', model: expected lambert, ward, ggx or the path of a .bsdf file, found 'lambrt'",
+        "sample 'lambrt:0.5', model: expected lambert, ward, ggx, velvet, satin or the path of a .bsdf file, found 'lambrt'",
     );
     wrong(
         "",
-        "sample '', model: expected lambert, ward, ggx or the path of a .bsdf file, found ''",
+        "sample '', model: expected lambert, ward, ggx, velvet, satin or the path of a .bsdf file, found ''",
     );
     wrong(
         "lambert:",
@@ -200,6 +237,14 @@ fn a_wrong_specification_is_answered_with_one_sentence() {
     wrong(
         "ggx:rd=0.5,f0=1",
         "sample 'ggx:rd=0.5,f0=1', f0 + rd: expected at most 1, found 1.5",
+    );
+    wrong(
+        "velvet:rd=0.5,rs=0.75",
+        "sample 'velvet:rd=0.5,rs=0.75', rd + rs: expected at most 1, found 1.25",
+    );
+    wrong(
+        "satin:weft=2",
+        "sample 'satin:weft=2', weft: expected a number from 0 to 1, found '2'",
     );
     let missing = parse("nowhere/x.bsdf").expect_err("must be refused").to_string();
     assert!(

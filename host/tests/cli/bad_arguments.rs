@@ -89,7 +89,10 @@ fn a_sample_that_does_not_exist_is_refused_before_anything_is_made() {
         refuses(&["value", spec], "", 2, &parts);
         refuses(&["plan", "--sample", spec], "", 2, &parts);
     };
-    spec("phong:0.5", &["model", "lambert, ward, ggx", "phong"]);
+    spec(
+        "phong:0.5",
+        &["model", "lambert, ward, ggx, velvet, satin", "phong"],
+    );
     spec("ward:gold", &["brass", "gold"]);
     spec("ward:az=0.1", &["rd=, rs=, ax=, ay=", "az"]);
     spec("ward:ax=0", &["ax", "0.001 to 1"]);

@@ -17,6 +17,7 @@ mod bad_places;
 mod bad_plans;
 mod bad_rigs;
 mod bad_samples;
+mod bad_studies;
 #[cfg(target_os = "linux")]
 mod bad_trigger_box;
 mod command;
@@ -29,6 +30,7 @@ mod grids;
 mod killed;
 mod pictures;
 mod pipes;
+mod studies;
 mod tensor_file;
 mod tree;
 mod trigger_box;

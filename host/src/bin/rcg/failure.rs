@@ -5,15 +5,18 @@ use std::io;
 use rcg::adaptive::AdaptiveError;
 use rcg::assemble::AssembleError;
 use rcg::brdf::BrdfError;
+use rcg::chart::ChartError;
 use rcg::device::DeviceError;
 use rcg::link::LinkError;
 use rcg::measure::MeasureError;
 use rcg::measurement::MeasurementError;
+use rcg::paper::PaperError;
 use rcg::plan::PlanError;
 use rcg::reflectance::SourceError;
 use rcg::rig::RigError;
 use rcg::sample::SampleError;
 use rcg::store::StoreError;
+use rcg::study::StudyError;
 use rcg::virtual_rig::WiresError;
 
 /// A failed command.
@@ -182,6 +185,36 @@ impl Blame for SourceError {
         match self {
             Self::Brdf(error) => error.is_input(),
             Self::Sample(_) => true,
+        }
+    }
+}
+
+impl Blame for ChartError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Format { .. } => true,
+            Self::File(error) => error.is_input(),
+            Self::Picture(_) => false,
+        }
+    }
+}
+
+impl Blame for StudyError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Store(error) => error.is_input(),
+            Self::Chart(error) => error.is_input(),
+            Self::Interval(_) | Self::ImageSize(_) | Self::Exposure(_) => true,
+        }
+    }
+}
+
+impl Blame for PaperError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Measure(error) => error.is_input(),
+            Self::Study(error) => error.is_input(),
+            Self::Chart(error) => error.is_input(),
         }
     }
 }

@@ -13,10 +13,13 @@ mod map;
 mod measure;
 mod numbers;
 mod output;
+mod paper;
 mod patterns;
 mod plan;
+mod plot;
 mod render;
 mod request;
+mod study;
 mod usage;
 mod value;
 
@@ -67,8 +70,10 @@ enum Command {
     Value(value::Args),
     /// Judge a BRDF by itself and against a known sample
     Evaluate(evaluate::Args),
-    /// Draw a sphere of a BRDF or sample under a light
     Render(render::Args),
+    Plot(plot::Args),
+    Study(study::Args),
+    Paper(paper::Args),
     /// Talk to the trigger box
     Controller(controller::Args),
 }
@@ -89,6 +94,9 @@ fn main() -> ExitCode {
         Command::Value(args) => value::run(args, &output),
         Command::Evaluate(args) => evaluate::run(args, &output),
         Command::Render(args) => render::run(args, &output),
+        Command::Plot(args) => plot::run(args, &output),
+        Command::Study(args) => study::run(args, &output),
+        Command::Paper(args) => paper::run(args, &output),
         Command::Controller(args) => controller::run(args, &cli.rig, &output),
     };
     match done {

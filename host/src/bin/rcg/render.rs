@@ -3,14 +3,20 @@
 use std::path::PathBuf;
 
 use rcg::reflectance::Source;
-use rcg::render::{automatic_exposure, save, sheet, sphere};
+use rcg::render::{automatic_exposure, corrugated, save, sheet, sphere};
 use serde_json::json;
 
 use crate::Done;
 use crate::failure::Failure;
 use crate::output::Output;
 
-/// Draw a sphere of a BRDF or sample under a light.
+/// Largest sheet of pictures: a byte for each of three colours must fit into memory a few times over.
+const MAX_PIXELS: u64 = 1 << 28;
+
+/// Draw a BRDF or sample on a sphere or a corrugated sheet under distant lights.
+///
+/// One picture per light, side by side; with --scene both, the spheres above and the sheets below. Directions that were
+/// not measured are hatched.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// A brdf.zarr, a measured .bsdf file, or a model such as ward:brass
@@ -19,18 +25,35 @@ pub(crate) struct Args {
     /// The picture to write (PNG)
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Pixels a side
+    /// What is drawn
+    #[arg(long, value_enum, default_value_t = Scene::Sphere)]
+    scene: Scene,
+    /// Pixels a side of each picture
     #[arg(long, value_name = "N", default_value_t = 512, value_parser = clap::value_parser!(u32).range(8..=8192))]
     size: u32,
-    /// Polar angle and azimuth of the light in degrees; 0,0 is behind the camera, azimuth 90 is above
+    /// Polar angle and azimuth of a light in degrees; 0,0 is behind the camera, azimuth 90 is above; may be repeated
     #[arg(long, value_name = "THETA,PHI", default_value = "45,90", value_parser = angles)]
-    light: (f64, f64),
+    light: Vec<(f64, f64)>,
+    /// Degrees by which the upper edge of the corrugated sheet leans away from the camera, 0 to 75
+    #[arg(long, value_name = "DEG", default_value_t = 30.0)]
+    tilt: f64,
     /// Factor from radiance (light of unit irradiance) to white [default: bright parts are white]
     #[arg(long, value_name = "FACTOR")]
     exposure: Option<f32>,
 }
 
-fn angles(text: &str) -> Result<(f64, f64), String> {
+/// What the sample covers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Scene {
+    /// A sphere
+    Sphere,
+    /// A sheet in folds, with cast shadows
+    Corrugated,
+    /// Spheres above, sheets below
+    Both,
+}
+
+pub(crate) fn angles(text: &str) -> Result<(f64, f64), String> {
     let parsed = text.split_once(',').and_then(|(theta, phi)| {
         let (theta, phi): (f64, f64) = (theta.trim().parse().ok()?, phi.trim().parse().ok()?);
         ((0.0..=180.0).contains(&theta) && phi.is_finite()).then_some((theta, phi))
@@ -46,15 +69,39 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
             "--exposure: expected a positive number, found {exposure}"
         )));
     }
+    if !(0.0..=75.0).contains(&args.tilt) {
+        return Err(Failure::input(format!(
+            "--tilt: expected a number of degrees from 0 to 75, found {}",
+            args.tilt
+        )));
+    }
+    let (size, pixels) = (args.size as usize, u64::from(args.size).pow(2));
+    let scenes = if args.scene == Scene::Both { 2 } else { 1 };
+    if pixels * args.light.len() as u64 * scenes > MAX_PIXELS {
+        return Err(Failure::input(format!(
+            "--size {size}: expected at most {MAX_PIXELS} pixels in all, found {} pictures of {pixels}",
+            args.light.len() as u64 * scenes
+        )));
+    }
     let source = Source::open(&args.brdf)?;
-    let rows = [vec![sphere(
-        source.reflectance(),
-        args.size as usize,
-        args.light,
-    )?]];
+    let material = source.reflectance();
+    let mut rows = Vec::new();
+    if args.scene != Scene::Corrugated {
+        let pictures = args.light.iter().map(|&light| sphere(material, size, light));
+        rows.push(pictures.collect::<Result<Vec<_>, _>>()?);
+    }
+    if args.scene != Scene::Sphere {
+        let pictures = args
+            .light
+            .iter()
+            .map(|&light| corrugated(material, size, args.tilt, light));
+        rows.push(pictures.collect::<Result<Vec<_>, _>>()?);
+    }
     let exposure = args.exposure.unwrap_or_else(|| automatic_exposure(&rows));
     save(&sheet(&rows, exposure), &args.out)?;
-    let value = json!({ "out": args.out, "size": args.size, "exposure": exposure });
+    let value = json!({
+        "out": args.out, "size": args.size, "lights_deg": args.light, "exposure": exposure,
+    });
     output.print(&value, || {
         format!("{} (exposure {exposure:.4})\n", args.out.display())
     })

@@ -49,7 +49,7 @@ impl GridArgs {
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct RequestArgs {
     /// What the virtual rig measures: lambert:0.5, ward:brass, ward:rd=0.1,rs=0.33,ax=0.05,ay=0.16, ggx:satin,
-    /// or a measured .bsdf file [default: ward:brass]
+    /// velvet, satin, or a measured .bsdf file [default: ward:brass]
     #[arg(long, value_name = "SAMPLE")]
     sample: Option<String>,
     #[command(flatten)]

@@ -1,0 +1,113 @@
+//! An axis: its ticks, and where values lie along it.
+
+use std::ops::Range;
+
+use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
+
+/// How values are spread along an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scale {
+    /// Equal differences are equally long.
+    Linear,
+    /// Equal ratios are equally long.
+    Logarithmic,
+}
+
+/// An axis from its first tick to its last.
+#[derive(Clone, Debug)]
+pub struct Axis {
+    /// What it shows, with the unit.
+    pub label: String,
+    /// Where it has ticks, rising; at least two.
+    pub ticks: Vec<f64>,
+    /// How values are spread.
+    pub scale: Scale,
+}
+
+impl Axis {
+    /// A linear axis with about six round ticks that covers all finite `values`.
+    #[must_use]
+    pub fn covering(label: &str, values: impl Iterator<Item = f64>) -> Self {
+        let range =
+            values
+                .filter(|value| value.is_finite())
+                .fold(None, |range: Option<(f64, f64)>, value| {
+                    range.map_or(Some((value, value)), |(low, high)| {
+                        Some((low.min(value), high.max(value)))
+                    })
+                });
+        let (low, high) = range.unwrap_or((0.0, 1.0));
+        let span = if high > low { high - low } else { 1.0 };
+        let decade = 10_f64.powf((span / 6.0).log10().floor());
+        let steps = [1.0, 2.0, 2.5, 5.0, 10.0].map(|factor| factor * decade);
+        let step = steps
+            .into_iter()
+            .find(|step| span / step <= 6.0)
+            .unwrap_or(decade * 10.0);
+        let first = (low / step).floor();
+        let last = (high / step).ceil().max(first + 1.0);
+        let count = (last - first) as usize;
+        Self {
+            label: label.to_owned(),
+            ticks: (0..=count).map(|k| (first + k as f64) * step).collect(),
+            scale: Scale::Linear,
+        }
+    }
+
+    fn place(&self, value: f64) -> f64 {
+        match self.scale {
+            Scale::Linear => value,
+            Scale::Logarithmic => value.ln(),
+        }
+    }
+}
+
+impl Ranged for Axis {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, (first, last): (i32, i32)) -> i32 {
+        let Range { start, end } = self.range();
+        let share = (self.place(*value) - self.place(start)) / (self.place(end) - self.place(start));
+        first + (share * f64::from(last - first)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        // The heavy lines; there are no light ones.
+        if hint.weight().allow_light_points() {
+            Vec::new()
+        } else {
+            self.ticks.clone()
+        }
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.ticks[0]..self.ticks[self.ticks.len() - 1]
+    }
+}
+
+impl ValueFormatter<f64> for Axis {
+    fn format_ext(&self, tick: &f64) -> String {
+        // Nine digits are more than any chart shows and fewer than rounding spoils.
+        let rounded: f64 = format!("{tick:.9}").parse().unwrap_or(*tick);
+        format!("{}", if rounded == 0.0 { 0.0 } else { rounded })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_cover_the_values() {
+        for (high, last, count) in [(0.7, 0.8, 5), (3.31, 4.0, 5), (56.0, 60.0, 7), (1e-3, 1e-3, 6)] {
+            let axis = Axis::covering("y", [0.0, high, f64::NAN].into_iter());
+            assert!((axis.ticks.last().unwrap() / last - 1.0).abs() < 1e-9, "{axis:?}");
+            assert_eq!(axis.ticks.len(), count, "{axis:?}");
+        }
+        assert_eq!(
+            Axis::covering("y", [0.0, 0.7].into_iter()).format_ext(&0.600_000_000_000_1),
+            "0.6"
+        );
+    }
+}

@@ -1,0 +1,257 @@
+//! Charts for print: curves over labelled axes, as SVG or PNG.
+//!
+//! # Design
+//! One kind of chart serves all commands. Curves are told apart by colour, by dashes or the shape of their marks,
+//! so that a grey print can still be read; the legend stands beside the plot and covers nothing. Where there is no
+//! value a curve has a gap. The PNG is the SVG, drawn with a font that is built in, so that no
+//! system library and no installed font is needed.
+
+mod axis;
+mod raster;
+
+use std::path::Path;
+
+use plotters::prelude::*;
+
+use crate::measurement::{MeasurementError, write_whole};
+use crate::render::{PictureError, save};
+
+pub use axis::{Axis, Scale};
+pub use raster::{captioned, draw_svg};
+
+/// Pixels of SVG and PNG: points fall on whole ones, so they must be fine.
+const SIZE: (u32, u32) = (2000, 1240);
+/// Pixels of it that the legend takes.
+const LEGEND: u32 = 380;
+/// Dark enough for print, and of different lightness (after Okabe and Ito's palette for the colour blind).
+const COLOURS: [RGBColor; 7] = [
+    RGBColor(0, 0, 0),
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(230, 159, 0),
+    RGBColor(86, 180, 233),
+];
+/// Dash and gap in pixels of curves without marks; the first is solid.
+const DASHES: [(u32, u32); 4] = [(1, 0), (28, 12), (6, 10), (48, 8)];
+
+/// Points in the order of x; `None` is a gap.
+#[derive(Clone, Debug)]
+pub struct Curve {
+    /// Its name in the legend.
+    pub label: String,
+    /// (x, y) in the units of the axes.
+    pub points: Vec<(f64, Option<f64>)>,
+}
+
+/// A chart.
+#[derive(Clone, Debug)]
+pub struct Chart {
+    /// Above it.
+    pub title: String,
+    /// Horizontal axis.
+    pub x: Axis,
+    /// Vertical axis.
+    pub y: Axis,
+    /// Heading of the legend.
+    pub legend: String,
+    /// Whether every point has a mark; else curves are dashed.
+    pub marks: bool,
+    /// The curves.
+    pub curves: Vec<Curve>,
+}
+
+impl Chart {
+    /// As an SVG document.
+    #[must_use]
+    pub fn svg(&self) -> String {
+        let mut document = String::new();
+        self.draw(&mut document)
+            .expect("invariant: a string takes everything");
+        document
+    }
+
+    /// Writes the chart: SVG or PNG, as the name of `path` ends.
+    ///
+    /// # Errors
+    /// [`ChartError`].
+    pub fn save(&self, path: &Path) -> Result<(), ChartError> {
+        match extension(path).as_deref() {
+            Some("svg") => write_whole(path, self.svg().as_bytes())?,
+            Some("png") => save(&draw_svg(&self.svg(), 1.0), path)?,
+            _ => {
+                return Err(ChartError::Format {
+                    path: path.display().to_string(),
+                    formats: ".svg or .png",
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Writes `stem.svg` and `stem.png` into `dir`.
+    ///
+    /// # Errors
+    /// [`ChartError`].
+    pub fn save_both(&self, dir: &Path, stem: &str) -> Result<(), ChartError> {
+        self.save(&dir.join(format!("{stem}.svg")))?;
+        self.save(&dir.join(format!("{stem}.png")))
+    }
+
+    fn draw(&self, document: &mut String) -> Result<(), DrawingAreaErrorKind<std::io::Error>> {
+        let root = SVGBackend::with_string(document, SIZE).into_drawing_area();
+        root.fill(&WHITE)?;
+        let (plot, legend) = root.split_horizontally(SIZE.0 - LEGEND);
+        let mut chart = ChartBuilder::on(&plot)
+            .caption(&self.title, ("sans-serif", 44))
+            .margin(28)
+            .x_label_area_size(116)
+            .y_label_area_size(156)
+            .build_cartesian_2d(self.x.clone(), self.y.clone())?;
+        chart
+            .configure_mesh()
+            .x_desc(&self.x.label)
+            .y_desc(&self.y.label)
+            .axis_desc_style(("sans-serif", 40))
+            .label_style(("sans-serif", 36))
+            .bold_line_style(RGBColor(215, 215, 215).stroke_width(2))
+            .axis_style(BLACK.stroke_width(2))
+            .set_all_tick_mark_size(10)
+            .light_line_style(TRANSPARENT)
+            .x_labels(self.x.ticks.len())
+            .y_labels(self.y.ticks.len())
+            .draw()?;
+        for (index, curve) in self.curves.iter().enumerate() {
+            let (colour, (dash, gap)) = (COLOURS[index % COLOURS.len()], DASHES[index % DASHES.len()]);
+            for run in curve.points.split(|point| point.1.is_none()) {
+                let run: Vec<(f64, f64)> = run.iter().filter_map(|&(x, y)| Some((x, y?))).collect();
+                if self.marks || gap == 0 {
+                    chart.draw_series(LineSeries::new(run.clone(), colour.stroke_width(4)))?;
+                } else {
+                    let style = colour.stroke_width(4);
+                    chart.draw_series(DashedLineSeries::new(run.clone(), dash, gap, style))?;
+                }
+                if self.marks {
+                    for at in &run {
+                        root.draw(&mark(index, chart.backend_coord(at)))?;
+                    }
+                }
+            }
+        }
+        legend.draw(&Text::new(self.legend.clone(), (0, 112), ("sans-serif", 36)))?;
+        for (index, curve) in self.curves.iter().enumerate() {
+            let (colour, (dash, gap)) = (COLOURS[index % COLOURS.len()], DASHES[index % DASHES.len()]);
+            let y = 192 + 56 * index as i32;
+            let (dash, gap) = if self.marks { DASHES[0] } else { (dash, gap) };
+            let mut x = 0;
+            while x < 72 {
+                let end = if gap == 0 { 72 } else { (x + dash as i32).min(72) };
+                legend.draw(&PathElement::new(vec![(x, y), (end, y)], colour.stroke_width(4)))?;
+                x = end + gap as i32;
+            }
+            if self.marks {
+                legend.draw(&mark(index, (36, y)))?;
+            }
+            legend.draw(&Text::new(curve.label.clone(), (92, y - 16), ("sans-serif", 34)))?;
+        }
+        root.present()
+    }
+}
+
+/// A mark at `at`: its shape changes faster than the colours repeat.
+fn mark<'a, DB: DrawingBackend + 'a>(index: usize, at: (i32, i32)) -> DynElement<'a, DB, (i32, i32)> {
+    let style = COLOURS[index % COLOURS.len()];
+    let (x, y) = at;
+    match index % 5 {
+        0 => Circle::new(at, 10, style.filled()).into_dyn(),
+        1 => Rectangle::new([(x - 9, y - 9), (x + 9, y + 9)], style.filled()).into_dyn(),
+        2 => TriangleMarker::new(at, 13, style.filled()).into_dyn(),
+        3 => Cross::new(at, 10, style.stroke_width(4)).into_dyn(),
+        _ => Circle::new(at, 10, style.stroke_width(4)).into_dyn(),
+    }
+}
+
+/// Extension of a file's name in small letters.
+#[must_use]
+pub fn extension(path: &Path) -> Option<String> {
+    Some(path.extension()?.to_str()?.to_ascii_lowercase())
+}
+
+/// Why a chart cannot be saved.
+#[derive(Debug, thiserror::Error)]
+pub enum ChartError {
+    /// The name of the file says nothing of its format.
+    #[error("{path}: expected a file name that ends in {formats}")]
+    Format {
+        /// The file.
+        path: String,
+        /// What could stand there.
+        formats: &'static str,
+    },
+    /// The file.
+    #[error(transparent)]
+    File(#[from] MeasurementError),
+    /// The picture.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chart() -> Chart {
+        Chart {
+            title: "f < 1 & more".to_owned(),
+            x: Axis {
+                label: "x (°)".to_owned(),
+                ticks: vec![1.0, 2.0, 4.0],
+                scale: Scale::Logarithmic,
+            },
+            y: Axis::covering("y", [0.0, 0.7].into_iter()),
+            legend: "curve".to_owned(),
+            marks: false,
+            curves: vec![Curve {
+                label: "a".to_owned(),
+                points: vec![
+                    (1.0, Some(0.1)),
+                    (1.5, Some(0.1)),
+                    (2.0, None),
+                    (3.0, Some(0.7)),
+                    (4.0, Some(0.7)),
+                ],
+            }],
+        }
+    }
+
+    #[test]
+    fn a_gap_is_not_drawn_across() {
+        let polylines = |chart: &Chart| chart.svg().matches("<polyline").count();
+        let gap = polylines(&chart());
+        let mut without = chart();
+        without.curves[0].points.retain(|point| point.1.is_some());
+        assert_eq!(gap, polylines(&without) + 1);
+    }
+
+    #[test]
+    fn text_of_the_picture_is_drawn_with_the_font_that_is_built_in() {
+        let dark = |title: &str| {
+            let chart = Chart {
+                title: title.to_owned(),
+                ..chart()
+            };
+            let image = draw_svg(&chart.svg(), 1.0);
+            assert_eq!(image.dimensions(), SIZE);
+            // The caption's strip.
+            image
+                .rows()
+                .take(80)
+                .flatten()
+                .filter(|pixel| pixel.0[0] < 128)
+                .count()
+        };
+        let (full, empty) = (dark("f < 1 & more"), dark(""));
+        assert!(full > empty + 100, "{full} {empty}");
+    }
+}

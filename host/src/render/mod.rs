@@ -1,0 +1,206 @@
+//! Pictures of the sample: what it looks like on a sphere and on a corrugated sheet.
+//!
+//! # Design
+//! One distant light, seen from +z by a distant camera. The picture is linear radiance f·cosθi; exposure and sRGB
+//! come last. At each point of the sphere the sample's frame has its normal along the sphere's and its +x along
+//! the parallel of latitude, so that a brushed metal is brushed around the sphere's upright axis; on the corrugated
+//! sheet it follows the sheet. Directions that were not measured are drawn as a hatch, never invented.
+
+mod corrugated;
+mod sphere;
+
+use std::fs::File;
+use std::io::{Cursor, Write as _};
+use std::path::Path;
+
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ImageError, Rgb, RgbImage};
+use rayon::prelude::*;
+
+use crate::brdf::Value;
+
+pub use corrugated::corrugated;
+pub use sphere::{LitSphere, sphere};
+
+/// Behind everything, coded.
+const BACKGROUND: [u8; 3] = [24, 26, 30];
+
+/// One square picture of linear radiance.
+pub struct Picture {
+    size: usize,
+    content: Content,
+}
+
+/// What is in a picture.
+enum Content {
+    /// Radiance per pixel, row-major: `None` beside the object, or why there is no value.
+    Pixels(Vec<Option<Value>>),
+    /// Radiance per column, and the rows from and to which the object covers the column, in pixels.
+    Columns {
+        radiance: Vec<Option<Value>>,
+        rows: Vec<(f64, f64)>,
+    },
+}
+
+impl Picture {
+    /// All values that were rendered.
+    fn values(&self) -> impl Iterator<Item = &Value> {
+        let (Content::Pixels(values) | Content::Columns { radiance: values, .. }) = &self.content;
+        values.iter().flatten()
+    }
+
+    /// Draws into `image`, the rows of a sheet `columns` pictures wide, as the picture in column `column`.
+    fn draw(&self, image: &mut [u8], columns: usize, column: usize, width: usize, exposure: f32) {
+        let stripe = 3 * columns * width;
+        let own = 3 * column * width..3 * (column * width + self.size);
+        let rows = image.par_chunks_exact_mut(stripe).take(self.size).enumerate();
+        match &self.content {
+            Content::Pixels(pixels) => rows.for_each(|(y, row)| {
+                let pixels = &pixels[y * self.size..][..self.size];
+                for (x, (pixel, bytes)) in pixels
+                    .iter()
+                    .zip(row[own.clone()].chunks_exact_mut(3))
+                    .enumerate()
+                {
+                    if let Some(value) = pixel {
+                        bytes.copy_from_slice(&coded(value, exposure, x, y));
+                    }
+                }
+            }),
+            Content::Columns {
+                radiance,
+                rows: covered,
+            } => {
+                // The hatch repeats every eight rows, and so does everything else.
+                let cycle: Vec<Vec<u8>> = (0..8)
+                    .map(|y| {
+                        let colour = |(x, value): (usize, &Option<Value>)| {
+                            value
+                                .as_ref()
+                                .map_or(BACKGROUND, |value| coded(value, exposure, x, y))
+                        };
+                        radiance.iter().enumerate().flat_map(colour).collect()
+                    })
+                    .collect();
+                let first = covered.iter().map(|rows| rows.0).fold(f64::INFINITY, f64::min);
+                let full = covered.iter().filter(|rows| rows.1 > rows.0);
+                let inner = full.fold((first, f64::INFINITY), |inner, rows| {
+                    (inner.0.max(rows.0), inner.1.min(rows.1))
+                });
+                rows.for_each(|(y, row)| {
+                    let (row, colours) = (&mut row[own.clone()], &cycle[y % 8]);
+                    let at = y as f64 + 0.5;
+                    if (inner.0..inner.1).contains(&at) {
+                        row.copy_from_slice(colours);
+                        return;
+                    }
+                    for ((bytes, colour), rows) in
+                        row.chunks_exact_mut(3).zip(colours.chunks_exact(3)).zip(covered)
+                    {
+                        if (rows.0..rows.1).contains(&at) {
+                            bytes.copy_from_slice(colour);
+                        }
+                    }
+                });
+            }
+        }
+    }
+}
+
+/// A value as sRGB; where there is none, a diagonal hatch.
+fn coded(value: &Value, exposure: f32, x: usize, y: usize) -> [u8; 3] {
+    match value {
+        Ok(radiance) => radiance.map(|l| srgb(l * exposure)),
+        Err(_) if (x + y) % 8 < 2 => [86, 74, 110],
+        Err(_) => [52, 46, 66],
+    }
+}
+
+/// Side by side: one row per entry, each with its pictures; pixels are exposed by `exposure` and coded as sRGB.
+#[must_use]
+pub fn sheet(rows: &[Vec<Picture>], exposure: f32) -> RgbImage {
+    let size = rows
+        .iter()
+        .flatten()
+        .map(|picture| picture.size)
+        .max()
+        .unwrap_or(1);
+    let columns = rows.iter().map(Vec::len).max().unwrap_or(1);
+    let mut image = RgbImage::from_pixel(
+        (size * columns) as u32,
+        (size * rows.len()) as u32,
+        Rgb(BACKGROUND),
+    );
+    for (pictures, band) in rows.iter().zip(image.chunks_exact_mut(3 * columns * size * size)) {
+        for (column, picture) in pictures.iter().enumerate() {
+            picture.draw(band, columns, column, size, exposure);
+        }
+    }
+    image
+}
+
+/// Linear light 0..1 as an sRGB byte (IEC 61966-2-1), clipped.
+#[must_use]
+pub fn srgb(linear: f32) -> u8 {
+    let l = linear.clamp(0.0, 1.0);
+    let coded = if l <= 0.003_130_8 {
+        12.92 * l
+    } else {
+        1.055 * l.powf(1.0 / 2.4) - 0.055
+    };
+    (coded * 255.0).round() as u8
+}
+
+/// An exposure that puts the brightest hundredth of the pictures at white.
+#[must_use]
+pub fn automatic_exposure(rows: &[Vec<Picture>]) -> f32 {
+    let mut levels: Vec<f32> = rows
+        .iter()
+        .flatten()
+        .flat_map(Picture::values)
+        .filter_map(|value| Some(value.ok()?[1]))
+        .filter(|&level| level > 0.0)
+        .collect();
+    levels.sort_by(f32::total_cmp);
+    levels
+        .get(levels.len() * 97 / 100)
+        .map_or(1.0, |&level| 1.0 / level.max(1e-6))
+}
+
+/// Why a picture cannot be saved.
+#[derive(Debug, thiserror::Error)]
+#[error("{path}: the picture cannot be written: {source}")]
+pub struct PictureError {
+    path: String,
+    source: ImageError,
+}
+
+/// Saves a picture as PNG, packed for speed rather than size: large pictures are bound by it.
+///
+/// # Errors
+/// [`PictureError`].
+pub fn save<P>(image: &image::ImageBuffer<P, Vec<u8>>, path: &Path) -> Result<(), PictureError>
+where
+    P: image::PixelWithColorType<Subpixel = u8>,
+{
+    let fail = |source| PictureError {
+        path: path.display().to_string(),
+        source,
+    };
+    let mut bytes = Cursor::new(Vec::new());
+    image
+        .write_with_encoder(PngEncoder::new_with_quality(
+            &mut bytes,
+            CompressionType::Fast,
+            FilterType::Up,
+        ))
+        .map_err(fail)?;
+    let mut file = File::create(path).map_err(|error| fail(ImageError::IoError(error)))?;
+    file.write_all(bytes.get_ref()).map_err(|error| {
+        // Half a picture goes; a device stays.
+        if path.is_file() {
+            std::fs::remove_file(path).ok();
+        }
+        fail(ImageError::IoError(error))
+    })
+}

@@ -1,0 +1,302 @@
+//! The sampling study: how fine a measurement must be for pictures made from it to be right.
+//!
+//! # Design
+//! After figures 8 and 9 of the RCG paper. A known sample is captured by an ideal instrument ([`IdealCaptures`]) at
+//! an interval between incident directions and with an image size; spheres rendered from the captures are held
+//! against spheres of the sample itself ([`Spheres`]). What limits the pictures is then the sampling and the
+//! interpolation alone.
+//!
+//! # Tradeoffs
+//! An image is the equal-area [`Disk`] in which this crate stores captures. A camera's own image of the mirror, nearly
+//! stereographic, has pixels √2 as wide at the normal: for the same PSNR it needs about √2 as many a side.
+
+mod figures;
+mod ideal;
+mod spheres;
+
+use std::fs;
+use std::path::Path;
+
+use serde::Serialize;
+
+use crate::chart::ChartError;
+use crate::disk::Disk;
+use crate::incident::{Grid, IncidentError, IncidentSet};
+use crate::measurement::MeasurementError;
+use crate::progress::Progress;
+use crate::reflectance::Reflectance;
+use crate::sample::Sample;
+use crate::store::StoreError;
+
+pub use ideal::IdealCaptures;
+pub use spheres::{LIGHT_PHIS, LIGHT_THETAS, Psnr, SPHERE_PX, Spheres};
+
+/// Allowed image sizes in pixels a side, as those of a measurement.
+const IMAGE_SIZES: std::ops::RangeInclusive<usize> = 8..=4096;
+
+/// What is to be studied.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Factor from radiance under unit irradiance to the white of a picture.
+    pub exposure: f32,
+    /// Degrees between incident directions.
+    pub intervals_deg: Vec<f64>,
+    /// Pixels a side of a capture.
+    pub image_sizes: Vec<usize>,
+    /// How captures are interpolated.
+    pub interpolation: Interpolation,
+    /// Degrees between incident directions of the coarse captures by which all interpolations are compared.
+    pub coarse_intervals_deg: Vec<f64>,
+}
+
+/// Pixels a side of the captures by which interpolations are compared.
+pub const COMPARED_IMAGE_SIZE: usize = 96;
+
+impl Default for Settings {
+    /// The intervals and image sizes of the paper's figures, at exposure 1.
+    fn default() -> Self {
+        Self {
+            exposure: 1.0,
+            intervals_deg: vec![10.0, 5.0, 3.0, 2.0, 1.0, 0.5],
+            image_sizes: vec![32, 48, 64, 96, 128, 256],
+            interpolation: Interpolation::Direct,
+            coarse_intervals_deg: vec![30.0, 15.0, 10.0, 7.5, 6.0, 5.0, 3.0],
+        }
+    }
+}
+
+/// How values between captured directions are found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Interpolation {
+    /// Linear in all four angles.
+    Direct,
+}
+
+impl Interpolation {
+    /// All of them.
+    pub const ALL: [Self; 1] = [Self::Direct];
+
+    /// Its name on the command line and in files.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Direct => "direct",
+        }
+    }
+}
+
+/// One reconstruction and how good it is.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Row {
+    /// Degrees between incident directions.
+    pub interval_deg: f64,
+    /// Pixels a side of a capture.
+    pub image_size: usize,
+    /// Number of captures, one per incident direction of the grid θ × φ.
+    pub captures: usize,
+    /// How they were interpolated.
+    pub interpolation: Interpolation,
+    /// The smallest PSNR over the lights.
+    #[serde(flatten)]
+    pub psnr: Psnr,
+}
+
+/// The outcome.
+#[derive(Clone, Debug, Serialize)]
+pub struct Study {
+    /// The sample as it was named.
+    pub sample: String,
+    /// Factor from radiance under unit irradiance to the white of a picture.
+    pub exposure: f32,
+    /// Pixels a side of the pictures, all of which count.
+    pub sphere_px: usize,
+    /// Polar angles (0 to 90°) and azimuths of the lights.
+    pub lights: [usize; 2],
+    /// One per interval and image size.
+    pub rows: Vec<Row>,
+    /// One per coarse interval and interpolation, all at [`COMPARED_IMAGE_SIZE`].
+    pub methods: Vec<Row>,
+}
+
+/// Why there is no study.
+#[derive(Debug, thiserror::Error)]
+pub enum StudyError {
+    /// An interval makes no grid.
+    #[error("intervals: {0}")]
+    Interval(#[from] IncidentError),
+    /// An image size is out of range.
+    #[error("image-sizes: expected a number of pixels from 8 to 4096, found {0}")]
+    ImageSize(usize),
+    /// The exposure is none.
+    #[error("exposure: expected a positive number, found {0}")]
+    Exposure(f32),
+    /// What was captured cannot be read.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// Figures and tables.
+    #[error(transparent)]
+    Chart(#[from] ChartError),
+}
+
+impl Settings {
+    /// Interval and directions of the intervals and of the coarse intervals.
+    fn sets(&self) -> Result<[Vec<(f64, IncidentSet)>; 2], StudyError> {
+        if !(self.exposure.is_finite() && self.exposure > 0.0) {
+            return Err(StudyError::Exposure(self.exposure));
+        }
+        if let Some(&size) = self.image_sizes.iter().find(|size| !IMAGE_SIZES.contains(size)) {
+            return Err(StudyError::ImageSize(size));
+        }
+        let sets = |steps: &[f64]| {
+            steps
+                .iter()
+                .map(|&step_deg| Ok((step_deg, Grid::ThetaPhi { step_deg }.build()?)))
+                .collect::<Result<_, StudyError>>()
+        };
+        Ok([sets(&self.intervals_deg)?, sets(&self.coarse_intervals_deg)?])
+    }
+}
+
+/// Studies `sample`, which is called `name`; with tables and figures in the directory `out` if there is one.
+///
+/// # Errors
+/// [`StudyError`].
+pub fn study(
+    name: &str,
+    sample: &dyn Sample,
+    settings: &Settings,
+    out: Option<&Path>,
+    progress: &dyn Progress,
+) -> Result<Study, StudyError> {
+    let [sets, coarse] = settings.sets()?;
+    if let Some(out) = out {
+        // Before the work rather than after it.
+        fs::create_dir_all(out).map_err(|source| {
+            let path = out.display().to_string();
+            ChartError::from(MeasurementError::Io { path, source })
+        })?;
+    }
+    let spheres = Spheres::new(&sample, settings.exposure)?;
+    let mut tried = Vec::new();
+    for (interval_deg, set) in &sets {
+        tried.extend(
+            settings
+                .image_sizes
+                .iter()
+                .map(|&size| (*interval_deg, set.clone(), size, settings.interpolation)),
+        );
+    }
+    let curves = tried.len();
+    for (interval_deg, set) in &coarse {
+        tried.extend(
+            Interpolation::ALL.map(|method| (*interval_deg, set.clone(), COMPARED_IMAGE_SIZE, method)),
+        );
+    }
+    progress.begin("study", tried.len(), "reconstructions");
+    let mut rows: Vec<Row> = Vec::new();
+    for (interval_deg, set, image_size, interpolation) in tried {
+        // What was judged for the curves need not be judged again.
+        let known = rows.iter().find(|row| {
+            (row.captures, row.image_size, row.interpolation) == (set.len(), image_size, interpolation)
+        });
+        let psnr = match known {
+            Some(row) => row.psnr,
+            None => spheres.judge(reconstruction(sample, set.clone(), image_size, interpolation).as_ref())?,
+        };
+        let captures = set.len();
+        rows.push(Row {
+            interval_deg,
+            image_size,
+            captures,
+            interpolation,
+            psnr,
+        });
+        progress.reach(rows.len());
+    }
+    let methods = rows.split_off(curves);
+    progress.end();
+    let study = Study {
+        sample: name.to_owned(),
+        exposure: settings.exposure,
+        sphere_px: SPHERE_PX,
+        lights: [LIGHT_THETAS, LIGHT_PHIS],
+        rows,
+        methods,
+    };
+    if let Some(out) = out {
+        study.save(sample, out)?;
+    }
+    Ok(study)
+}
+
+/// What can be looked up in ideal captures of `sample` from the directions of `set` with `image_size` pixels a side.
+#[must_use]
+pub fn reconstruction<'a>(
+    sample: &'a dyn Sample,
+    set: IncidentSet,
+    image_size: usize,
+    interpolation: Interpolation,
+) -> Box<dyn Reflectance + 'a> {
+    match interpolation {
+        Interpolation::Direct => Box::new(IdealCaptures::new(sample, set, Disk::new(image_size))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::progress::Silent;
+    use crate::sample::parse;
+
+    fn settings(intervals_deg: &[f64], image_sizes: &[usize]) -> Settings {
+        Settings {
+            exposure: 1.0,
+            intervals_deg: intervals_deg.to_vec(),
+            image_sizes: image_sizes.to_vec(),
+            coarse_intervals_deg: Vec::new(),
+            ..Settings::default()
+        }
+    }
+
+    #[test]
+    fn linear_interpolation_converges_with_the_square_of_the_steps() {
+        // Half the interval and half the pixel make a quarter of the error: 12 dB, once both are finer than the lobe.
+        let brass = parse("ward:brass").unwrap();
+        let y = |interval_deg: f64, image_size: usize| {
+            let settings = settings(&[interval_deg], &[image_size]);
+            let found = study("brass", brass.as_ref(), &settings, None, &Silent).unwrap();
+            assert_eq!(
+                found.rows[0].captures,
+                (4.0 * (90.0 / interval_deg).powi(2)) as usize
+            );
+            found.rows[0].psnr.psnr_y_db.unwrap()
+        };
+        let (coarse, fine) = (y(2.0, 96), y(1.0, 192));
+        assert!((10.0..13.5).contains(&(fine - coarse)), "{coarse} {fine}");
+        // The paper's claim.
+        assert!(y(1.0, 96) > 40.0);
+        // A lobe of 5° falls through a grid of 10°.
+        assert!((20.0..32.0).contains(&y(10.0, 96)));
+    }
+
+    #[test]
+    fn settings_that_make_no_study_are_refused() {
+        let white = parse("lambert").unwrap();
+        let refused = |settings: &Settings| {
+            study("white", white.as_ref(), settings, None, &Silent)
+                .expect_err("must be refused")
+                .to_string()
+        };
+        assert!(refused(&settings(&[7.0], &[32])).contains("found 7"));
+        assert_eq!(
+            refused(&settings(&[10.0], &[4])),
+            "image-sizes: expected a number of pixels from 8 to 4096, found 4"
+        );
+        let dark = Settings {
+            exposure: 0.0,
+            ..settings(&[10.0], &[32])
+        };
+        assert!(refused(&dark).contains("found 0"));
+    }
+}

@@ -1,0 +1,190 @@
+//! `plot`, `study` and scenes of `render`: what they draw and say.
+
+use std::fs;
+
+use crate::answers::number;
+use crate::command::{run, text};
+
+#[test]
+fn a_study_writes_what_it_says() {
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("study");
+    let sizes = [
+        "--intervals",
+        "30,10",
+        "--image-sizes",
+        "16,48",
+        "--coarse-intervals",
+        "45,30",
+    ];
+    let arguments = [
+        &["study", "--exposure", "2", "--json", "--out", text(&out)][..],
+        &sizes,
+    ]
+    .concat();
+    let answer = run(&arguments, "").object();
+    assert_eq!(
+        (number(&answer, "exposure"), number(&answer, "sphere_px")),
+        (2.0, 160.0)
+    );
+    let rows = answer["rows"].as_array().unwrap();
+    let whole = |name: &str| {
+        rows.iter()
+            .map(|row| row[name].as_f64().unwrap())
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(whole("interval_deg"), [30.0, 30.0, 10.0, 10.0]);
+    assert_eq!(whole("image_size"), [16.0, 48.0, 16.0, 48.0]);
+    assert_eq!(whole("captures"), [36.0, 36.0, 324.0, 324.0]);
+    let y = whole("psnr_y_db");
+    assert!(y[3] > y[1] + 3.0, "finer intervals are better: {y:?}");
+    for row in rows {
+        assert_eq!(row["interpolation"], "direct");
+        assert!(
+            row["psnr_cb_db"].is_null() && row["psnr_cr_db"].is_null(),
+            "brass is grey: {row}"
+        );
+    }
+    let methods = answer["methods"].as_array().unwrap();
+    assert!(methods.iter().all(|row| row["image_size"] == 96), "{methods:?}");
+    let captures: Vec<_> = methods
+        .iter()
+        .filter(|row| row["interpolation"] == "direct")
+        .collect();
+    assert_eq!(
+        (&captures[0]["captures"], &captures[1]["captures"]),
+        (&16.into(), &36.into())
+    );
+    assert_eq!(
+        fs::read_to_string(out.join("methods.csv"))
+            .unwrap()
+            .lines()
+            .count(),
+        1 + methods.len()
+    );
+    let table = fs::read_to_string(out.join("study.csv")).unwrap();
+    let mut lines = table.lines();
+    assert_eq!(
+        lines.next().unwrap(),
+        "interval_deg,image_size,captures,interpolation,psnr_y_db,psnr_cb_db,psnr_cr_db"
+    );
+    assert!(lines.next().unwrap().starts_with("30,16,36,direct,"));
+    assert_eq!(lines.count(), 3);
+    let file: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(out.join("study.json")).unwrap()).unwrap();
+    assert_eq!(file["rows"], answer["rows"]);
+    for chart in ["psnr-interval", "psnr-image-size", "psnr-captures"] {
+        let svg = fs::read_to_string(out.join(chart).with_extension("svg")).unwrap();
+        assert!(svg.starts_with("<svg") && svg.contains("PSNR"), "{chart}");
+        assert!(
+            image::open(out.join(chart).with_extension("png"))
+                .unwrap()
+                .width()
+                >= 1000
+        );
+    }
+    let comparison = image::open(out.join("comparison.png")).unwrap();
+    assert_eq!(comparison.width(), 3 * 256);
+}
+
+#[test]
+fn a_plot_has_a_curve_for_each_incident_direction() {
+    let scratch = tempfile::tempdir().unwrap();
+    let table = scratch.path().join("satin.csv");
+    let lights = [
+        "--incident",
+        "40,10",
+        "--incident",
+        "60,20",
+        "--theta-r",
+        "50",
+        "--azimuths",
+        "36",
+    ];
+    let answer = run(
+        &[&["plot", "satin", "--json", "--out", text(&table)][..], &lights].concat(),
+        "",
+    )
+    .object();
+    assert_eq!(number(&answer, "without_value"), 0.0);
+    let rows = fs::read_to_string(&table).unwrap();
+    assert_eq!(rows.lines().count(), 1 + 2 * 37);
+    // The same numbers as `value` gives.
+    let row = rows.lines().nth(5).unwrap();
+    let cells: Vec<&str> = row.split(',').collect();
+    let value = run(
+        &["value", "satin"],
+        &format!("{} {} {} {}\n", cells[0], cells[1], cells[2], cells[3]),
+    );
+    assert_eq!(value.done().split_whitespace().next().unwrap(), cells[4]);
+    for name in ["satin.svg", "satin.png"] {
+        let out = scratch.path().join(name);
+        run(&["plot", "satin", "--out", text(&out)], "").done();
+        assert!(fs::metadata(out).unwrap().len() > 1000);
+    }
+}
+
+#[test]
+fn a_measured_plot_has_gaps_where_the_mirror_has_its_hole() {
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("m");
+    crate::command::quick_measurement(&out);
+    let (brdf, table) = (out.join("brdf.zarr"), scratch.path().join("m.csv"));
+    let arguments = [
+        "plot",
+        text(&brdf),
+        "--out",
+        text(&table),
+        "--theta-r",
+        "15",
+        "--json",
+    ];
+    let answer = run(&arguments, "").object();
+    assert_eq!(number(&answer, "without_value"), 3.0 * 361.0);
+    let rows = fs::read_to_string(&table).unwrap();
+    assert!(
+        rows.lines().skip(1).all(|row| row.ends_with(",,,hole")),
+        "{}",
+        rows.lines().nth(1).unwrap()
+    );
+}
+
+#[test]
+fn cloth_in_folds_is_drawn_beside_the_sphere() {
+    let scratch = tempfile::tempdir().unwrap();
+    let picture = scratch.path().join("cloth.png");
+    for (scene, width, height) in [("corrugated", 192, 64), ("both", 192, 128), ("sphere", 192, 64)] {
+        let lights = ["--light", "45,90", "--light", "60,0", "--light", "70,180"];
+        let arguments = [
+            "render",
+            "velvet",
+            "--out",
+            text(&picture),
+            "--size",
+            "64",
+            "--scene",
+            scene,
+        ];
+        run(&[&arguments[..], &lights].concat(), "").done();
+        assert_eq!(
+            image::open(&picture).unwrap().into_rgb8().dimensions(),
+            (width, height),
+            "{scene}"
+        );
+    }
+    // A sheet that is lit from the right has its left slopes in shadow.
+    let sheet = [
+        "render",
+        "lambert",
+        "--out",
+        text(&picture),
+        "--size",
+        "256",
+        "--scene",
+        "corrugated",
+    ];
+    run(&[&sheet[..], &["--light", "70,0", "--tilt", "0"]].concat(), "").done();
+    let image = image::open(&picture).unwrap().into_luma8();
+    let black = (0..256).filter(|&x| image.get_pixel(x, 128).0[0] == 0).count();
+    assert!((60..200).contains(&black), "{black}");
+}
