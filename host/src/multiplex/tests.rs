@@ -41,7 +41,7 @@ fn codes_are_s_matrices() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 40, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 40, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn demultiplexing_undoes_multiplexing(cells in 1_usize..300, pixels in 1_usize..1100, seed in 0_u32..1000) {
@@ -55,7 +55,7 @@ proptest! {
         for (pixel, sum) in sums.iter().enumerate() {
             let total: f32 = (0..cells).map(|cell| truth[cell * pixels + pixel]).sum();
             let expected = total * (code.order() as f32 + 1.0) / 2.0;
-            prop_assert!((sum / expected - 1.0).abs() < 1e-4, "pixel {pixel}: {sum} {expected}");
+            prop_assert!((sum - expected).abs() <= 1e-4 * expected, "pixel {pixel}: {sum} {expected}");
             for cell in 0..code.order() {
                 let expected = if cell < cells { truth[cell * pixels + pixel] } else { 0.0 };
                 prop_assert!((frames[cell * pixels + pixel] - expected).abs() < 3e-5 * total.max(1.0));
@@ -145,7 +145,6 @@ fn the_measured_variance_is_the_predicted_one_at_251_cells() {
                 (ratio - 1.0).abs() < 0.01,
                 "{spec}, {read_noise_e} e⁻: propagated/predicted {ratio}"
             );
-            println!("{spec}, {read_noise_e} e: {:.4}", measured / predicted);
         }
     }
 }
@@ -170,7 +169,9 @@ fn blocks_hold_every_direction_once_and_their_cells_are_disjoint() {
             let cells: Vec<usize> = blocks.cells(block).collect();
             assert!(cells.len() <= order);
             check_disjoint(cells.iter().map(|&i| (i, &lit[i]))).unwrap();
-            cells.iter().for_each(|&cell| seen[cell] += 1);
+            for &cell in &cells {
+                seen[cell] += 1;
+            }
             // Every cell is in (n + 1)/2 patterns.
             let code = blocks.code(block);
             let sets: Vec<&LitSet> = cells.iter().map(|&i| &lit[i]).collect();
