@@ -10,6 +10,7 @@
 //! | the world | [`link`], [`device`] and [`run`] (trigger box), [`firing`] and [`records`] (by itself), [`camera`], [`projector`], or [`virtual_rig`] for all three |
 //! | capture | [`setup`] (which instrument), [`capture`] (fire, collect, repeat), [`pairing`] (which frame belongs to which trigger) |
 //! | files | [`store`] (Zarr), [`measurement`] (the directory and its stages) |
+//! | many directions at once | [`multiplex`] (codes, cells, demultiplexing) |
 //! | the result | [`assemble`] (with the private `resample`), [`disk`] (outgoing directions), [`provenance`], [`brdf`] (look-up) |
 //! | judgement | [`sample`] (known materials), [`reflectance`], [`evaluate`], [`render`], [`scan`], [`study`], [`chart`], [`report`], [`paper`] |
 //!
@@ -35,6 +36,7 @@ pub mod incident;
 pub mod link;
 pub mod measure;
 pub mod measurement;
+pub mod multiplex;
 pub mod optics;
 pub mod pace;
 pub mod pairing;

@@ -40,6 +40,7 @@ pub use stage::Mischief;
 pub use wires::{Wires, WiresError};
 
 use scene::Scene;
+use sensor::Sensor;
 use stage::{Shot, Stage};
 use wires::Attached;
 
@@ -92,6 +93,12 @@ impl VirtualRig {
         camera.wires = Some(wires.attach(stage)?);
         Ok((camera, projector))
     }
+}
+
+/// Digital numbers of pixels of `rig`'s camera that collected `signal_e` electrons of light in `exposure_s` seconds.
+#[must_use]
+pub fn sense(rig: &Rig, signal_e: &[f32], exposure_s: f64, noise: Noise, seed: u64) -> Vec<u16> {
+    Sensor::of(rig).digitise(signal_e, exposure_s, noise, seed)
 }
 
 fn optics_of(
