@@ -26,8 +26,10 @@ use half::slice::HalfFloatSliceExt as _;
 use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
+use crate::brdf::{Brdf, BrdfError, ERRORS};
 use crate::disk::Disk;
 use crate::incident::Grid;
+use crate::interpolation::{BRANCHES, Errors, REGIONS};
 use crate::optics::{Unmeasurable, View};
 use crate::plan::{Directions, Plan};
 use crate::provenance::Provenance;
@@ -180,6 +182,9 @@ pub enum AssembleError {
     /// A store.
     #[error(transparent)]
     Store(#[from] StoreError),
+    /// What was assembled cannot be read again.
+    #[error(transparent)]
+    Brdf(#[from] BrdfError),
     /// The raw frames do not belong to the plan.
     #[error("{path}: {reason}")]
     Mismatch {
@@ -316,6 +321,8 @@ pub fn assemble(
         }
         Ok(())
     })?;
+    let errors = Brdf::open(writer.partial_path())?.learn()?;
+    writer.rewrite(&interpolation_errors(errors.as_ref()))?;
     writer.finish()?;
     Ok(total)
 }
@@ -370,7 +377,25 @@ fn chunk_rows(
     counts
 }
 
-fn coordinates(directions: &Directions, disk: Disk, resampling: &Resampling) -> [SmallArray<'static>; 5] {
+/// The errors of the rules of interpolation, zeros if they are not known.
+fn interpolation_errors(errors: Option<&Errors>) -> SmallArray<'static> {
+    let shape = vec![REGIONS, BRANCHES];
+    let values = errors.map_or_else(
+        || vec![0.0; REGIONS * BRANCHES],
+        |errors| errors.as_slice().to_vec(),
+    );
+    SmallArray {
+        name: ERRORS,
+        dims: &["region", "branch"],
+        shape,
+        data: SmallData::F64(values),
+        units: "1",
+        long_name: "expected error of each way to interpolate, relative to white",
+        codes: &[],
+    }
+}
+
+fn coordinates(directions: &Directions, disk: Disk, resampling: &Resampling) -> [SmallArray<'static>; 6] {
     let grid = &directions.grid;
     let angle = |pick: fn((f64, f64)) -> f64| (0..grid.len()).map(|i| pick(grid.angles_deg(i))).collect();
     let codes = |reasons: &[Option<Unmeasurable>]| {
@@ -429,6 +454,7 @@ fn coordinates(directions: &Directions, disk: Disk, resampling: &Resampling) -> 
             "sr",
             "solid angle of the camera pixel that sees the outgoing direction",
         ),
+        interpolation_errors(None),
     ]
 }
 

@@ -1,20 +1,23 @@
 //! A measured BRDF: look-up with interpolation, from files larger than memory.
 //!
 //! # Design
-//! Incident directions are interpolated on their grid, outgoing ones on the disk, both linearly. Samples
-//! without a value take no part; if they would carry half of the weight or more, the answer is the reason
+//! Between incident directions [`crate::interpolation`] decides, by the errors that were found when the file was made.
+//! Samples without a value take no part; if they would carry half of the weight or more, the answer is the reason
 //! why, never a guess. Queries come in batches and are answered chunk by chunk in the order of the file, so
-//! memory holds one chunk however large the table is.
+//! memory holds some chunks however large the table is.
 
 use std::path::{Path, PathBuf};
 
-use glam::DVec3;
-
 use crate::disk::Disk;
 use crate::incident::{Grid, IncidentError, IncidentSet};
+use crate::interpolation::{Cells, Errors};
 use crate::optics::Unmeasurable;
-use crate::provenance::Provenance;
 use crate::store::{BrdfReader, BrdfRows, StoreError};
+
+mod values;
+
+/// Array of the errors by which interpolation is chosen, [region, branch], relative to white.
+pub(crate) const ERRORS: &str = "interpolation_error";
 
 /// Why there is no value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,21 +72,9 @@ pub struct Brdf {
     incident: Vec<Option<Unmeasurable>>,
     outgoing: Vec<Option<Unmeasurable>>,
     pixel_sr: Vec<f64>,
-}
-
-/// A part of the answer to a query: one row of the table with its weight.
-struct Term {
-    row: usize,
-    query: usize,
-    weight: f64,
-}
-
-/// What has been gathered for a query.
-#[derive(Clone, Copy, Default)]
-struct Sum {
-    value: [f64; 3],
-    weight: f64,
-    saturated: f64,
+    cells: Cells,
+    /// What leaving images out said when the file was made; `None` in files of before.
+    errors: Option<Errors>,
 }
 
 impl Brdf {
@@ -141,6 +132,12 @@ impl Brdf {
                 return Err(content("outgoing_pixel", expected, "something else".to_owned()));
             }
         };
+        let errors = match reader.small(ERRORS) {
+            Ok(data) => Errors::from_values(data.as_f64().unwrap_or_default().to_vec()),
+            Err(StoreError::ArrayMissing { .. }) => None,
+            Err(error) => return Err(error.into()),
+        };
+        let cells = Cells::new(disk, |cell| outgoing[cell].is_none());
         Ok(Self {
             path: path.to_owned(),
             reader,
@@ -149,6 +146,8 @@ impl Brdf {
             incident,
             outgoing,
             pixel_sr,
+            cells,
+            errors,
         })
     }
 
@@ -223,86 +222,6 @@ impl Brdf {
             Ok(None)
         }
     }
-
-    /// f for pairs of unit vectors (incident, outgoing), both away from the surface, in the order asked.
-    ///
-    /// # Errors
-    /// [`StoreError`].
-    pub fn values(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Value>, StoreError> {
-        let mut terms: Vec<Term> = Vec::with_capacity(4 * pairs.len());
-        for (query, &(wi, wo)) in pairs.iter().enumerate() {
-            if wi.z <= 0.0 || wo.z <= 0.0 {
-                continue;
-            }
-            for (row, weight) in self.grid.neighbours(wi) {
-                if weight > 0.0 && self.incident[row].is_none() {
-                    terms.push(Term { row, query, weight });
-                }
-            }
-        }
-        terms.sort_unstable_by_key(|term| (term.row, term.query));
-
-        let channels = self.channels();
-        let row_length = self.disk.len() * channels;
-        let mut sums = vec![Sum::default(); pairs.len()];
-        let mut rest = terms.as_slice();
-        while let Some(first) = rest.first() {
-            let chunk = first.row / self.reader.layout().chunk;
-            let range = self.chunk_range(chunk);
-            let (mine, others) = rest.split_at(rest.partition_point(|term| term.row < range.end));
-            rest = others;
-            let Some(rows) = self.chunk(chunk)? else { continue };
-            for term in mine {
-                let row = term.row - range.start;
-                let f = &rows.f[row * row_length..][..row_length];
-                let provenance = &rows.provenance[row * self.disk.len()..][..self.disk.len()];
-                let Some(cells) = self.disk.neighbours(pairs[term.query].1) else {
-                    continue;
-                };
-                let sum = &mut sums[term.query];
-                for (cell, weight) in cells {
-                    let weight = weight * term.weight;
-                    if self.outgoing[cell].is_some() {
-                        continue;
-                    }
-                    if provenance[cell] == Provenance::Missing.code() {
-                        sum.saturated += weight;
-                        continue;
-                    }
-                    sum.weight += weight;
-                    for (channel, value) in sum.value.iter_mut().enumerate() {
-                        *value += weight * f64::from(f[cell * channels + channel % channels]);
-                    }
-                }
-            }
-        }
-        Ok(pairs
-            .iter()
-            .zip(&sums)
-            .map(|(&(wi, wo), sum)| self.conclude(wi, wo, sum))
-            .collect())
-    }
-
-    fn conclude(&self, wi: DVec3, wo: DVec3, sum: &Sum) -> Value {
-        if sum.weight >= 0.5 {
-            return Ok(sum.value.map(|value| (value / sum.weight) as f32));
-        }
-        if wi.z <= 0.0 {
-            return Err(Missing::Incident(Unmeasurable::BelowHorizon));
-        }
-        // The heaviest neighbour that has a reason.
-        let incident = heaviest(&self.grid.neighbours(wi), &self.incident);
-        let outgoing = match self.disk.neighbours(wo) {
-            Some(cells) if wo.z > 0.0 => heaviest(&cells, &self.outgoing),
-            _ => Some((1.0, Unmeasurable::BelowHorizon)),
-        };
-        Err(match (incident, outgoing) {
-            (Some((a, reason)), Some((b, _))) if a >= b => Missing::Incident(reason),
-            (_, Some((weight, reason))) if weight > sum.saturated => Missing::Outgoing(reason),
-            (Some((weight, reason)), _) if weight > sum.saturated => Missing::Incident(reason),
-            _ => Missing::Saturated,
-        })
-    }
 }
 
 /// The incident directions of a file; `content` makes the complaint from field, expected and found.
@@ -353,11 +272,4 @@ fn incident_set(
         }
         IncidentError::File { expected, found, .. } => content("incident", expected, found),
     })
-}
-
-fn heaviest(neighbours: &[(usize, f64)], reasons: &[Option<Unmeasurable>]) -> Option<(f64, Unmeasurable)> {
-    neighbours
-        .iter()
-        .filter_map(|&(index, weight)| reasons[index].map(|reason| (weight, reason)))
-        .max_by(|a, b| a.0.total_cmp(&b.0))
 }

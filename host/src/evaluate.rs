@@ -18,6 +18,7 @@ use serde::Serialize;
 use crate::brdf::Brdf;
 use crate::direction::from_degrees;
 use crate::incident::IncidentSet;
+use crate::interpolation::Interpolation;
 use crate::provenance::Provenance;
 use crate::quadrature::mean_f;
 use crate::sample::Sample;
@@ -374,7 +375,8 @@ fn reciprocity(brdf: &Brdf) -> Result<(Option<f64>, usize), StoreError> {
     };
     let pairs: Vec<(DVec3, DVec3)> = (0..RECIPROCITY_PAIRS).map(|_| (draw(), draw())).collect();
     let both: Vec<(DVec3, DVec3)> = pairs.iter().flat_map(|&(a, b)| [(a, b), (b, a)]).collect();
-    let values = brdf.values(&both)?;
+    // As it was captured: other interpolations use what is measured here.
+    let values = brdf.interpolated(&both, Interpolation::Direct)?;
     let mut residuals: Vec<f64> = values
         .chunks_exact(2)
         .filter_map(|pair| {

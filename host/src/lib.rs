@@ -33,6 +33,7 @@ pub mod disk;
 pub mod evaluate;
 pub mod firing;
 pub mod incident;
+pub mod interpolation;
 pub mod link;
 pub mod measure;
 pub mod measurement;

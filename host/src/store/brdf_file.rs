@@ -103,6 +103,7 @@ pub struct BrdfWriter {
     path: PathBuf,
     partial: PathBuf,
     overwrite: bool,
+    store: Arc<AtomicStore>,
     layout: BrdfLayout,
     f: ZarrArray,
     sigma: ZarrArray,
@@ -162,6 +163,7 @@ impl BrdfWriter {
             path: path.to_path_buf(),
             partial,
             overwrite,
+            store,
             layout,
             f,
             sigma,
@@ -186,6 +188,21 @@ impl BrdfWriter {
         self.provenance.write(index, &rows.provenance)?;
         self.sigma.write(index, &rows.sigma)?;
         self.f.write(index, &rows.f)
+    }
+
+    /// Where the file is until it has its final name; what was written of it can be read there.
+    #[must_use]
+    pub fn partial_path(&self) -> &Path {
+        &self.partial
+    }
+
+    /// Writes the values of a coordinate anew that was given to [`create`](Self::create), in the same shape: for what is
+    /// only known when the chunks are written.
+    ///
+    /// # Errors
+    /// [`StoreError::Io`] or [`StoreError::DiskFull`].
+    pub fn rewrite(&self, array: &SmallArray<'_>) -> Result<(), StoreError> {
+        small_array::write(&self.store, array).map(drop)
     }
 
     /// Gives the file its final name. Chunks that were not written are missing values.
@@ -292,17 +309,6 @@ impl BrdfReader {
             sigma: self.sigma.read_present(index)?,
             provenance: self.provenance.read_present(index)?,
         })
-    }
-
-    /// Reads f of chunk `index` in sr⁻¹, axes incident, y, x, channel; zeros if it was never written.
-    ///
-    /// # Errors
-    /// As [`Self::read_chunk`], for this array alone.
-    pub fn read_f_only(&self, index: usize) -> Result<Vec<f32>, StoreError> {
-        Ok(self
-            .f
-            .read(index)?
-            .unwrap_or_else(|| vec![0.0; self.f.len(index)]))
     }
 }
 

@@ -5,10 +5,11 @@ use std::path::Path;
 
 use image::RgbImage;
 
-use super::{COMPARED_IMAGE_SIZE, IdealCaptures, Interpolation, Row, Study, StudyError};
+use super::{COMPARED_IMAGE_SIZE, IdealCaptures, Row, Study, StudyError};
 use crate::chart::{Axis, Chart, ChartError, Curve, Scale, captioned};
 use crate::disk::Disk;
 use crate::incident::Grid;
+use crate::interpolation::Interpolation;
 use crate::measurement::write_whole;
 use crate::reflectance::Reflectance;
 use crate::render::{save, sheet, sphere};

@@ -22,6 +22,7 @@ use serde::Serialize;
 use crate::chart::ChartError;
 use crate::disk::Disk;
 use crate::incident::{Grid, IncidentError, IncidentSet};
+use crate::interpolation::{Interpolation, Table};
 use crate::measurement::MeasurementError;
 use crate::progress::Progress;
 use crate::reflectance::Reflectance;
@@ -39,6 +40,9 @@ const IMAGE_SIZES: std::ops::RangeInclusive<usize> = 8..=4096;
 pub struct Settings {
     /// Factor from radiance under unit irradiance to the white of a picture.
     pub exposure: f32,
+    /// Whether every ring of incident directions has only as many as keep their gap within the interval, instead of as
+    /// many as the widest.
+    pub equal_solid_angle: bool,
     /// Degrees between incident directions.
     pub intervals_deg: Vec<f64>,
     /// Pixels a side of a capture.
@@ -49,6 +53,9 @@ pub struct Settings {
     pub coarse_intervals_deg: Vec<f64>,
 }
 
+/// Captures that are kept in memory (all but those for direct interpolation) may take this much.
+const MOST_GB: f64 = 8.0;
+
 /// Pixels a side of the captures by which interpolations are compared.
 pub const COMPARED_IMAGE_SIZE: usize = 96;
 
@@ -57,31 +64,11 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             exposure: 1.0,
+            equal_solid_angle: false,
             intervals_deg: vec![10.0, 5.0, 3.0, 2.0, 1.0, 0.5],
             image_sizes: vec![32, 48, 64, 96, 128, 256],
             interpolation: Interpolation::Direct,
-            coarse_intervals_deg: vec![30.0, 15.0, 10.0, 7.5, 6.0, 5.0, 3.0],
-        }
-    }
-}
-
-/// How values between captured directions are found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Interpolation {
-    /// Linear in all four angles.
-    Direct,
-}
-
-impl Interpolation {
-    /// All of them.
-    pub const ALL: [Self; 1] = [Self::Direct];
-
-    /// Its name on the command line and in files.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Direct => "direct",
+            coarse_intervals_deg: vec![30.0, 15.0, 10.0, 7.5, 5.0],
         }
     }
 }
@@ -93,7 +80,7 @@ pub struct Row {
     pub interval_deg: f64,
     /// Pixels a side of a capture.
     pub image_size: usize,
-    /// Number of captures, one per incident direction of the grid θ × φ.
+    /// Number of captures, one per incident direction.
     pub captures: usize,
     /// How they were interpolated.
     pub interpolation: Interpolation,
@@ -113,6 +100,8 @@ pub struct Study {
     pub sphere_px: usize,
     /// Polar angles (0 to 90°) and azimuths of the lights.
     pub lights: [usize; 2],
+    /// Kind of the grid of incident directions.
+    pub grid: &'static str,
     /// One per interval and image size.
     pub rows: Vec<Row>,
     /// One per coarse interval and interpolation, all at [`COMPARED_IMAGE_SIZE`].
@@ -128,6 +117,23 @@ pub enum StudyError {
     /// An image size is out of range.
     #[error("image-sizes: expected a number of pixels from 8 to 4096, found {0}")]
     ImageSize(usize),
+    /// The captures do not fit into memory.
+    #[error(
+        "interval {interval_deg}° with {image_size} pixels a side: expected captures of at most {most_gb:.0} GB for \
+         {interpolation} interpolation, found {gb:.0} GB; take larger intervals, smaller images or direct interpolation"
+    )]
+    TooLarge {
+        /// Degrees between incident directions.
+        interval_deg: f64,
+        /// Pixels a side.
+        image_size: usize,
+        /// Name of the interpolation.
+        interpolation: &'static str,
+        /// 10⁹ bytes that are allowed.
+        most_gb: f64,
+        /// 10⁹ bytes that it would take.
+        gb: f64,
+    },
     /// The exposure is none.
     #[error("exposure: expected a positive number, found {0}")]
     Exposure(f32),
@@ -140,6 +146,14 @@ pub enum StudyError {
 }
 
 impl Settings {
+    fn grid(&self, step_deg: f64) -> Grid {
+        if self.equal_solid_angle {
+            Grid::EqualSolidAngle { step_deg }
+        } else {
+            Grid::ThetaPhi { step_deg }
+        }
+    }
+
     /// Interval and directions of the intervals and of the coarse intervals.
     fn sets(&self) -> Result<[Vec<(f64, IncidentSet)>; 2], StudyError> {
         if !(self.exposure.is_finite() && self.exposure > 0.0) {
@@ -151,7 +165,7 @@ impl Settings {
         let sets = |steps: &[f64]| {
             steps
                 .iter()
-                .map(|&step_deg| Ok((step_deg, Grid::ThetaPhi { step_deg }.build()?)))
+                .map(|&step_deg| Ok((step_deg, self.grid(step_deg).build()?)))
                 .collect::<Result<_, StudyError>>()
         };
         Ok([sets(&self.intervals_deg)?, sets(&self.coarse_intervals_deg)?])
@@ -193,6 +207,18 @@ pub fn study(
             Interpolation::ALL.map(|method| (*interval_deg, set.clone(), COMPARED_IMAGE_SIZE, method)),
         );
     }
+    for (interval_deg, set, image_size, interpolation) in &tried {
+        let gb = (12 * set.len() * image_size * image_size) as f64 * 1e-9;
+        if *interpolation != Interpolation::Direct && gb > MOST_GB {
+            return Err(StudyError::TooLarge {
+                interval_deg: *interval_deg,
+                image_size: *image_size,
+                interpolation: interpolation.name(),
+                most_gb: MOST_GB,
+                gb,
+            });
+        }
+    }
     progress.begin("study", tried.len(), "reconstructions");
     let mut rows: Vec<Row> = Vec::new();
     for (interval_deg, set, image_size, interpolation) in tried {
@@ -221,6 +247,7 @@ pub fn study(
         exposure: settings.exposure,
         sphere_px: SPHERE_PX,
         lights: [LIGHT_THETAS, LIGHT_PHIS],
+        grid: settings.grid(90.0).kind(),
         rows,
         methods,
     };
@@ -238,8 +265,10 @@ pub fn reconstruction<'a>(
     image_size: usize,
     interpolation: Interpolation,
 ) -> Box<dyn Reflectance + 'a> {
+    let disk = Disk::new(image_size);
     match interpolation {
-        Interpolation::Direct => Box::new(IdealCaptures::new(sample, set, Disk::new(image_size))),
+        Interpolation::Direct => Box::new(IdealCaptures::new(sample, set, disk)),
+        _ => Box::new(Table::of(sample, set, disk).with(interpolation)),
     }
 }
 

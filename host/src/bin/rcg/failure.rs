@@ -161,7 +161,7 @@ impl Blame for MeasureError {
     fn is_input(&self) -> bool {
         match self {
             Self::Measurement(error) => error.is_input(),
-            Self::Brdf(error) => error.is_input(),
+            Self::Brdf(error) | Self::Assemble(AssembleError::Brdf(error)) => error.is_input(),
             Self::Sample(_) | Self::Assemble(AssembleError::Mismatch { .. }) => true,
             Self::Device(error) => error.is_input(),
             Self::Wires(error) => matches!(error, WiresError::Address { .. }),
@@ -204,7 +204,7 @@ impl Blame for StudyError {
         match self {
             Self::Store(error) => error.is_input(),
             Self::Chart(error) => error.is_input(),
-            Self::Interval(_) | Self::ImageSize(_) | Self::Exposure(_) => true,
+            Self::TooLarge { .. } | Self::Interval(_) | Self::ImageSize(_) | Self::Exposure(_) => true,
         }
     }
 }

@@ -3,16 +3,17 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use rcg::interpolation::Interpolation;
 use rcg::sample::parse;
-use rcg::study::{Interpolation, Settings, Study, study};
+use rcg::study::{Settings, Study, study};
 
 use crate::Done;
 use crate::output::Output;
 
 /// Study how finely a sample must be captured: PSNR of rendered spheres by sampling interval and image size.
 ///
-/// A known sample is captured by an ideal instrument (no hole, no noise), on the grid theta x phi of the incident
-/// directions; spheres of 160x160 pixels under 19x10 lights (theta 0 to 90, 10 azimuths) are rendered from the captures
+/// A known sample is captured by an ideal instrument (no hole, no noise), on a grid of incident directions;
+/// spheres of 160x160 pixels under 19x10 lights (theta 0 to 90, 10 azimuths) are rendered from the captures
 /// and from the sample itself. Pictures are f cos(theta_i) times the exposure, clipped to 1; PSNR (peak 1) counts the
 /// whole picture, and the worst of the lights is given for Y, Cb and Cr (BT.601); a grey sample has no error in Cb and Cr
 /// (null, empty).
@@ -41,7 +42,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N,...", value_delimiter = ',')]
     image_sizes: Vec<usize>,
     /// Degrees between the incident directions of coarse captures by which all interpolations are compared, at 96 pixels
-    /// [default: 30,15,10,7.5,6,5,3]
+    /// [default: 30,15,10,7.5,5]
     #[arg(
         long,
         value_name = "DEG,...",
@@ -52,6 +53,9 @@ pub(crate) struct Args {
     /// How values between captured directions are found
     #[arg(long, value_enum, default_value_t = Rule::Direct)]
     interpolation: Rule,
+    /// Grid of the incident directions
+    #[arg(long, value_enum, default_value_t = GridKind::ThetaPhi)]
+    grid: GridKind,
     /// Directory for the table (CSV, JSON), the charts (SVG, PNG) and spheres to compare
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -62,6 +66,19 @@ pub(crate) struct Args {
 enum Rule {
     /// Linear in all four angles
     Direct,
+    /// Linear in the incident direction at constant half vector: a highlight moves
+    HalfVector,
+    /// Whatever predicts left-out captures best, region by region; reciprocity included
+    Blended,
+}
+
+/// Names of the grids on the command line.
+#[derive(Clone, Copy, Debug, PartialEq, clap::ValueEnum)]
+enum GridKind {
+    /// Rings of equally many directions, as in the paper
+    ThetaPhi,
+    /// Rings of as many directions as keep the gap within the interval
+    EqualSolidAngle,
 }
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
@@ -70,7 +87,10 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         exposure: args.exposure,
         interpolation: match args.interpolation {
             Rule::Direct => Interpolation::Direct,
+            Rule::HalfVector => Interpolation::HalfVector,
+            Rule::Blended => Interpolation::Blended,
         },
+        equal_solid_angle: args.grid == GridKind::EqualSolidAngle,
         ..Settings::default()
     };
     for (field, given) in [

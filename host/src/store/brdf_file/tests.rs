@@ -86,22 +86,16 @@ fn what_is_written_from_several_threads_is_read_and_an_absent_chunk_is_missing()
     for index in [0, 2] {
         assert!(reader.chunk_is_present(index));
         assert_eq!(reader.read_chunk(index).unwrap(), rows(index));
-        assert_eq!(reader.read_f_only(index).unwrap(), rows(index).f);
     }
     assert!(!reader.chunk_is_present(1));
     let absent = reader.read_chunk(1).unwrap();
     assert_eq!(absent.f, vec![0.0; 3 * 16 * 3]);
     assert_eq!(absent.sigma, vec![f16::ZERO; 3 * 16 * 3]);
     assert_eq!(absent.provenance, vec![Provenance::Missing.code(); 3 * 16]);
-    assert_eq!(reader.read_f_only(1).unwrap(), absent.f);
 
     assert!(!reader.chunk_is_present(CHUNKS) && !reader.chunk_is_present(usize::MAX));
     assert!(matches!(
         reader.read_chunk(CHUNKS),
-        Err(StoreError::Argument { .. })
-    ));
-    assert!(matches!(
-        reader.read_f_only(usize::MAX),
         Err(StoreError::Argument { .. })
     ));
 }
@@ -163,7 +157,7 @@ fn a_result_is_replaced_only_on_demand_and_only_when_the_new_one_is_whole() {
         .unwrap();
     writer.finish().unwrap();
     let reader = BrdfReader::open(&path).unwrap();
-    assert_eq!(reader.read_f_only(0).unwrap(), rows(1).f);
+    assert_eq!(reader.read_chunk(0).unwrap().f, rows(1).f);
     assert!(!reader.chunk_is_present(1));
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
 

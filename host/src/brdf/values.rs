@@ -1,0 +1,140 @@
+//! Look-ups in a file.
+
+use std::ops::Range;
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::{Brdf, Missing, Value};
+use crate::incident::IncidentSet;
+use crate::interpolation::{
+    Blend, Captures, Cells, Errors, Image, ImageOf, Interpolation, Lookup, learn, look_up,
+};
+use crate::optics::Unmeasurable;
+use crate::store::StoreError;
+
+/// Pairs that are answered together: each takes some 200 bytes meanwhile.
+const BATCH: usize = 1 << 20;
+/// Bytes of the file that are in memory at a time, about.
+const GROUP_BYTES: usize = 1 << 28;
+
+impl Brdf {
+    /// f for pairs of unit vectors (incident, outgoing), both away from the surface, in the order asked.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn values(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Value>, StoreError> {
+        self.interpolated(pairs, Interpolation::Blended)
+    }
+
+    /// As [`values`](Self::values), found by `interpolation`.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn interpolated(
+        &self,
+        pairs: &[(DVec3, DVec3)],
+        interpolation: Interpolation,
+    ) -> Result<Vec<Value>, StoreError> {
+        let blend = Blend::new(interpolation, self.errors.as_ref());
+        let is_above = |(wi, wo): &(DVec3, DVec3)| wi.z > 0.0 && wo.z > 0.0;
+        let mut values = Vec::with_capacity(pairs.len());
+        for batch in pairs.chunks(BATCH) {
+            let above: Vec<_> = batch.iter().filter(|pair| is_above(pair)).copied().collect();
+            let mut found = look_up(self, &blend, &above)?.into_iter();
+            values.extend(batch.iter().map(|pair| {
+                let found = is_above(pair).then(|| found.next()).flatten();
+                let value = found.as_ref().and_then(Lookup::value);
+                let saturated = found.map_or(0.0, |lookup| f64::from(lookup.saturated));
+                value.ok_or_else(|| self.missing(pair.0, pair.1, saturated))
+            }));
+        }
+        Ok(values)
+    }
+
+    /// What leaving images out says of the rules of interpolation; `None` if there are too few.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub(crate) fn learn(&self) -> Result<Option<Errors>, StoreError> {
+        learn(self)
+    }
+
+    /// Why there is no value; `saturated` is the weight of the samples that saturated.
+    fn missing(&self, wi: DVec3, wo: DVec3, saturated: f64) -> Missing {
+        if wi.z <= 0.0 {
+            return Missing::Incident(Unmeasurable::BelowHorizon);
+        }
+        // The heaviest neighbour that has a reason.
+        let incident = heaviest(&self.grid.neighbours(wi), &self.incident);
+        let outgoing = match self.disk.neighbours(wo) {
+            Some(cells) if wo.z > 0.0 => heaviest(&cells, &self.outgoing),
+            _ => Some((1.0, Unmeasurable::BelowHorizon)),
+        };
+        match (incident, outgoing) {
+            (Some((a, reason)), Some((b, _))) if a >= b => Missing::Incident(reason),
+            (_, Some((weight, reason))) if weight > saturated => Missing::Outgoing(reason),
+            (Some((weight, reason)), _) if weight > saturated => Missing::Incident(reason),
+            _ => Missing::Saturated,
+        }
+    }
+}
+
+impl Captures for Brdf {
+    fn set(&self) -> &IncidentSet {
+        &self.grid
+    }
+
+    fn cells(&self) -> &Cells {
+        &self.cells
+    }
+
+    fn is_captured(&self, row: usize) -> bool {
+        self.incident[row].is_none()
+    }
+
+    fn scan(
+        &self,
+        wanted: &[bool],
+        each: &mut dyn FnMut(Range<usize>, ImageOf<'_>),
+    ) -> Result<(), StoreError> {
+        let (cells, channels) = (self.disk.len(), self.channels());
+        let needed: Vec<usize> = (0..self.chunks())
+            .filter(|&chunk| {
+                let mut rows = self.chunk_range(chunk);
+                rows.any(|row| wanted[row] && self.is_captured(row))
+            })
+            .collect();
+        let chunk_rows = self.reader.layout().chunk;
+        let at_once = (GROUP_BYTES / (chunk_rows * cells * (6 * channels + 1))).max(1);
+        for group in needed.chunks(at_once) {
+            let held: Vec<_> = group
+                .par_iter()
+                .map(|&chunk| Ok((chunk, self.chunk(chunk)?)))
+                .collect::<Result<_, StoreError>>()?;
+            let image = |row: usize| {
+                let place = held
+                    .binary_search_by_key(&(row / chunk_rows), |held| held.0)
+                    .ok()?;
+                let rows = held[place].1.as_ref().filter(|_| self.is_captured(row))?;
+                let row = row % chunk_rows;
+                Some(Image {
+                    f: &rows.f[row * cells * channels..][..cells * channels],
+                    provenance: Some(&rows.provenance[row * cells..][..cells]),
+                    channels,
+                })
+            };
+            let first = self.chunk_range(group[0]).start;
+            let last = self.chunk_range(group[group.len() - 1]).end;
+            each(first..last, &image);
+        }
+        Ok(())
+    }
+}
+
+fn heaviest(neighbours: &[(usize, f64)], reasons: &[Option<Unmeasurable>]) -> Option<(f64, Unmeasurable)> {
+    neighbours
+        .iter()
+        .filter_map(|&(index, weight)| reasons[index].map(|reason| (weight, reason)))
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+}

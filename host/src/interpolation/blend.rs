@@ -1,0 +1,138 @@
+//! How much each branch counts.
+
+use glam::DVec3;
+
+use super::region::{REGIONS, WIDER, around, region, wider};
+use super::rule::{DIRECT, HALF_VECTOR, RULES};
+use super::{Interpolation, Regions};
+
+/// Rules, forth and back: what is read at the images around the incident direction, and, with the directions exchanged,
+/// at those around the outgoing one.
+pub const BRANCHES: usize = 2 * RULES.len();
+/// Index of the first branch that reads back.
+pub(super) const BACK: usize = RULES.len();
+
+/// Samples that a region must have to be believed.
+const ENOUGH: f64 = 24.0;
+/// Errors count with this power: 2 would be right for errors that know nothing of each other, and a large one chooses.
+/// In between the better branch rules, and the blend stays smooth.
+const POWER: i32 = 4;
+/// Branches below this share of the best one are left out.
+const LEAST_SHARE: f32 = 0.03;
+/// An image that is left out is predicted over twice the distance of a look-up, at which the error of linear
+/// interpolation is up to four times as large, while a branch that reads back is judged at its own distance.
+const LEFT_OUT: f64 = 0.5;
+/// Errors below this are alike: relative to white.
+const LEAST_ERROR: f64 = 1e-5;
+
+/// Sums of squared errors of every branch by region.
+#[derive(Clone, Debug)]
+pub(super) struct Tally {
+    squares: Vec<[f64; BRANCHES]>,
+    counts: Vec<f64>,
+}
+
+impl Tally {
+    pub(super) fn new() -> Self {
+        Self {
+            squares: vec![[0.0; BRANCHES]; REGIONS + WIDER],
+            counts: vec![0.0; REGIONS + WIDER],
+        }
+    }
+
+    /// Adds the errors of one sample.
+    pub(super) fn add(&mut self, wi: DVec3, wo: DVec3, errors: &[f64; BRANCHES]) {
+        let region = region(wi, wo);
+        for at in std::iter::once(region).chain(wider(region).map(|group| REGIONS + group)) {
+            self.counts[at] += 1.0;
+            for (sum, error) in self.squares[at].iter_mut().zip(errors) {
+                *sum += error * error;
+            }
+        }
+    }
+
+    /// The errors; `None` if there were no samples.
+    pub(super) fn errors(&self) -> Option<Errors> {
+        let all = REGIONS + WIDER - 1;
+        if self.counts[all] == 0.0 {
+            return None;
+        }
+        let of = |region: usize| -> [f64; BRANCHES] {
+            let groups = wider(region).map(|group| REGIONS + group);
+            let known = std::iter::once(region)
+                .chain(groups)
+                .find(|&at| self.counts[at] >= ENOUGH)
+                .unwrap_or(all);
+            std::array::from_fn(|branch| {
+                let rms = (self.squares[known][branch] / self.counts[known]).sqrt();
+                rms * if branch < BACK { LEFT_OUT } else { 1.0 } + LEAST_ERROR
+            })
+        };
+        Some(Errors((0..REGIONS).flat_map(of).collect()))
+    }
+}
+
+/// Expected error of every branch in every region, [region, branch], relative to white.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Errors(Vec<f64>);
+
+impl Errors {
+    /// The numbers, row-major.
+    #[must_use]
+    pub fn as_slice(&self) -> &[f64] {
+        &self.0
+    }
+
+    /// From such numbers; `None` unless there are [`REGIONS`] × [`BRANCHES`] positive ones.
+    #[must_use]
+    pub fn from_values(values: Vec<f64>) -> Option<Self> {
+        let fits = values.len() == REGIONS * BRANCHES;
+        (fits && values.iter().all(|e| e.is_finite() && *e > 0.0)).then_some(Self(values))
+    }
+}
+
+/// How much each branch counts at a pair of directions.
+#[derive(Clone, Debug)]
+pub enum Blend {
+    /// One rule everywhere, never back: its index among [`RULES`].
+    One(usize),
+    /// By expected errors: their logarithms, [region, branch].
+    ByError(Vec<[f32; BRANCHES]>),
+}
+
+impl Blend {
+    /// For `interpolation`, with the `errors` of the captures; without them blending is direct interpolation.
+    #[must_use]
+    pub fn new(interpolation: Interpolation, errors: Option<&Errors>) -> Self {
+        match (interpolation, errors) {
+            (Interpolation::HalfVector, _) => Self::One(HALF_VECTOR),
+            (Interpolation::Blended, Some(Errors(errors))) => Self::ByError(
+                errors
+                    .chunks_exact(BRANCHES)
+                    .map(|errors| std::array::from_fn(|branch| errors[branch].ln() as f32))
+                    .collect(),
+            ),
+            _ => Self::One(DIRECT),
+        }
+    }
+
+    /// Share of each branch at the pair (`wi`, `wo`), not normalised; 0 for those that are left out.
+    pub(super) fn shares(&self, wi: DVec3, wo: DVec3) -> [f32; BRANCHES] {
+        let logs = match self {
+            Self::One(rule) => return std::array::from_fn(|branch| f32::from(u8::from(branch == *rule))),
+            Self::ByError(logs) => logs,
+        };
+        let mut sum = [0.0_f32; BRANCHES];
+        let regions: Regions = around(wi, wo);
+        for (region, weight) in regions {
+            for (sum, log) in sum.iter_mut().zip(&logs[region]) {
+                *sum += weight * log;
+            }
+        }
+        let best = sum.iter().copied().fold(f32::INFINITY, f32::min);
+        sum.map(|log| {
+            let share = (best - log).exp().powi(POWER);
+            if share < LEAST_SHARE { 0.0 } else { share }
+        })
+    }
+}

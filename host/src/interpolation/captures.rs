@@ -1,0 +1,147 @@
+//! Captured images, read between their cells.
+
+use glam::{DVec3, Vec3};
+
+use crate::disk::Disk;
+use crate::incident::IncidentSet;
+use crate::provenance::Provenance;
+use crate::store::StoreError;
+
+/// The cells of a disk as an image is read.
+///
+/// Cells count by their cosθo too, as if f·cosθo and cosθo were interpolated and divided: measured data and models with a
+/// cosine in their denominator rise steeply towards the horizon, and the product does not; a constant f stays exact. The
+/// cosine counts as at least 2/N, that of the outermost cells' centres.
+#[derive(Clone, Debug)]
+pub(crate) struct Cells {
+    pub(crate) disk: Disk,
+    kinds: Vec<Kind>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    /// Its centre lies below the horizon: there is nothing to miss.
+    Beyond,
+    /// It has no value in any image.
+    Blind,
+    /// It may have a value, and this is its cosθo.
+    Seen(f32),
+}
+
+/// One image: f in sr⁻¹, [cell, channel], and where it has a value.
+#[derive(Clone, Copy)]
+pub(crate) struct Image<'a> {
+    pub(crate) f: &'a [f32],
+    /// Codes of [`Provenance`] per cell; `None` if every cell has a value.
+    pub(crate) provenance: Option<&'a [u8]>,
+    pub(crate) channels: usize,
+}
+
+/// What was read between cells.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Read {
+    /// f in sr⁻¹ × weight.
+    pub(crate) value: Vec3,
+    /// Weight of the cells that have a value, 0 to 1.
+    pub(crate) weight: f32,
+    /// Weight of the cells that are missing from this image alone: they saturated.
+    pub(crate) saturated: f32,
+}
+
+impl Cells {
+    /// The cells of `disk`, of which those with `has_value` have values.
+    pub(crate) fn new(disk: Disk, has_value: impl Fn(usize) -> bool) -> Self {
+        let least = 2.0 / disk.size() as f32;
+        let kind = |cell| match disk.direction(cell) {
+            None => Kind::Beyond,
+            Some(w) if has_value(cell) => Kind::Seen((w.z as f32).max(least)),
+            Some(_) => Kind::Blind,
+        };
+        let kinds = (0..disk.len()).map(kind).collect();
+        Self { disk, kinds }
+    }
+
+    /// The cells around `wo`; at the horizon, where all four may lie beyond it, those one cell inwards.
+    fn around(&self, wo: DVec3) -> Option<[(usize, f64); 4]> {
+        let around = self.disk.neighbours(wo)?;
+        if around
+            .iter()
+            .any(|&(cell, weight)| weight > 1e-6 && self.kinds[cell] != Kind::Beyond)
+        {
+            return Some(around);
+        }
+        let sin = 1.0 - (2.0 / self.disk.size() as f64).min(0.5);
+        let inwards = wo.truncate().normalize_or_zero() * sin;
+        self.disk.neighbours(inwards.extend((1.0 - sin * sin).sqrt()))
+    }
+
+    /// Reads `image` at `wo`.
+    pub(crate) fn read(&self, image: Image, wo: DVec3) -> Read {
+        let mut read = Read::default();
+        let Some(around) = self.around(wo) else {
+            return read;
+        };
+        let (mut cosines, mut beyond) = (0.0, 0.0);
+        for (cell, weight) in around {
+            let weight = weight as f32;
+            let cosine = match self.kinds[cell] {
+                Kind::Beyond => {
+                    beyond += weight;
+                    continue;
+                }
+                Kind::Seen(cosine) if weight > 0.0 => cosine,
+                _ => continue,
+            };
+            if image
+                .provenance
+                .is_some_and(|codes| codes[cell] == Provenance::Missing.code())
+            {
+                read.saturated += weight;
+                continue;
+            }
+            read.weight += weight;
+            cosines += weight * cosine;
+            read.value += weight * cosine * image.at(cell);
+        }
+        if cosines > 0.0 {
+            let rest = 1.0 / (1.0 - beyond).max(1e-6);
+            read.value *= rest * read.weight / cosines;
+            read.weight *= rest;
+            read.saturated *= rest;
+        }
+        read
+    }
+}
+
+impl Image<'_> {
+    /// f in sr⁻¹ of one cell; a single channel is repeated.
+    pub(crate) fn at(&self, cell: usize) -> Vec3 {
+        match *self.f {
+            ref f if self.channels == 3 => Vec3::from_slice(&f[3 * cell..]),
+            ref f => Vec3::splat(f[cell]),
+        }
+    }
+}
+
+/// Captured images, in memory or in a file.
+pub(crate) trait Captures: Sync {
+    /// Their incident directions.
+    fn set(&self) -> &IncidentSet;
+    /// Their cells.
+    fn cells(&self) -> &Cells;
+    /// Whether anything was captured for incident direction `row`.
+    fn is_captured(&self, row: usize) -> bool;
+    /// Hands out the images of the rows that are `wanted`, in groups of consecutive rows: `each` gets the rows of a
+    /// group and the way to its images, which has `None` where nothing was captured.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    fn scan(
+        &self,
+        wanted: &[bool],
+        each: &mut dyn FnMut(std::ops::Range<usize>, ImageOf<'_>),
+    ) -> Result<(), StoreError>;
+}
+
+/// The way from a row to its image.
+pub(crate) type ImageOf<'a> = &'a (dyn Fn(usize) -> Option<Image<'a>> + Sync);

@@ -1,0 +1,66 @@
+//! Regions of direction pairs, in each of which the same interpolation does best.
+
+use glam::DVec3;
+
+/// Regions along θi, θo and the angle θh of the half vector.
+const COUNTS: [usize; 3] = [6, 6, 7];
+/// Number of regions.
+pub const REGIONS: usize = COUNTS[0] * COUNTS[1] * COUNTS[2];
+
+/// The regions around a pair of directions, with weights that sum to 1.
+pub type Regions = [(usize, f32); 8];
+
+/// Place of a pair along the three axes, in regions.
+///
+/// θi and θo tell how near the horizon is; θh tells a highlight (small) from the rest, so that its axis is finer there:
+/// θh = 90°·(u/7)².
+fn place(wi: DVec3, wo: DVec3) -> [f64; 3] {
+    let share = |z: f64| z.clamp(0.0, 1.0).acos() / std::f64::consts::FRAC_PI_2;
+    let half = (wi + wo).normalize_or(DVec3::Z);
+    [share(wi.z), share(wo.z), share(half.z).sqrt()]
+        .into_iter()
+        .zip(COUNTS)
+        .map(|(share, count)| share * count as f64)
+        .collect::<Vec<_>>()
+        .try_into()
+        .expect("invariant: three axes")
+}
+
+const fn index([i, o, h]: [usize; 3]) -> usize {
+    (i * COUNTS[1] + o) * COUNTS[2] + h
+}
+
+/// The region that the pair (`wi`, `wo`) lies in.
+pub(super) fn region(wi: DVec3, wo: DVec3) -> usize {
+    let place = place(wi, wo);
+    index(std::array::from_fn(|axis| {
+        (place[axis] as usize).min(COUNTS[axis] - 1)
+    }))
+}
+
+/// The regions whose centres are around the pair (`wi`, `wo`), with trilinear weights.
+pub(super) fn around(wi: DVec3, wo: DVec3) -> Regions {
+    let place = place(wi, wo);
+    let low: [f64; 3] = std::array::from_fn(|axis| (place[axis] - 0.5).floor());
+    std::array::from_fn(|corner| {
+        let mut weight = 1.0;
+        let at = std::array::from_fn(|axis| {
+            let t = place[axis] - 0.5 - low[axis];
+            let up = corner >> axis & 1;
+            weight *= if up == 1 { t } else { 1.0 - t };
+            ((low[axis] + up as f64).max(0.0) as usize).min(COUNTS[axis] - 1)
+        });
+        (index(at), weight as f32)
+    })
+}
+
+/// Groups of regions, coarser and coarser, in which to look for what is known if nothing is known of region `region`:
+/// without θo, then without θi too, then everything.
+pub(super) fn wider(region: usize) -> [usize; 3] {
+    let (i, h) = (region / COUNTS[2] / COUNTS[1], region % COUNTS[2]);
+    let (by_incident, by_half) = (COUNTS[0] * COUNTS[2], COUNTS[2]);
+    [i * COUNTS[2] + h, by_incident + h, by_incident + by_half]
+}
+
+/// Number of such groups.
+pub(super) const WIDER: usize = COUNTS[0] * COUNTS[2] + COUNTS[2] + 1;

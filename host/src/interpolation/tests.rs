@@ -1,0 +1,205 @@
+//! Laws of interpolation.
+
+use glam::DVec3;
+
+use super::region::{REGIONS, around, region};
+use super::{BRANCHES, Blend, Errors, Interpolation, RULES, Table};
+use crate::direction::from_degrees;
+use crate::disk::Disk;
+use crate::incident::{Grid, IncidentSet};
+use crate::reflectance::Reflectance as _;
+use crate::sample::{Sample, parse};
+
+fn grid(step_deg: f64) -> IncidentSet {
+    Grid::EqualSolidAngle { step_deg }.build().unwrap()
+}
+
+/// Pairs between captures, θ ≤ 75°.
+fn between() -> Vec<(DVec3, DVec3)> {
+    (0..4000)
+        .map(|k| {
+            let k = f64::from(k);
+            let wi = from_degrees((k * 7.31) % 75.0, k * 31.7);
+            (wi, from_degrees((k * 5.17) % 75.0, k * 77.3))
+        })
+        .collect()
+}
+
+/// Pairs within a few degrees of mirror reflection.
+fn highlights() -> Vec<(DVec3, DVec3)> {
+    (0..2000)
+        .map(|k| {
+            let k = f64::from(k);
+            let (theta, phi) = ((k * 7.31) % 70.0, k * 31.7);
+            let off = (k * 0.77) % 6.0 - 3.0;
+            (
+                from_degrees(theta, phi),
+                from_degrees((theta + off).abs(), phi + 180.0 + off),
+            )
+        })
+        .collect()
+}
+
+/// Root mean square of f·cosθi − truth, both clipped to `white`.
+fn rms(table: &Table, sample: &dyn Sample, pairs: &[(DVec3, DVec3)], white: f64) -> f64 {
+    let values = table.values(pairs).unwrap();
+    let squares: f64 = pairs
+        .iter()
+        .zip(values)
+        .map(|(&(wi, wo), value)| {
+            let shown = |f: f64| (f * wi.z).clamp(0.0, white);
+            (shown(f64::from(value.unwrap()[1])) - shown(sample.f(wi, wo)[1])).powi(2)
+        })
+        .sum();
+    (squares / pairs.len() as f64).sqrt()
+}
+
+#[test]
+fn a_captured_sample_is_itself_by_every_rule() {
+    let satin = parse("satin").unwrap();
+    let (set, disk) = (grid(15.0), Disk::new(48));
+    let mut table = Table::of(satin.as_ref(), set.clone(), disk);
+    let pairs: Vec<_> = (0..disk.len())
+        .filter_map(|cell| disk.direction(cell))
+        .zip((0..set.len()).cycle())
+        .map(|(wo, row)| (set.direction(row), wo))
+        .collect();
+    for rule in 0..RULES.len() {
+        table.blend = Blend::One(rule);
+        for (&(wi, wo), value) in pairs.iter().zip(table.values(&pairs).unwrap()) {
+            let (found, expected) = (f64::from(value.unwrap()[0]), satin.f(wi, wo)[0]);
+            assert!(
+                (found / expected - 1.0).abs() < 1e-3,
+                "rule {rule}, {wi} {wo}: {found} {expected}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_white_standard_is_white_between_captures_too() {
+    let white = parse("lambert:1").unwrap();
+    let table = Table::of(white.as_ref(), grid(15.0), Disk::new(32));
+    let up_to_the_horizon = (0..500).map(|k| {
+        let k = f64::from(k);
+        (
+            from_degrees((k * 7.3) % 90.0, k),
+            from_degrees((k * 1.7) % 90.0, 3.0 * k),
+        )
+    });
+    let mut pairs = between();
+    pairs.extend(up_to_the_horizon);
+    // Only the rules that keep f, not f times cosines, are exact for it: the blend must find that out.
+    let mut table = table;
+    for interpolation in Interpolation::ALL {
+        table = table.with(interpolation);
+        for (value, pair) in table.values(&pairs).unwrap().into_iter().zip(&pairs) {
+            let f = f64::from(value.unwrap()[0]) * std::f64::consts::PI;
+            assert!((f - 1.0).abs() < 1e-4, "{interpolation:?} {pair:?}: {f}");
+        }
+    }
+}
+
+#[test]
+fn a_highlight_moves_instead_of_fading() {
+    // Captures 15° apart of a lobe 3° wide (standard deviation of the half vector's slope 0.05).
+    let brass = parse("ward:brass").unwrap();
+    let mut table = Table::of(brass.as_ref(), grid(15.0), Disk::new(96));
+    let mut error = |interpolation| {
+        let mut taken = std::mem::replace(&mut table, Table::of(brass.as_ref(), grid(45.0), Disk::new(8)));
+        taken = taken.with(interpolation);
+        let error = rms(&taken, brass.as_ref(), &highlights(), 10.0);
+        table = taken;
+        error
+    };
+    let [direct, half, blended] = Interpolation::ALL.map(&mut error);
+    assert!(half < direct / 20.0, "{direct} {half}");
+    assert!(blended < half * 1.1, "{half} {blended}");
+}
+
+#[test]
+fn the_blend_is_about_as_good_as_the_best_rule_or_better() {
+    for spec in [
+        "lambert:0.5",
+        "velvet",
+        "satin",
+        "ward:brass",
+        "ggx:satin",
+        "ggx:plastic",
+    ] {
+        let sample = parse(spec).unwrap();
+        for step_deg in [15.0, 9.0] {
+            let mut errors = Interpolation::ALL.map(|interpolation| {
+                let table = Table::of(sample.as_ref(), grid(step_deg), Disk::new(64)).with(interpolation);
+                rms(&table, sample.as_ref(), &between(), 1.0)
+            });
+            let blended = errors[2];
+            errors[..2].sort_by(f64::total_cmp);
+            assert!(
+                blended <= errors[0] * 1.15 + 1e-4,
+                "{spec} {step_deg}°: {blended}, the better rule {}",
+                errors[0]
+            );
+        }
+    }
+}
+
+#[test]
+fn reading_back_helps_where_the_outgoing_direction_was_captured_as_an_incident_one() {
+    // wo is a captured incident direction and wi lies in the middle between captures.
+    let velvet = parse("velvet").unwrap();
+    let set = grid(15.0);
+    let pairs: Vec<_> = (0..set.len())
+        .flat_map(|row| (0..6).map(move |k| (row, k)))
+        .map(|(row, k)| (from_degrees(15.0 * f64::from(k) + 0.01, 11.0), set.direction(row)))
+        .collect();
+    let table = Table::of(velvet.as_ref(), set, Disk::new(96));
+    let with_errors = |blend| {
+        let mut table = Table::of(velvet.as_ref(), grid(15.0), Disk::new(96));
+        table.blend = blend;
+        rms(&table, velvet.as_ref(), &pairs, 1.0)
+    };
+    let errors = table.learn().unwrap();
+    let blended = with_errors(Blend::new(Interpolation::Blended, Some(&errors)));
+    // The same without the branches that read back: as if they were hopeless.
+    let half = BRANCHES / 2;
+    let forth_only = errors
+        .as_slice()
+        .chunks_exact(BRANCHES)
+        .flat_map(|row| (0..BRANCHES).map(|branch| if branch < half { row[branch] } else { 1e3 }))
+        .collect();
+    let forth = with_errors(Blend::new(
+        Interpolation::Blended,
+        Errors::from_values(forth_only).as_ref(),
+    ));
+    assert!(blended < 0.8 * forth, "{blended} {forth}");
+}
+
+#[test]
+fn regions_around_a_pair_are_near_and_their_weights_sum_to_one() {
+    for (wi, wo) in between().into_iter().chain(highlights()) {
+        let regions = around(wi, wo);
+        let sum: f32 = regions.iter().map(|region| region.1).sum();
+        assert!((sum - 1.0).abs() < 1e-5);
+        assert!(
+            regions
+                .iter()
+                .all(|&(at, weight)| at < REGIONS && weight >= -1e-6)
+        );
+        let own = regions.iter().filter(|at| at.0 == region(wi, wo)).map(|at| at.1);
+        assert!(own.sum::<f32>() > 0.12, "{wi} {wo}");
+    }
+}
+
+#[test]
+fn errors_survive_a_file_and_nonsense_is_refused() {
+    let brass = parse("ward:brass").unwrap();
+    let errors = Table::of(brass.as_ref(), grid(15.0), Disk::new(32))
+        .learn()
+        .unwrap();
+    let again = Errors::from_values(errors.as_slice().to_vec()).unwrap();
+    assert_eq!(again, errors);
+    assert!(Errors::from_values(vec![1.0; 7]).is_none());
+    assert!(Errors::from_values(vec![0.0; REGIONS * BRANCHES]).is_none());
+    assert!(Errors::from_values(vec![f64::NAN; REGIONS * BRANCHES]).is_none());
+}
