@@ -76,35 +76,15 @@ impl Patch {
     }
 }
 
-/// Integral over the unit square of the bilinear table `values` with `columns` ≥ 2 columns and ≥ 2 rows.
-pub(super) fn integral(values: &[f32], columns: usize) -> f64 {
-    let rows = values.len() / columns;
-    // Trapezoid rule, exact for a bilinear table: vertices on the border count half.
-    let weight = |index: usize, n: usize| if index == 0 || index == n - 1 { 0.5 } else { 1.0 };
-    let sum: f64 = values
-        .chunks_exact(columns)
-        .enumerate()
-        .map(|(j, row)| {
-            let row_sum: f64 = row
-                .iter()
-                .enumerate()
-                .map(|(i, v)| weight(i, columns) * f64::from(*v))
-                .sum();
-            weight(j, rows) * row_sum
-        })
-        .sum();
-    sum / ((rows - 1) as f64 * (columns - 1) as f64)
-}
-
 /// Density and, beside it because both are looked up together, its integral along the row from x = 0.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 struct Vertex {
     density: f64,
     cumulative: f64,
 }
 
 /// A row of vertices as a whole.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 struct Row {
     /// Integral over the row, x from 0 to 1.
     total: f64,
@@ -125,10 +105,10 @@ pub(super) struct Density {
 }
 
 impl Density {
-    /// From non-negative `densities` at the vertices, row by row, at least 2×2 of them, not all zero.
+    /// From non-negative `densities` at the vertices, row by row, at least 2×2 of them; `None` if all are zero.
     ///
     /// They need not be normalised.
-    pub(super) fn new(densities: &[f64], columns: usize) -> Self {
+    pub(super) fn new(densities: &[f32], columns: usize) -> Option<Self> {
         let cell_width = 1.0 / (columns - 1) as f64;
         let cell_height = 1.0 / (densities.len() / columns - 1) as f64;
         let mut vertices = Vec::with_capacity(densities.len());
@@ -136,7 +116,7 @@ impl Density {
         for densities in densities.chunks_exact(columns) {
             let mut total = 0.0;
             let mut before = None;
-            for &density in densities {
+            for density in densities.iter().copied().map(f64::from) {
                 total += before.map_or(0.0, |before| 0.5 * cell_width * (before + density));
                 vertices.push(Vertex {
                     density,
@@ -150,18 +130,64 @@ impl Density {
             rows.push(Row { total, cumulative });
         }
         let total = rows.last().map_or(0.0, |row| row.cumulative);
-        Self {
+        (total > 0.0).then(|| Self {
             columns,
             vertices,
             rows,
             cell_width,
             cell_height,
             inv_total: 1.0 / total,
+        })
+    }
+
+    /// The mean of `densities` of one size, each normalised to an integral of 1, with weights that sum to 1.
+    ///
+    /// Nothing is integrated again: the integrals of a sum are the sums of the integrals.
+    pub(super) fn mean<'a>(densities: impl Iterator<Item = (&'a Self, f64)>) -> Option<Self> {
+        let mut mean: Option<Self> = None;
+        for (density, weight) in densities {
+            let mean = mean.get_or_insert_with(|| Self {
+                vertices: vec![Vertex::default(); density.vertices.len()],
+                rows: vec![Row::default(); density.rows.len()],
+                inv_total: 1.0,
+                ..*density
+            });
+            let weight = weight * density.inv_total;
+            for (sum, vertex) in mean.vertices.iter_mut().zip(&density.vertices) {
+                sum.density += weight * vertex.density;
+                sum.cumulative += weight * vertex.cumulative;
+            }
+            for (sum, row) in mean.rows.iter_mut().zip(&density.rows) {
+                sum.total += weight * row.total;
+                sum.cumulative += weight * row.cumulative;
+            }
         }
+        mean
     }
 
     /// The uniform point (`s_x`, `s_y`) ∈ [0,1]² that the warp carries to (`x`, `y`), clamped to [0,1]².
     pub(super) fn invert(&self, x: f64, y: f64) -> (f64, f64) {
+        self.integrals(x, y).shares(x)
+    }
+
+    /// `mean(densities).invert(x, y)` for a single position, without the mean of all vertices.
+    pub(super) fn invert_mean<'a>(
+        densities: impl Iterator<Item = (&'a Self, f64)>,
+        x: f64,
+        y: f64,
+    ) -> (f64, f64) {
+        let mut sum = Integrals::default();
+        for (density, weight) in densities {
+            let integrals = density.integrals(x, y);
+            sum.up_to_x += weight * integrals.up_to_x;
+            sum.line += weight * integrals.line;
+            sum.up_to_y += weight * integrals.up_to_y;
+        }
+        sum.shares(x)
+    }
+
+    /// The integrals of the normalised density at (`x`, `y`), clamped to [0,1]².
+    fn integrals(&self, x: f64, y: f64) -> Integrals {
         let (column, tx) = cell(x, self.columns);
         let (row, ty) = cell(y, self.rows.len());
         let patch = Patch {
@@ -177,13 +203,37 @@ impl Density {
         let right = lerp(low[1].density, high[1].density, ty);
         let up_to_cell = lerp(low[0].cumulative, high[0].cumulative, ty);
         let up_to_x = up_to_cell + self.cell_width * tx * (left + 0.5 * tx * (right - left));
-        let line_total = lerp(below.total, above.total, ty);
-        // An empty line has no distribution; the uniform one is as good as any.
-        let s_x = if line_total > 0.0 { up_to_x / line_total } else { x };
-
         let up_to_y =
             below.cumulative + self.cell_height * ty * (below.total + 0.5 * ty * (above.total - below.total));
-        (s_x, up_to_y * self.inv_total)
+        Integrals {
+            up_to_x: up_to_x * self.inv_total,
+            line: lerp(below.total, above.total, ty) * self.inv_total,
+            up_to_y: up_to_y * self.inv_total,
+        }
+    }
+}
+
+/// Integrals of a density with an integral of 1, at a position (x, y); linear in the density.
+#[derive(Debug, Clone, Copy, Default)]
+struct Integrals {
+    /// Along the line at y, from 0 to x.
+    up_to_x: f64,
+    /// Along that whole line.
+    line: f64,
+    /// Over all lines from 0 to y.
+    up_to_y: f64,
+}
+
+impl Integrals {
+    /// The conditional and the marginal cumulative distribution at a position with this `x`.
+    fn shares(self, x: f64) -> (f64, f64) {
+        // An empty line has no distribution; the uniform one is as good as any.
+        let s_x = if self.line > 0.0 {
+            self.up_to_x / self.line
+        } else {
+            x
+        };
+        (s_x, self.up_to_y)
     }
 }
 
@@ -232,10 +282,10 @@ mod tests {
         #[test]
         fn invert_undoes_sample(
             // Multiples of 1/8, exact in f32.
-            table in prop::collection::vec((1_u8..80).prop_map(|v| f64::from(v) / 8.0), 4 * 5),
+            table in prop::collection::vec((1_u8..80).prop_map(|v| f32::from(v) / 8.0), 4 * 5),
             s_x in 0.0..1.0, s_y in 0.0..1.0,
         ) {
-            let density = Density::new(&table, 5);
+            let density = Density::new(&table, 5).unwrap();
             let (x, y) = density.sample(s_x, s_y);
             let (found_x, found_y) = density.invert(x, y);
             prop_assert!((found_x - s_x).abs() < 1e-9 && (found_y - s_y).abs() < 1e-9);
@@ -244,18 +294,34 @@ mod tests {
         #[test]
         fn invert_is_the_share_of_the_density(x in 0.0..=1.0, y in 0.0..=1.0) {
             // p(x, y) = (1 + 2x)(2 + y), bilinear: s_x = (x + x²)/2, s_y = (2y + y²/2)/2.5.
-            let table: Vec<f64> = (0..3)
-                .flat_map(|j| (0..4).map(move |i| (1.0 + 2.0 * f64::from(i) / 3.0) * (2.0 + f64::from(j) / 2.0)))
+            let table: Vec<f32> = (0_u8..3)
+                .flat_map(|j| (0_u8..5).map(move |i| (1.0 + f32::from(i) / 2.0) * (2.0 + f32::from(j) / 2.0)))
                 .collect();
-            let (s_x, s_y) = Density::new(&table, 4).invert(x, y);
+            let (s_x, s_y) = Density::new(&table, 5).unwrap().invert(x, y);
             prop_assert!((s_x - 0.5 * x * (1.0 + x)).abs() < 1e-12);
             prop_assert!((s_y - (2.0 * y + y * y / 2.0) / 2.5).abs() < 1e-12);
+        }
+
+        #[test]
+        fn a_mean_of_densities_has_the_mean_of_their_shares(x in 0.0..=1.0, y in 0.0..=1.0, t in 0.0..=1.0) {
+            // 1 everywhere, and 6x: with integrals of 1 they are 1 and 2x.
+            let (even, steep) = ([1.0; 4], [0.0, 6.0, 0.0, 6.0]);
+            let [even, steep] = [even, steep].map(|table| Density::new(&table, 2).unwrap());
+            let both = [(&even, 1.0 - t), (&steep, t)];
+            let found = [
+                Density::mean(both.into_iter()).unwrap().invert(x, y),
+                Density::invert_mean(both.into_iter(), x, y),
+            ];
+            for (s_x, s_y) in found {
+                prop_assert!((s_x - ((1.0 - t) * x + t * x * x)).abs() < 1e-12);
+                prop_assert!((s_y - y).abs() < 1e-12);
+            }
         }
     }
 
     #[test]
     fn an_even_density_is_the_identity() {
-        let density = Density::new(&[1.0; 4], 2);
+        let density = Density::new(&[1.0; 4], 2).unwrap();
         for (x, y) in [(0.0, 0.0), (0.3, 0.8), (1.0, 1.0)] {
             let (s_x, s_y) = density.invert(x, y);
             assert!((s_x - x).abs() < 1e-15 && (s_y - y).abs() < 1e-15);
@@ -264,7 +330,7 @@ mod tests {
 
     #[test]
     fn empty_lines_and_positions_outside_stay_finite() {
-        let density = Density::new(&[0.0, 0.0, 0.0, 0.0, 1.0, 1.0], 2);
+        let density = Density::new(&[0.0, 0.0, 0.0, 0.0, 1.0, 1.0], 2).unwrap();
         assert_eq!(density.invert(0.25, 0.2), (0.25, 0.0));
         assert_eq!(density.invert(7.0, 7.0), (1.0, 1.0));
         // A position that is not a number must not panic, whatever comes out.
@@ -272,10 +338,9 @@ mod tests {
     }
 
     #[test]
-    fn integral_of_a_table() {
-        // (1 + 2x)(2 + y) again: 2 · 2.5.
-        let table = [2.0, 4.0, 6.0, 3.0, 6.0, 9.0];
-        assert!((integral(&table, 3) - 5.0).abs() < 1e-12);
+    fn zero_everywhere_is_no_density() {
+        assert!(Density::new(&[0.0; 6], 3).is_none());
+        assert!(Density::mean(std::iter::empty()).is_none());
     }
 
     #[test]

@@ -1,13 +1,18 @@
 //! Files made up for the purpose, whose f is known, and the real ones against another implementation.
 
+mod pairs;
+
+use std::f64::consts::FRAC_PI_2;
 use std::io::Cursor;
+use std::path::Path;
 
 use proptest::prelude::*;
 
 use super::*;
 use crate::direction::{from_angles, from_degrees};
+use crate::sample::tensor_file::TensorFile;
 use crate::sample::tensor_writer::{Data, Field, write};
-use crate::sample::{Ggx, parse};
+use crate::sample::{Ggx, SampleError, parse};
 
 /// A file of identity warps: ndf = 1, sigma = 1/4, vndf = 1, and `rgb` (P × T × 3 × side × side) as it is.
 struct Plain {

@@ -1,0 +1,116 @@
+//! Reading a file into tables ready for look-ups, and what a file must be.
+
+use std::f64::consts::FRAC_PI_2;
+use std::io::{Read, Seek};
+use std::path::Path;
+
+use super::azimuth::{ANGLE_TOLERANCE_RAD, Azimuth};
+use super::{Facets, MeasuredRgl, Tables};
+use crate::sample::SampleError;
+use crate::sample::tensor_file::{Extent, TensorFile, file_error};
+use crate::sample::warp::Density;
+
+impl MeasuredRgl {
+    /// Reads the file at `path`.
+    ///
+    /// # Errors
+    /// [`SampleError::Unreadable`] if it cannot be read, [`SampleError::File`] if it is no RGL tensor file with
+    /// RGB values, or if a field is missing, malformed or has values that it must not have.
+    pub fn open(path: &Path) -> Result<Self, SampleError> {
+        Self::read(TensorFile::open(path)?, path)
+    }
+
+    pub(super) fn read<R: Read + Seek>(mut file: TensorFile<R>, path: &Path) -> Result<Self, SampleError> {
+        use Extent::{AtLeast, Exactly};
+        if !file.has("rgb") && file.has("spectra") {
+            return Err(file_error(path, "rgb", "RGB values", "only spectra"));
+        }
+        let phi_i_rad = ascending(&mut file, "phi_i", path)?;
+        let theta_i_rad = ascending(&mut file, "theta_i", path)?;
+        if let [first, .., last] | [first @ last] = theta_i_rad[..]
+            && !(first >= 0.0 && last <= FRAC_PI_2 + ANGLE_TOLERANCE_RAD)
+        {
+            let found = format!("{first} to {last}");
+            return Err(file_error(path, "theta_i", "angles from 0 to π/2", &found));
+        }
+        let azimuth = Azimuth::of(&phi_i_rad, path)?;
+        let (p, t) = (Exactly(phi_i_rad.len()), Exactly(theta_i_rad.len()));
+        let side = AtLeast(2);
+        let mut read = |name: &str, extents: &[Extent], lowest: f32| {
+            let tensor = file.read_f32(name, extents, lowest)?;
+            let [.., rows, columns] = tensor.shape[..] else {
+                return Err(file_error(path, name, "at least 2 dimensions", "fewer"));
+            };
+            Ok(Tables {
+                rows,
+                columns,
+                values: tensor.values,
+            })
+        };
+        let ndf = read("ndf", &[side, side], 0.0)?;
+        let sigma = read("sigma", &[side, side], 0.0)?;
+        let vndf = read("vndf", &[p, t, side, side], 0.0)?;
+        let rgb = read("rgb", &[p, t, Exactly(3), side, side], f32::MIN)?;
+        let with_jacobian = file.read_u8("jacobian", &[Exactly(1)])?.first() != Some(&0);
+
+        // Two azimuths make a file isotropic by convention; f is isotropic in fact if both say the same.
+        let halves_agree = |values: &[f32]| values[..values.len() / 2] == values[values.len() / 2..];
+        let isotropic = match phi_i_rad.len() {
+            1 => true,
+            2 => halves_agree(&vndf.values) && halves_agree(&rgb.values),
+            _ => false,
+        };
+        let densities = vndf.values.chunks_exact(vndf.rows * vndf.columns);
+        let densities = densities.enumerate().map(|(index, slice)| {
+            let field = format!("vndf, slice {index}");
+            let empty = || file_error(path, &field, "a density", "zero everywhere");
+            Density::new(slice, vndf.columns).ok_or_else(empty)
+        });
+        Ok(Self {
+            path: path.to_owned(),
+            azimuth,
+            isotropic,
+            facets: with_jacobian.then_some(Facets { ndf, sigma }),
+            vndf: densities.collect::<Result<_, _>>()?,
+            rgb: rgb.interleaved(),
+            phi_i_rad,
+            theta_i_rad,
+        })
+    }
+}
+
+impl Tables<f32> {
+    /// Three tables for each slice become one of three channels, which takes one look-up.
+    fn interleaved(&self) -> Tables<[f32; 3]> {
+        let size = self.rows * self.columns;
+        let slices = self.values.chunks_exact(3 * size);
+        let values =
+            slices.flat_map(|slice| (0..size).map(|i| [slice[i], slice[size + i], slice[2 * size + i]]));
+        Tables {
+            rows: self.rows,
+            columns: self.columns,
+            values: values.collect(),
+        }
+    }
+}
+
+/// The values of the 1-D field `name`, of which there must be at least one, each greater than the one before.
+fn ascending<R: Read + Seek>(
+    file: &mut TensorFile<R>,
+    name: &str,
+    path: &Path,
+) -> Result<Vec<f64>, SampleError> {
+    let tensor = file.read_f32(name, &[Extent::AtLeast(1)], f32::MIN)?;
+    match tensor.values.windows(2).position(|pair| pair[0] >= pair[1]) {
+        None => Ok(tensor.values.into_iter().map(f64::from).collect()),
+        Some(at) => {
+            let found = format!("{} after {}", tensor.values[at + 1], tensor.values[at]);
+            Err(file_error(
+                path,
+                &format!("{name}, entry {}", at + 1),
+                "ascending angles",
+                &found,
+            ))
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! A single pair has the value that its incident direction, prepared, gives towards its outgoing direction.
+
+use super::*;
+
+/// Extents of the tables: `vndf`, `rgb`, and in between those of `ndf` and `sigma`; no two alike.
+const VNDF: [usize; 2] = [7, 9];
+const RGB: [usize; 2] = [6, 5];
+
+/// Tabulated φi: isotropic, isotropic by convention with two different tables, all around, half and a quarter.
+const PHI_I_RAD: [&[f32]; 5] = [
+    &[0.0],
+    &[0.0, 1.0],
+    &[-3.141_592_7, -1.0, 0.5, 2.0, 3.141_592_7],
+    &[0.0, 0.7, 1.9, 3.141_592_7],
+    &[0.0, 0.4, 1.570_796_4],
+];
+const THETA_I_RAD: [f32; 4] = [0.0, 0.3, 0.8, 1.5];
+
+/// Contents of the tables of as many slices as any of the files has; each file takes what it needs.
+#[derive(Debug)]
+struct Tables {
+    vndf: Vec<f32>,
+    rgb: Vec<f32>,
+    facets: Vec<f32>,
+}
+
+fn tables() -> impl Strategy<Value = Tables> {
+    let slices = 5 * THETA_I_RAD.len();
+    // Warps with valleys of zero density between peaks; values below zero, as measured files have some.
+    let vndf = prop::collection::vec(prop_oneof![1 => Just(0.0_f32), 6 => 0.01_f32..30.0], slices * 63);
+    let rgb = prop::collection::vec(-0.2_f32..1.0, slices * 3 * 30);
+    let facets = prop::collection::vec(0.1_f32..5.0, 20);
+    (vndf, rgb, facets).prop_map(|(vndf, rgb, facets)| Tables { vndf, rgb, facets })
+}
+
+impl Tables {
+    /// The file with these tabulated `phi_i`; with `rgb` = 1 everywhere if `even`.
+    fn sample(&self, phi_i: &[f32], even: bool) -> MeasuredRgl {
+        let slices = phi_i.len() * THETA_I_RAD.len();
+        let ones = vec![1.0; slices * 3 * 30];
+        let rgb = if even { &ones } else { &self.rgb[..slices * 3 * 30] };
+        let (p, t) = (phi_i.len() as u64, THETA_I_RAD.len() as u64);
+        let ([vndf_rows, vndf_columns], [rgb_rows, rgb_columns]) =
+            (VNDF.map(|n| n as u64), RGB.map(|n| n as u64));
+        let bytes = write(&[
+            ("phi_i", &[p], Data::F32(phi_i)),
+            ("theta_i", &[t], Data::F32(&THETA_I_RAD)),
+            ("ndf", &[5, 4], Data::F32(&self.facets)),
+            ("sigma", &[2, 8], Data::F32(&self.facets[..16])),
+            (
+                "vndf",
+                &[p, t, vndf_rows, vndf_columns],
+                Data::F32(&self.vndf[..slices * 63]),
+            ),
+            ("rgb", &[p, t, 3, rgb_rows, rgb_columns], Data::F32(rgb)),
+            ("jacobian", &[1], Data::U8(&[1])),
+        ]);
+        read(&bytes).expect("valid")
+    }
+}
+
+/// Angles in rad; the incident ones may be tabulated, where fewer slices take part.
+fn incident_angles() -> impl Strategy<Value = (f64, f64)> {
+    let tabulated = |angles: &'static [f32]| prop::sample::select(angles).prop_map(f64::from);
+    let theta = prop_oneof![0.0..FRAC_PI_2, tabulated(&THETA_I_RAD)];
+    let phi = prop_oneof![-PI..PI, tabulated(PHI_I_RAD[2])];
+    (theta, phi)
+}
+
+proptest! {
+    #[test]
+    fn a_pair_is_worth_what_the_prepared_direction_gives(
+        tables in tables(),
+        pairs in prop::collection::vec((incident_angles(), (0.0..FRAC_PI_2, -PI..PI)), 20),
+    ) {
+        for phi_i in PHI_I_RAD {
+            let (sample, even) = (tables.sample(phi_i, false), tables.sample(phi_i, true));
+            for ((theta_i, phi_i), (theta_o, phi_o)) in &pairs {
+                let (wi, wo) = (from_angles(*theta_i, *phi_i), from_angles(*theta_o, *phi_o));
+                let (found, expected) = (sample.f(wi, wo), sample.incident(wi).f(wo));
+                // Prepared tables of rgb have single precision: an error of that of the largest value, which is 1.
+                let allowed = 1e-6 * even.f(wi, wo)[0];
+                for (found, expected) in found.into_iter().zip(expected) {
+                    prop_assert!((found - expected).abs() <= allowed, "{wi} {wo}: {found}, {expected}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn pairs_below_the_horizon_have_no_value() {
+    let sample = small_lambert().sample();
+    let (up, level) = (DVec3::Z, DVec3::X);
+    for (wi, wo) in [(up, -up), (-up, up), (up, level), (level, up)] {
+        assert_eq!(sample.f(wi, wo), [0.0; 3], "{wi} {wo}");
+    }
+}
+
+#[test]
+fn a_pair_of_a_measured_material_is_worth_what_the_prepared_direction_gives() {
+    for (name, _) in REFERENCES {
+        let Some(path) = data(name) else { return };
+        let sample = MeasuredRgl::open(&path).expect("valid");
+        let thetas_rad = sample.theta_i_rad.clone();
+        let (mut positive, mut largest) = (0, 0.0_f64);
+        for i in 0..1500_u32 {
+            let theta_i_rad = match thetas_rad.get(i as usize % 20) {
+                Some(tabulated) => tabulated.min(1.57),
+                None => f64::from(i * 7919 % 9000).to_radians() / 100.0,
+            };
+            let wi = from_angles(theta_i_rad, f64::from(i * 31));
+            let lit = sample.incident(wi);
+            for j in 0..4 {
+                let k = 4 * i + j;
+                let wo = from_degrees(
+                    f64::from(k * 104_729 % 9000) / 100.0,
+                    f64::from(k * 15_485 % 360),
+                );
+                let (found, expected) = (sample.f(wi, wo), lit.f(wo));
+                for (found, expected) in found.into_iter().zip(expected) {
+                    if expected > 0.0 {
+                        positive += 1;
+                        largest = largest.max((found / expected - 1.0).abs());
+                    } else {
+                        assert!(found < 1e-6, "{name} {wi} {wo}: {found}, {expected}");
+                    }
+                }
+            }
+        }
+        assert!(positive > 10_000, "{name}: {positive}");
+        assert!(largest < 1e-6, "{name}: {largest}");
+    }
+}
