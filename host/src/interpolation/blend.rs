@@ -16,7 +16,7 @@ pub(super) const BACK: usize = RULES.len();
 const ENOUGH: f64 = 24.0;
 /// Errors count with this power: 2 would be right for errors that know nothing of each other, and a large one chooses.
 /// In between the better branch rules, and the blend stays smooth.
-const POWER: i32 = 4;
+const POWER: f32 = 4.0;
 /// Branches below this share of the best one are left out.
 const LEAST_SHARE: f32 = 0.03;
 /// An image that is left out is predicted over twice the distance of a look-up, at which the error of linear
@@ -130,9 +130,7 @@ impl Blend {
             }
         }
         let best = sum.iter().copied().fold(f32::INFINITY, f32::min);
-        sum.map(|log| {
-            let share = (best - log).exp().powi(POWER);
-            if share < LEAST_SHARE { 0.0 } else { share }
-        })
+        let worst = best - LEAST_SHARE.ln() / POWER;
+        sum.map(|log| if log > worst { 0.0 } else { (POWER * (best - log)).exp() })
     }
 }

@@ -17,13 +17,8 @@ pub type Regions = [(usize, f32); 8];
 fn place(wi: DVec3, wo: DVec3) -> [f64; 3] {
     let share = |z: f64| z.clamp(0.0, 1.0).acos() / std::f64::consts::FRAC_PI_2;
     let half = (wi + wo).normalize_or(DVec3::Z);
-    [share(wi.z), share(wo.z), share(half.z).sqrt()]
-        .into_iter()
-        .zip(COUNTS)
-        .map(|(share, count)| share * count as f64)
-        .collect::<Vec<_>>()
-        .try_into()
-        .expect("invariant: three axes")
+    let shares = [share(wi.z), share(wo.z), share(half.z).sqrt()];
+    std::array::from_fn(|axis| shares[axis] * COUNTS[axis] as f64)
 }
 
 const fn index([i, o, h]: [usize; 3]) -> usize {
