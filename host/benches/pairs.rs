@@ -43,7 +43,7 @@ fn run(bencher: Bencher, count: u32, f: impl Fn(&MeasuredRgl, DVec3, DVec3) -> [
 
 #[divan::bench]
 fn pair_by_pair(bencher: Bencher) {
-    run(bencher, 20_000, |sample, wi, wo| sample.f(wi, wo));
+    run(bencher, 20_000, Sample::f);
 }
 
 #[divan::bench(sample_count = 10)]

@@ -131,6 +131,12 @@ impl Blend {
         }
         let best = sum.iter().copied().fold(f32::INFINITY, f32::min);
         let worst = best - LEAST_SHARE.ln() / POWER;
-        sum.map(|log| if log > worst { 0.0 } else { (POWER * (best - log)).exp() })
+        sum.map(|log| {
+            if log > worst {
+                0.0
+            } else {
+                (POWER * (best - log)).exp()
+            }
+        })
     }
 }

@@ -14,7 +14,8 @@ use rayon::prelude::*;
 
 use super::Errors;
 use super::blend::{BACK, BRANCHES, Tally};
-use super::captures::{Captures, ImageOf};
+use super::captures::{Captures, Cells, ImageOf};
+use super::lookup::directions;
 use super::rule::{DIRECT, RULES, readings};
 use crate::store::StoreError;
 
@@ -42,7 +43,13 @@ struct Probe {
 }
 
 impl Probe {
-    fn gather(&mut self, captures: &impl Captures, group: &std::ops::Range<usize>, image: ImageOf) {
+    fn gather(
+        &mut self,
+        cells: &Cells,
+        directions: &[DVec3],
+        group: &std::ops::Range<usize>,
+        image: ImageOf,
+    ) {
         if group.contains(&self.row) {
             self.truth = image(self.row).and_then(|image| {
                 let has_value = image.provenance.is_none_or(|codes| codes[self.cell] != 0);
@@ -56,8 +63,8 @@ impl Probe {
             } else {
                 ((self.wi, self.wo), 0)
             };
-            for reading in readings(pair, captures.set().direction(row), |_| true) {
-                let read = captures.cells().read(image, reading.wo);
+            for reading in readings(pair, directions[row], |_| true) {
+                let read = cells.read(image, reading.wo);
                 let luminance = weight * read.value.dot(LUMINANCE);
                 for rule in reading.rules.clone() {
                     let sum = &mut self.sums[first + rule];
@@ -181,10 +188,11 @@ pub(crate) fn learn(captures: &impl Captures) -> Result<Option<Errors>, StoreErr
             wanted[part.0] = true;
         }
     }
+    let directions = directions(captures);
     captures.scan(&wanted, &mut |group, image| {
         probes
             .par_iter_mut()
-            .for_each(|probe| probe.gather(captures, &group, image));
+            .for_each(|probe| probe.gather(captures.cells(), &directions, &group, image));
     })?;
     // One after the other: sums of floating-point numbers must not depend on the number of threads.
     let mut tally = Tally::new();

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::Blend;
 use super::blend::{BACK, BRANCHES};
-use super::captures::{Captures, ImageOf};
+use super::captures::{Captures, Cells, ImageOf};
 use super::rule::{DIRECT, readings};
 use crate::incident::IncidentSet;
 use crate::store::StoreError;
@@ -73,7 +73,13 @@ impl Lookup {
     }
 
     /// Takes what the images of the rows `group` say.
-    fn gather(&mut self, captures: &impl Captures, group: &std::ops::Range<usize>, image: ImageOf) {
+    fn gather(
+        &mut self,
+        cells: &Cells,
+        directions: &[DVec3],
+        group: &std::ops::Range<usize>,
+        image: ImageOf,
+    ) {
         for part in 0..PARTS {
             let (row, weight) = (self.rows[part] as usize, self.weights[part]);
             if weight == 0.0 || !group.contains(&row) {
@@ -93,8 +99,8 @@ impl Lookup {
             };
             // Direct reading forth says whether anything was measured here, even if its share is nothing.
             let wanted = |rule: usize| shares[rule] > 0.0 || (rule == DIRECT && !back);
-            for reading in readings(pair, captures.set().direction(row), wanted) {
-                let read = captures.cells().read(image, reading.wo);
+            for reading in readings(pair, directions[row], wanted) {
+                let read = cells.read(image, reading.wo);
                 if reading.rules.start == DIRECT && !back {
                     self.found += weight * read.weight;
                     self.saturated += weight * read.saturated;
@@ -114,6 +120,12 @@ impl Lookup {
     }
 }
 
+/// Incident directions of all images, which would else be computed for every look-up.
+pub(super) fn directions(captures: &impl Captures) -> Vec<DVec3> {
+    let set = captures.set();
+    (0..set.len()).map(|row| set.direction(row)).collect()
+}
+
 /// Looks the pairs (incident, outgoing) up, all above the horizon.
 ///
 /// # Errors
@@ -131,10 +143,11 @@ pub(crate) fn look_up(
     for row in lookups.iter().flat_map(Lookup::rows) {
         wanted[row] = true;
     }
+    let directions = directions(captures);
     captures.scan(&wanted, &mut |group, image| {
         lookups
             .par_iter_mut()
-            .for_each(|lookup| lookup.gather(captures, &group, image));
+            .for_each(|lookup| lookup.gather(captures.cells(), &directions, &group, image));
     })?;
     Ok(lookups)
 }
