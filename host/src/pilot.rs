@@ -13,9 +13,9 @@ use crate::schedule::Timing;
 /// Incident directions of the pilot capture that chooses the exposure time.
 const PILOT_DIRECTIONS: usize = 48;
 /// The pilot's brightest pixels (all but this share) shall come to [`PILOT_TARGET`] of the range.
-const PILOT_CLIPPED: f64 = 1e-4;
+pub(crate) const PILOT_CLIPPED: f64 = 1e-4;
 /// See [`PILOT_CLIPPED`].
-const PILOT_TARGET: f64 = 0.85;
+pub(crate) const PILOT_TARGET: f64 = 0.85;
 
 /// The exposure time in s at which the brightest pixels of a few test exposures nearly fill the camera's range;
 /// at most the rig's default, beyond which the measurement would take longer than the rig is made for.

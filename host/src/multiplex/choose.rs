@@ -126,7 +126,7 @@ pub fn choose(
     let mut sums = Vec::new();
     for order in order.map_or_else(|| ORDERS.to_vec(), |order| vec![order]) {
         match blocks(&singles.cells, order) {
-            Ok(blocks) => sums.push((order, Sums::take(rig, &singles.cells, blocks, instrument)?)),
+            Ok(blocks) => sums.push((order, Sums::take(rig, &singles, blocks, instrument)?)),
             Err(error) => refused.push((order, error)),
         }
     }
@@ -295,7 +295,7 @@ fn verdict(alternatives: &[Alternative], pick: usize, photon_share: f64) -> Stri
             "photon noise rules, with {photon:.0} % of the variance of a single exposure, and multiplexing adds that of \
              the other directions"
         )
-    } else if coded.exposure_s < single.exposure_s {
+    } else if coded.exposure_s < 0.8 * single.exposure_s {
         format!(
             "so many directions at once saturate the camera unless they are exposed {:.1} times shorter",
             single.exposure_s / coded.exposure_s

@@ -5,8 +5,11 @@
 //!
 //! - About 48 *single* exposures, spread over the hemisphere, give x. A pixel that stands out of its noise counts by
 //!   itself. The others hold little but noise; they share the mean f of all that are as far from the mirror direction.
-//! - A few *blocks* of each order give the sums, with all their cells lit at once, and with half of them lit as in coded
-//!   exposures the longest exposure time that does not saturate.
+//! - A few *blocks* of each order give the sums S, with all their cells lit at once, and with some of their coded
+//!   exposures y the longest exposure time. A single saturated exposure spoils a pixel in all cells of its block, so what
+//!   counts is the brightest of all n. The codes are orthogonal: the mean of (2y − S)² is Σx². The brightest is taken
+//!   as S/2 + √Σx², but no more than S; one cell that outshines all others gives S itself, a flat sample hardly more
+//!   than the true S/2 + x/2.
 //!
 //! All signals are rates in electrons per second.
 
@@ -18,13 +21,15 @@ use crate::evaluate::is_judged;
 use crate::incident::Grid;
 use crate::optics::{DirectionMap, View};
 use crate::pattern::{LitSet, PatternMaker};
-use crate::pilot::{Tests, spread};
+use crate::pilot::{PILOT_CLIPPED, PILOT_TARGET, Tests, spread};
 use crate::plan::{Directions, spot_deg};
 use crate::rig::Rig;
 
 /// Cells that are lit, for each order, to learn the sums; at least [`BLOCKS`]`.0` and at most `.1` blocks.
 const CELLS: usize = 512;
 const BLOCKS: (usize, usize) = (2, 8);
+/// Coded exposures that are taken for each order, at least; each block has as many.
+const CODED: usize = 8;
 /// A pixel stands out when its signal is this many standard uncertainties.
 const STANDS_OUT: f64 = 5.0;
 /// Degrees of a bin of the angle from the mirror direction in which faint pixels share a mean.
@@ -45,6 +50,8 @@ pub(super) struct Value {
 pub(super) struct Singles {
     /// Incident directions that can be lit.
     pub(super) cells: Vec<LitSet>,
+    /// Indices in a frame of values with θ ≤ 80°.
+    pub(super) pixels: Vec<usize>,
     /// Values with θ ≤ 80° both ways.
     pub(super) values: Vec<Value>,
     /// Longest exposure in s that does not saturate.
@@ -142,6 +149,10 @@ impl Singles {
         }
         Ok(Self {
             cells,
+            pixels: judged
+                .iter()
+                .flat_map(|(at, _)| at * channels..(at + 1) * channels)
+                .collect(),
             values,
             longest_s: tests.longest_s,
         })
@@ -181,27 +192,60 @@ pub(super) fn blocks(cells: &[LitSet], order: usize) -> Result<Blocks, CellError
 impl Sums {
     pub(super) fn take(
         rig: &Rig,
-        cells: &[LitSet],
+        singles: &Singles,
         blocks: Blocks,
         instrument: &mut Instrument,
     ) -> Result<Self, MultiplexError> {
         let largest = blocks.cells(0).count();
         let some = (CELLS / largest).clamp(BLOCKS.0, BLOCKS.1).min(blocks.count());
-        let (mut whole, mut half, mut counts) = (Vec::new(), Vec::new(), Vec::new());
+        let each = CODED.div_ceil(some);
+        let (mut whole, mut coded, mut counts) = (Vec::new(), Vec::new(), Vec::new());
         for turn in 0..some {
             let block = turn * blocks.count() / some;
-            let sets: Vec<&LitSet> = blocks.cells(block).map(|cell| &cells[cell]).collect();
+            let sets: Vec<&LitSet> = blocks.cells(block).map(|cell| &singles.cells[cell]).collect();
             let code = blocks.code(block);
-            half.push(union(code, turn * code.order() / some, &sets));
+            for draw in turn * each..(turn + 1) * each {
+                coded.push(union(code, draw * code.order() / (some * each), &sets));
+            }
             whole.push(sets.iter().flat_map(|set| set.pixels.iter().copied()).collect());
             counts.push(sets.len());
         }
-        let tests = Tests::take(rig, &whole, instrument)?;
-        let rates = tests.shots.iter().map(|shot| rates(rig, shot, tests.exposure_s));
+        let whole = taken(rig, &whole, instrument)?;
+        let coded = taken(rig, &coded, instrument)?;
+        let mut brightest: Vec<f64> = Vec::new();
+        for (sums, coded) in whole.iter().zip(coded.chunks(each)) {
+            brightest.extend(singles.pixels.iter().map(|&pixel| {
+                let sum = sums[pixel];
+                let squares: f64 = coded.iter().map(|y| (2.0 * y[pixel] - sum).powi(2)).sum();
+                sum / 2.0 + (squares / each as f64).sqrt().min(sum / 2.0)
+            }));
+        }
         Ok(Self {
             blocks,
-            rates: rates.zip(counts).collect(),
-            longest_s: Tests::take(rig, &half, instrument)?.longest_s,
+            rates: whole.into_iter().zip(counts).collect(),
+            longest_s: longest_s(rig, brightest),
         })
     }
+}
+
+/// Exposures of `patterns` (lit pixels) in e⁻/s, [pattern][value of a frame].
+fn taken(
+    rig: &Rig,
+    patterns: &[Vec<u32>],
+    instrument: &mut Instrument,
+) -> Result<Vec<Vec<f64>>, MultiplexError> {
+    let tests = Tests::take(rig, patterns, instrument)?;
+    let rates = tests.shots.iter().map(|shot| rates(rig, shot, tests.exposure_s));
+    Ok(rates.collect())
+}
+
+/// Exposure time in s at which all but a few of the pixels with the `brightest` e⁻/s nearly fill the range.
+fn longest_s(rig: &Rig, mut brightest: Vec<f64>) -> f64 {
+    if brightest.is_empty() {
+        return rig.camera.exposure_s; // nothing to go by
+    }
+    let rank = ((brightest.len() as f64 * (1.0 - PILOT_CLIPPED)) as usize).min(brightest.len() - 1);
+    // NaN, a pixel that saturated already, sorts last.
+    let (_, bright, _) = brightest.select_nth_unstable_by(rank, f64::total_cmp);
+    PILOT_TARGET * rig.camera.full_well_e / (bright.max(1e-6) + rig.camera.dark_current_e_per_s)
 }
