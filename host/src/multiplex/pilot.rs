@@ -7,9 +7,9 @@
 //!   itself. The others hold little but noise; they share the mean f of all that are as far from the mirror direction.
 //! - A few *blocks* of each order give the sums S, with all their cells lit at once, and with some of their coded
 //!   exposures y the longest exposure time. A single saturated exposure spoils a pixel in all cells of its block, so what
-//!   counts is the brightest of all n. The codes are orthogonal: the mean of (2y − S)² is Σx². The brightest is taken
-//!   as S/2 + √Σx², but no more than S; one cell that outshines all others gives S itself, a flat sample hardly more
-//!   than the true S/2 + x/2.
+//!   counts is the brightest of all n. It is taken as S/2 + d, but no more than S, with d the root mean square of 2y − S:
+//!   for equal cells d is x (the truth is S/2 + x/2), for one cell that outshines all others S/2 + d is S, as it is, and
+//!   in between y scatters about S/2 with d/2, so that this is two standard deviations.
 //!
 //! All signals are rates in electrons per second.
 
@@ -30,6 +30,8 @@ const CELLS: usize = 512;
 const BLOCKS: (usize, usize) = (2, 8);
 /// Coded exposures that are taken for each order, at least; each block has as many.
 const CODED: usize = 8;
+/// Coded exposures whose numbers are this far apart have little in common; it shares no factor with any order.
+const SCATTER: usize = 97;
 /// A pixel stands out when its signal is this many standard uncertainties.
 const STANDS_OUT: f64 = 5.0;
 /// Degrees of a bin of the angle from the mirror direction in which faint pixels share a mean.
@@ -205,7 +207,7 @@ impl Sums {
             let sets: Vec<&LitSet> = blocks.cells(block).map(|cell| &singles.cells[cell]).collect();
             let code = blocks.code(block);
             for draw in turn * each..(turn + 1) * each {
-                coded.push(union(code, draw * code.order() / (some * each), &sets));
+                coded.push(union(code, draw * SCATTER % code.order(), &sets));
             }
             whole.push(sets.iter().flat_map(|set| set.pixels.iter().copied()).collect());
             counts.push(sets.len());

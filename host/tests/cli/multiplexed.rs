@@ -5,7 +5,7 @@ use crate::command::{refuses, run, text};
 const SMALL: [&str; 7] = [
     "multiplex",
     "--sample",
-    "lambert:0.5",
+    "lambert:0.005",
     "--step",
     "15",
     "--image-size",
@@ -16,7 +16,7 @@ const SMALL: [&str; 7] = [
 fn it_picks_the_smallest_uncertainty_and_says_why() {
     for (read_noise, verdict) in [
         ("0", "do not multiplex: photon noise rules"),
-        ("2000", "multiplex with order "),
+        ("100", "multiplex with order "),
     ] {
         let arguments = [&SMALL[..], &["--read-noise", read_noise]].concat();
         let answer = run(&[&arguments[..], &["--json"]].concat(), "").object();

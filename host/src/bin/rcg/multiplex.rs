@@ -63,8 +63,7 @@ fn order(text: &str) -> Result<Order, String> {
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let mut rig = Rig::load(rig)?;
     if let Some(read_noise_e) = args.read_noise {
-        rig.camera.read_noise_e = read_noise_e;
-        rig.validate()?;
+        rig = rig.with_read_noise(read_noise_e)?;
     }
     let request = Request {
         grid: args.grid.grid(None, 3.0)?,

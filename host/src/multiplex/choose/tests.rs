@@ -16,10 +16,11 @@ const TRIALS: u64 = 4;
 fn rig(full_scale_f_sr: f64, read_noise_e: f64) -> Rig {
     let mut rig = Rig::load("rcg-1").unwrap();
     rig.camera.channels = 1;
-    rig.camera.read_noise_e = read_noise_e;
-    rig.camera.dark_dn = 2000.0; // far above the read noise
     rig.light.full_scale_f_sr = full_scale_f_sr;
-    rig.with_image_size(16).unwrap()
+    rig.with_read_noise(read_noise_e)
+        .unwrap()
+        .with_image_size(16)
+        .unwrap()
 }
 
 fn chosen(rig: &Rig, spec: &str) -> Choice {
