@@ -27,7 +27,7 @@ use crate::rig::Rig;
 
 /// Cells that are lit, for each order, to learn the sums; at least [`BLOCKS`]`.0` and at most `.1` blocks.
 const CELLS: usize = 512;
-const BLOCKS: (usize, usize) = (2, 8);
+const BLOCKS: (usize, usize) = (2, 16);
 /// Coded exposures that are taken for each order, at least; each block has as many.
 const CODED: usize = 8;
 /// Coded exposures whose numbers are this far apart have little in common; it shares no factor with any order.
