@@ -25,8 +25,9 @@ use crate::pilot::{PILOT_CLIPPED, PILOT_TARGET, Tests, spread};
 use crate::plan::{Directions, spot_deg};
 use crate::rig::Rig;
 
-/// Cells that are lit, for each order, to learn the sums; at least [`BLOCKS`]`.0` and at most `.1` blocks.
+/// Cells that are lit for each order to learn the sums: blocks are taken until there are about so many …
 const CELLS: usize = 512;
+/// … but no fewer and no more blocks than these.
 const BLOCKS: (usize, usize) = (2, 16);
 /// Coded exposures that are taken for each order, at least; each block has as many.
 const CODED: usize = 8;
