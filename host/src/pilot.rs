@@ -1,11 +1,11 @@
 //! The pilot capture, which chooses the exposure time.
 
-use crate::capture::{Instrument, Tally};
+use crate::capture::{Captured, Instrument, Tally};
 use crate::evaluate::is_judged;
 use crate::incident::Grid;
 use crate::measurement::MeasurementError;
 use crate::optics::{DirectionMap, View};
-use crate::pattern::{LitSet, PatternMaker};
+use crate::pattern::PatternMaker;
 use crate::plan::{Directions, PlanError, spot_deg};
 use crate::rig::Rig;
 use crate::schedule::Timing;
@@ -13,9 +13,9 @@ use crate::schedule::Timing;
 /// Incident directions of the pilot capture that chooses the exposure time.
 const PILOT_DIRECTIONS: usize = 48;
 /// The pilot's brightest pixels (all but this share) shall come to [`PILOT_TARGET`] of the range.
-const PILOT_CLIPPED: f64 = 1e-4;
+pub(crate) const PILOT_CLIPPED: f64 = 1e-4;
 /// See [`PILOT_CLIPPED`].
-const PILOT_TARGET: f64 = 0.85;
+pub(crate) const PILOT_TARGET: f64 = 0.85;
 
 /// The exposure time in s at which the brightest pixels of a few test exposures nearly fill the camera's range;
 /// at most the rig's default, beyond which the measurement would take longer than the rig is made for.
@@ -26,52 +26,97 @@ const PILOT_TARGET: f64 = 0.85;
 /// [`MeasurementError`].
 pub fn pilot(rig: &Rig, grid: &Grid, instrument: &mut Instrument) -> Result<f64, MeasurementError> {
     let directions = Directions::new(rig, grid)?;
-    let lit = |index: &usize| is_judged(directions.grid.direction(*index));
-    let measurable: Vec<usize> = directions.measurable().filter(lit).collect();
-    // A stride that shares no factor with the ring length visits all azimuths.
-    let every = (measurable.len() / PILOT_DIRECTIONS).max(1) | 1;
+    let measurable: Vec<usize> = directions.measurable().collect();
     let maker = PatternMaker::new(
         View::projector(rig),
         spot_deg(rig, grid),
         rig.projector.irradiance,
     );
-    let lit: Vec<Option<LitSet>> = measurable
-        .iter()
-        .step_by(every)
-        .map(|&index| maker.lit_set(directions.grid.direction(index)).ok())
-        .collect();
-    let range = f64::from(rig.saturation_dn()) - rig.camera.dark_dn;
-    // Near the horizon f grows without bound; those few pixels may clip rather than darken all others.
-    let channels = rig.camera.channels as usize;
-    let judged: Vec<bool> = DirectionMap::of(&View::camera(rig))
-        .directions
+    let patterns: Vec<Vec<u32>> = spread(&directions, &measurable)
         .into_iter()
-        .flat_map(|w| std::iter::repeat_n(w.is_ok_and(is_judged), channels))
+        .map(|at| maker.lit_set(directions.grid.direction(measurable[at])))
+        .map(|lit| lit.map_or_else(|_| Vec::new(), |lit| lit.pixels))
         .collect();
-    let mut exposure_s = rig.camera.exposure_s;
-    for _ in 0..8 {
-        let timing = Timing::new(rig, exposure_s).map_err(PlanError::from)?;
-        let shots = instrument.take_lit(&lit, &timing, &mut Tally::default(), &mut |_| {})?;
-        let mut dn: Vec<u16> = Vec::new();
-        for shot in shots {
-            dn.extend(
-                shot.dn
-                    .iter()
-                    .zip(&judged)
-                    .filter(|(_, judged)| **judged)
-                    .map(|(dn, _)| dn),
-            );
+    Ok(Tests::take(rig, &patterns, instrument)?
+        .longest_s
+        .min(rig.camera.exposure_s))
+}
+
+/// Places in `indices` (of directions) of about [`PILOT_DIRECTIONS`] that are spread over those that are judged.
+pub(crate) fn spread(directions: &Directions, indices: &[usize]) -> Vec<usize> {
+    let judged: Vec<usize> = (0..indices.len())
+        .filter(|&at| is_judged(directions.grid.direction(indices[at])))
+        .collect();
+    // A stride that shares no factor with the ring length visits all azimuths.
+    let every = (judged.len() / PILOT_DIRECTIONS).max(1) | 1;
+    judged.into_iter().step_by(every).collect()
+}
+
+/// Test exposures that are not saturated.
+pub(crate) struct Tests {
+    /// One for each pattern.
+    pub(crate) shots: Vec<Captured>,
+    /// Exposure time in s with which they were taken.
+    pub(crate) exposure_s: f64,
+    /// Exposure time in s at which their brightest pixels would come to [`PILOT_TARGET`] of the range.
+    pub(crate) longest_s: f64,
+}
+
+impl Tests {
+    /// Takes an exposure of each of `patterns` (lit pixels), shorter and shorter ones until they do not saturate.
+    pub(crate) fn take(
+        rig: &Rig,
+        patterns: &[Vec<u32>],
+        instrument: &mut Instrument,
+    ) -> Result<Self, MeasurementError> {
+        let range = f64::from(rig.saturation_dn()) - rig.camera.dark_dn;
+        let judged: Vec<bool> = judged(rig).collect();
+        let mut exposure_s = rig.camera.exposure_s;
+        for _ in 0..8 {
+            let timing = Timing::new(rig, exposure_s).map_err(PlanError::from)?;
+            let shots = instrument.take(
+                patterns.len(),
+                &timing,
+                |pattern, image| image.light(&patterns[pattern]),
+                &mut Tally::default(),
+                |_| {},
+            )?;
+            let mut dn: Vec<u16> = shots
+                .iter()
+                .flat_map(|shot| shot.dn.iter().zip(&judged))
+                .filter_map(|(dn, judged)| judged.then_some(*dn))
+                .collect();
+            let longest_s = if dn.is_empty() {
+                exposure_s // nothing to go by
+            } else {
+                let rank = ((dn.len() as f64 * (1.0 - PILOT_CLIPPED)) as usize).min(dn.len() - 1);
+                let (_, bright, _) = dn.select_nth_unstable(rank);
+                if *bright == rig.saturation_dn() {
+                    exposure_s /= 8.0;
+                    continue;
+                }
+                let fill = (f64::from(*bright) - rig.camera.dark_dn) / range;
+                exposure_s * PILOT_TARGET / fill.max(1e-6)
+            };
+            return Ok(Self {
+                shots,
+                exposure_s,
+                longest_s,
+            });
         }
-        if dn.is_empty() {
-            return Ok(exposure_s); // nothing to go by
-        }
-        let rank = ((dn.len() as f64 * (1.0 - PILOT_CLIPPED)) as usize).min(dn.len().saturating_sub(1));
-        let (_, bright, _) = dn.select_nth_unstable(rank);
-        if *bright < rig.saturation_dn() {
-            let fill = (f64::from(*bright) - rig.camera.dark_dn) / range;
-            return Ok((exposure_s * PILOT_TARGET / fill.max(1e-6)).min(rig.camera.exposure_s));
-        }
-        exposure_s /= 8.0;
+        Ok(Self {
+            shots: Vec::new(),
+            exposure_s,
+            longest_s: exposure_s,
+        })
     }
-    Ok(exposure_s)
+}
+
+/// For each value of a frame of `rig`'s camera, whether its direction is judged. Near the horizon f grows without bound;
+/// those few pixels may clip rather than darken all others.
+fn judged(rig: &Rig) -> impl Iterator<Item = bool> {
+    let channels = rig.camera.channels as usize;
+    let map = DirectionMap::of(&View::camera(rig));
+    let judged = map.directions.into_iter().map(|w| w.is_ok_and(is_judged));
+    judged.flat_map(move |judged| std::iter::repeat_n(judged, channels))
 }

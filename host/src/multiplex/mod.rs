@@ -14,13 +14,17 @@
 //! - [`code`]: which cells are lit in which exposure, and the variance that follows
 //! - [`demultiplex`](mod@demultiplex): the fast transform
 //! - [`cells`]: blocks of cells that share no projector pixel
+//! - [`choose`](mod@choose): whether it is worth it, from a pilot capture
 
 pub mod cells;
+pub mod choose;
 pub mod code;
 pub mod demultiplex;
+mod pilot;
 #[cfg(test)]
 mod tests;
 
 pub use cells::{Blocks, CellError};
+pub use choose::{Choice, MultiplexError, choose};
 pub use code::{Code, CodeError};
 pub use demultiplex::demultiplex;

@@ -65,6 +65,23 @@ impl Rig {
         camera_s.max(self.projector.min_period_s)
     }
 
+    /// The same rig with a read noise of `read_noise_e` electrons. The dark level is raised to six times that, if it is
+    /// lower, as in any camera with such a noise: else the converter would cut off what is below 0.
+    ///
+    /// # Errors
+    /// [`RigError::Field`] for a number out of range.
+    pub fn with_read_noise(&self, read_noise_e: f64) -> Result<Rig, RigError> {
+        let mut rig = self.clone();
+        rig.camera.read_noise_e = read_noise_e;
+        rig.validate()?;
+        // The gain follows from the dark level: dark_dn = share · (saturation_dn − dark_dn).
+        let share = 6.0 * read_noise_e / rig.camera.full_well_e;
+        let dark_dn = f64::from(rig.saturation_dn()) * share / (1.0 + share);
+        rig.camera.dark_dn = rig.camera.dark_dn.max(dark_dn);
+        rig.validate()?;
+        Ok(rig)
+    }
+
     /// The same rig with the camera's image scaled to `size_px` × `size_px` pixels.
     ///
     /// Takes the central square of the sensor and scales focal length and principal point, so that a

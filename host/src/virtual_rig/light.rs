@@ -1,16 +1,25 @@
 //! Lit projector pixels as light at the sample.
 //!
 //! # Design
-//! A pattern lights some ten to some hundred pixels that lie close together. The sum over them in the signal model,
+//! A spot of light is some ten to some hundred pixels that lie close together. The sum over them in the signal model,
 //! Σ f(ω_p, ω_o)·E_p·cosθ_p·Δω_p, is replaced by four directions of equal weight whose mean and covariance
 //! are those of the lit pixels: exact for an f that is cubic over the spot along each principal axis
 //! (two-point Gauss quadrature), and 10 to 100 times faster.
+//!
+//! A pattern may have many spots (multiplexed light). Spots are the connected parts of the lit pixels, neighbours being
+//! those at the sides and corners; the light of a pattern is the sum over its spots.
+//!
+//! # Tradeoffs
+//! Spots that touch count as one, which four nodes describe less well. Cells that are lit together are kept apart by
+//! [`crate::multiplex::cells`].
+
+use std::collections::HashMap;
 
 use glam::DVec3;
 
 use crate::optics::DirectionMap;
 
-/// Light from one pattern.
+/// Light from one spot of a pattern.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Light {
     /// Σ E·cosθ·Δω, relative.
@@ -20,14 +29,17 @@ pub(super) struct Light {
 }
 
 impl Light {
-    /// No light.
-    pub(super) const DARK: Self = Self {
-        irradiance: 0.0,
-        nodes: [DVec3::Z; 4],
-    };
+    /// The light of each spot among the pixels `lit` (row-major indices) of the projector whose map is `map`; spots that
+    /// do not reach the sample are left out.
+    pub(super) fn spots(lit: &[u32], map: &DirectionMap, intensity: f64) -> Vec<Self> {
+        connected(lit, map.width_px)
+            .iter()
+            .filter_map(|spot| Self::of(spot, map, intensity))
+            .collect()
+    }
 
-    /// The light of the pixels `lit` (row-major indices) of the projector whose map is `map`.
-    pub(super) fn of(lit: &[u32], map: &DirectionMap, intensity: f64) -> Self {
+    /// The light of one spot, or `None` where it does not reach the sample.
+    fn of(lit: &[u32], map: &DirectionMap, intensity: f64) -> Option<Self> {
         let weighted = || {
             lit.iter().filter_map(|&pixel| {
                 let direction = map.directions.get(pixel as usize)?.ok()?;
@@ -39,7 +51,7 @@ impl Light {
         };
         let irradiance: f64 = weighted().map(|(_, weight)| weight).sum();
         if irradiance <= 0.0 {
-            return Self::DARK;
+            return None;
         }
         let mean: DVec3 = weighted().map(|(w, weight)| w * weight).sum::<DVec3>() / irradiance;
         let axis = mean.normalize();
@@ -60,11 +72,56 @@ impl Light {
         let (major, minor) = (middle + half, (middle - half).max(0.0));
         let a = (e1 * cos + e2 * sin) * major.sqrt();
         let b = (e2 * cos - e1 * sin) * minor.sqrt();
-        Self {
+        Some(Self {
             irradiance,
             nodes: [mean + a + b, mean + a - b, mean - a + b, mean - a - b].map(DVec3::normalize),
-        }
+        })
     }
+}
+
+/// The connected parts of the pixels `lit` of an image `width_px` wide, each in the order of `lit`.
+fn connected(lit: &[u32], width_px: usize) -> Vec<Vec<u32>> {
+    let place: HashMap<u32, usize> = lit.iter().enumerate().map(|(at, pixel)| (*pixel, at)).collect();
+    let mut part_of = vec![None; lit.len()];
+    let mut parts = 0;
+    for start in 0..lit.len() {
+        if part_of[start].is_some() {
+            continue;
+        }
+        part_of[start] = Some(parts);
+        let mut open = vec![start];
+        while let Some(at) = open.pop() {
+            for neighbour in neighbours(lit[at], width_px) {
+                if let Some(&next) = place.get(&neighbour)
+                    && part_of[next].is_none()
+                {
+                    part_of[next] = Some(parts);
+                    open.push(next);
+                }
+            }
+        }
+        parts += 1;
+    }
+    let mut spots = vec![Vec::new(); parts];
+    for (pixel, part) in lit.iter().zip(part_of) {
+        spots[part.expect("every pixel was visited")].push(*pixel);
+    }
+    spots
+}
+
+/// The up to eight pixels at the sides and corners of `pixel`.
+fn neighbours(pixel: u32, width_px: usize) -> impl Iterator<Item = u32> {
+    let (x, y) = (
+        i64::from(pixel) % width_px as i64,
+        i64::from(pixel) / width_px as i64,
+    );
+    let around = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy)));
+    around.filter_map(move |(dx, dy)| {
+        let inside = (0..width_px as i64).contains(&(x + dx)) && (dx, dy) != (0, 0);
+        u32::try_from((y + dy) * width_px as i64 + x + dx)
+            .ok()
+            .filter(|_| inside)
+    })
 }
 
 #[cfg(test)]
@@ -82,7 +139,10 @@ mod tests {
         let maker = PatternMaker::new(view, 4.0, 1.0);
         for theta_deg in [35.0, 60.0, 80.0] {
             let lit = maker.lit_set(from_degrees(theta_deg, 33.0)).unwrap();
-            let light = Light::of(&lit.pixels, &map, 1.0);
+            let lights = Light::spots(&lit.pixels, &map, 1.0);
+            let [light] = lights[..] else {
+                panic!("one spot: {lights:?}")
+            };
             assert!((light.irradiance / lit.irradiance - 1.0).abs() < 1e-12);
             // Any quadratic function of direction has the same mean over both.
             let functions: [fn(DVec3) -> f64; 4] = [|w| w.x, |w| w.z * w.z, |w| w.x * w.y, |w| w.y * w.z];
@@ -103,9 +163,38 @@ mod tests {
     }
 
     #[test]
+    fn the_light_of_separate_spots_is_that_of_each() {
+        let view = View::projector(&Rig::load("rcg-1").unwrap());
+        let map = DirectionMap::of(&view);
+        let maker = PatternMaker::new(view, 1.0, 1.0);
+        let sets = [(35.0, 10.0), (60.0, 10.0), (60.0, 200.0), (75.0, 100.0)]
+            .map(|(theta_deg, phi_deg)| maker.lit_set(from_degrees(theta_deg, phi_deg)).unwrap());
+        let ascending = |mut pixels: Vec<u32>| {
+            pixels.sort_unstable();
+            pixels
+        };
+        let all = ascending(sets.iter().flat_map(|set| set.pixels.clone()).collect());
+        let lights = Light::spots(&all, &map, 1.0);
+        assert_eq!(lights.len(), sets.len());
+        for set in &sets {
+            // To the bit: a spot does not know what else is lit.
+            let alone = Light::of(&ascending(set.pixels.clone()), &map, 1.0).unwrap();
+            assert!(lights.contains(&alone));
+        }
+    }
+
+    #[test]
+    fn spots_are_connected_at_sides_and_corners_and_not_around_the_border() {
+        // Columns 0 to 4; a diagonal, then a pixel at each end of neighbouring rows.
+        assert_eq!(connected(&[0, 6, 12], 5), [[0, 6, 12]]);
+        assert_eq!(connected(&[4, 5], 5), [[4], [5]]);
+        assert_eq!(connected(&[0, 2, 6, 24], 5), [vec![0, 2, 6], vec![24]]);
+    }
+
+    #[test]
     fn no_pixels_no_light() {
         let map = DirectionMap::of(&View::projector(&Rig::load("rcg-1").unwrap()));
-        assert_eq!(Light::of(&[], &map, 1.0), Light::DARK);
-        assert_eq!(Light::of(&[0, u32::MAX], &map, 1.0), Light::DARK);
+        assert_eq!(Light::spots(&[], &map, 1.0), []);
+        assert_eq!(Light::spots(&[0, u32::MAX], &map, 1.0), []);
     }
 }

@@ -10,7 +10,7 @@ use glam::DVec3;
 
 use super::light::Light;
 use super::sensor::Sensor;
-use super::stage::Shot;
+use super::stage::{Shot, Spots};
 use crate::camera::FrameFormat;
 use crate::optics::{DirectionMap, View};
 use crate::quadrature::mean_f;
@@ -80,15 +80,16 @@ impl Scene {
         (self.projector.width_px, self.projector.height_px)
     }
 
-    pub(super) fn light(&self, lit: &[u32]) -> Light {
-        Light::of(lit, &self.projector, self.intensity)
+    pub(super) fn light(&self, lit: &[u32]) -> Spots {
+        Light::spots(lit, &self.projector, self.intensity).into()
     }
 
     /// Electrons of light in every pixel, [row, column, channel].
     pub(super) fn charge_e(&self, shot: &Shot) -> Vec<f32> {
         let channels = self.format.channels;
         let mut charge_e = vec![0.0; self.format.len()];
-        for (light, visible_s) in &shot.seen {
+        let seen = shot.seen.iter();
+        for (light, visible_s) in seen.flat_map(|(spots, s)| spots.iter().map(move |spot| (spot, s))) {
             let lobes = light.nodes.map(|node| self.sample.incident(node));
             let scale = self.sensitivity * light.irradiance * visible_s;
             for pixel in &self.pixels {

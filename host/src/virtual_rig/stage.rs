@@ -5,6 +5,7 @@
 //! differences of ticks only: when a run begins on that clock changes no bit of its images.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -33,6 +34,9 @@ pub(super) struct StrobeEdge {
     pub(super) active: bool,
 }
 
+/// The light of one pattern; none for a black one.
+pub(super) type Spots = Arc<[Light]>;
+
 /// One exposure that is over.
 #[derive(Clone, Debug)]
 pub(super) struct Shot {
@@ -40,7 +44,7 @@ pub(super) struct Shot {
     pub(super) timestamp_s: f64,
     pub(super) exposure_s: f64,
     /// Patterns that were visible, and for how many seconds of the exposure.
-    pub(super) seen: Vec<(Light, f64)>,
+    pub(super) seen: Vec<(Spots, f64)>,
     pub(super) seed: u64,
 }
 
@@ -58,12 +62,12 @@ pub(super) struct Stage {
     overlap: bool,
     sync_period: Ticks,
     behaviour: Behaviour,
-    patterns: Vec<Light>,
+    patterns: Vec<Spots>,
     /// Fingerprint of the loaded patterns, and how often in a row the same ones were run.
     fingerprint: u64,
     last_run: (u64, u64),
     /// Which light begins at which time; the last entry holds on.
-    timeline: VecDeque<(Ticks, Light)>,
+    timeline: VecDeque<(Ticks, Spots)>,
     next_pattern: usize,
     open: Option<Open>,
     busy_until: Ticks,
@@ -95,7 +99,7 @@ impl Stage {
             patterns: Vec::new(),
             fingerprint: 0,
             last_run: (0, 0),
-            timeline: VecDeque::from([(Ticks::ZERO, Light::DARK)]),
+            timeline: VecDeque::from([(Ticks::ZERO, Spots::default())]),
             next_pattern: 0,
             open: None,
             busy_until: Ticks::ZERO,
@@ -109,10 +113,10 @@ impl Stage {
         self.patterns.clear();
         self.fingerprint = 0;
         self.next_pattern = 0;
-        self.timeline = VecDeque::from([(Ticks::ZERO, Light::DARK)]);
+        self.timeline = VecDeque::from([(Ticks::ZERO, Spots::default())]);
     }
 
-    pub(super) fn load_pattern(&mut self, lit: &[u32], light: Light) {
+    pub(super) fn load_pattern(&mut self, lit: &[u32], light: Spots) {
         self.patterns.push(light);
         for &pixel in lit {
             self.fingerprint = mix(self.fingerprint, u64::from(pixel));
@@ -153,11 +157,7 @@ impl Stage {
     pub(super) fn edge(&mut self, line: Line, level: Level, at: Ticks) -> Option<StrobeEdge> {
         match (line, level) {
             (Line::Proj, Level::Active) => {
-                let light = self
-                    .patterns
-                    .get(self.next_pattern)
-                    .copied()
-                    .unwrap_or(Light::DARK);
+                let light = self.patterns.get(self.next_pattern).cloned().unwrap_or_default();
                 self.next_pattern += 1;
                 self.timeline.push_back((at + self.settle, light));
                 None
@@ -216,16 +216,16 @@ impl Stage {
 
     /// Which light was visible for how long between two times. The camera's delay may reach past edges that
     /// are not known yet, but never past a settling time: patterns outlive it.
-    fn seen(&mut self, from: Ticks, to: Ticks) -> Vec<(Light, f64)> {
+    fn seen(&mut self, from: Ticks, to: Ticks) -> Vec<(Spots, f64)> {
         while self.timeline.get(1).is_some_and(|next| next.0 <= from) {
             self.timeline.pop_front();
         }
         let mut seen = Vec::with_capacity(1);
-        for (index, &(begins, light)) in self.timeline.iter().enumerate() {
+        for (index, (begins, light)) in self.timeline.iter().enumerate() {
             let ends = self.timeline.get(index + 1).map_or(to, |next| next.0.min(to));
-            let visible = ends.saturating_sub(begins.max(from));
-            if visible > Ticks::ZERO && light.irradiance > 0.0 {
-                seen.push((light, self.seconds(visible)));
+            let visible = ends.saturating_sub((*begins).max(from));
+            if visible > Ticks::ZERO && !light.is_empty() {
+                seen.push((light.clone(), self.seconds(visible)));
             }
         }
         seen

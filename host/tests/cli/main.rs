@@ -28,6 +28,7 @@ mod faults_on_purpose;
 mod grids;
 #[cfg(unix)]
 mod killed;
+mod multiplexed;
 mod pictures;
 mod pipes;
 mod studies;

@@ -10,6 +10,7 @@ use rcg::device::DeviceError;
 use rcg::link::LinkError;
 use rcg::measure::MeasureError;
 use rcg::measurement::MeasurementError;
+use rcg::multiplex::MultiplexError;
 use rcg::paper::PaperError;
 use rcg::plan::PlanError;
 use rcg::reflectance::SourceError;
@@ -176,6 +177,15 @@ impl Blame for AdaptiveError {
         match self {
             Self::Goal(_) | Self::Toml(_) | Self::Differs { .. } | Self::OutOfReach { .. } => true,
             Self::Measure(error) => error.is_input(),
+        }
+    }
+}
+
+impl Blame for MultiplexError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Cells(_) => true,
+            Self::Measurement(error) => error.is_input(),
         }
     }
 }

@@ -11,6 +11,7 @@ mod evaluate;
 mod failure;
 mod map;
 mod measure;
+mod multiplex;
 mod numbers;
 mod output;
 mod paper;
@@ -74,6 +75,7 @@ enum Command {
     Plot(plot::Args),
     Study(study::Args),
     Paper(paper::Args),
+    Multiplex(multiplex::Args),
     /// Talk to the trigger box
     Controller(controller::Args),
 }
@@ -96,6 +98,7 @@ fn main() -> ExitCode {
         Command::Render(args) => render::run(args, &output),
         Command::Plot(args) => plot::run(args, &output),
         Command::Study(args) => study::run(args, &output),
+        Command::Multiplex(args) => multiplex::run(args, &cli.rig, &output),
         Command::Paper(args) => paper::run(args, &output),
         Command::Controller(args) => controller::run(args, &cli.rig, &output),
     };

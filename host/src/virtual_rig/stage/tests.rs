@@ -5,11 +5,9 @@ use crate::virtual_rig::Noise;
 
 const CLOCK_HZ: u32 = 125_000_000;
 
-fn light(irradiance: f64) -> Light {
-    Light {
-        irradiance,
-        ..Light::DARK
-    }
+fn light(irradiance: f64) -> Spots {
+    let nodes = [glam::DVec3::Z; 4];
+    Arc::new([Light { irradiance, nodes }])
 }
 
 /// A stage with patterns of irradiance 1, 2, 3 …; settling 33.3 ms, camera delay 5 µs, read-out 26 ms.
@@ -42,7 +40,7 @@ fn seen(shots: &[Shot]) -> Vec<Vec<(f64, f64)>> {
     let one = |shot: &Shot| {
         shot.seen
             .iter()
-            .map(|(light, s)| (light.irradiance, (s * 1e6).round()))
+            .map(|(light, s)| (light[0].irradiance, (s * 1e6).round()))
             .collect()
     };
     shots.iter().map(one).collect()
@@ -128,7 +126,11 @@ fn images_do_not_know_when_their_run_began() {
             edge(Line::Cam, Level::Inactive, 4_999_998);
         }
         for shot in stage.take_shots(usize::MAX) {
-            let seen: Vec<_> = shot.seen.iter().map(|(light, s)| (*light, s.to_bits())).collect();
+            let seen: Vec<_> = shot
+                .seen
+                .iter()
+                .map(|(light, s)| (light.to_vec(), s.to_bits()))
+                .collect();
             shots.push((shot.id, shot.seed, shot.exposure_s.to_bits(), seen));
         }
         shots
