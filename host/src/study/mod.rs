@@ -68,7 +68,7 @@ impl Default for Settings {
             intervals_deg: vec![10.0, 5.0, 3.0, 2.0, 1.0, 0.5],
             image_sizes: vec![32, 48, 64, 96, 128, 256],
             interpolation: Interpolation::Direct,
-            coarse_intervals_deg: vec![30.0, 15.0, 10.0, 5.0],
+            coarse_intervals_deg: vec![30.0, 15.0, 10.0],
         }
     }
 }

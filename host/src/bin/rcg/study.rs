@@ -42,7 +42,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N,...", value_delimiter = ',')]
     image_sizes: Vec<usize>,
     /// Degrees between the incident directions of coarse captures by which all interpolations are compared, at 96 pixels
-    /// [default: 30,15,10,5]
+    /// [default: 30,15,10]
     #[arg(
         long,
         value_name = "DEG,...",
