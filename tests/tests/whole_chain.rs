@@ -4,8 +4,10 @@ use std::path::Path;
 use std::time::Duration;
 
 use rcg::brdf::Brdf;
+use rcg::direction::from_degrees;
 use rcg::evaluate::{Evaluation, evaluate};
 use rcg::incident::Grid;
+use rcg::interpolation::Interpolation;
 use rcg::measure::{assemble_measurement, capture, complete};
 use rcg::measurement::Measurement;
 use rcg::plan::{Plan, Request};
@@ -73,6 +75,55 @@ fn what_was_put_in_comes_out_on_every_preset() {
     }
     let error = chain("rcg-1", "ward:brass", 0.004, &Moved(0.0));
     assert!(error < 0.005, "brass: median error {error}");
+}
+
+#[test]
+fn between_captures_the_look_up_follows_the_highlight() {
+    let dir = tempfile::tempdir().unwrap();
+    let request = Request {
+        image_size: 96,
+        ..request("ward:brass", false)
+    };
+    let measurement = begin(&dir.path().join("m"), "rcg-2", request, 0.004, &Moved(0.0));
+    capture(&measurement, &Setup::default(), &Silent).unwrap();
+    assemble_measurement(&measurement, &Silent).unwrap();
+    let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
+    let sample = rcg::sample::parse("ward:brass").unwrap();
+    // In the highlight, where interpolations differ: half vectors within 12° of the normal.
+    let pairs: Vec<_> = (0..4000)
+        .map(|i| {
+            let i = f64::from(i);
+            let wi = from_degrees(40.0 + (i * 0.618).fract() * 20.0, i * 137.5);
+            let half = from_degrees((i * 0.414).fract() * 12.0, i * 71.3);
+            (wi, 2.0 * wi.dot(half) * half - wi)
+        })
+        .collect();
+    let rms = |interpolation| {
+        let values = brdf.interpolated(&pairs, interpolation).unwrap();
+        let squares: Vec<f64> = values
+            .iter()
+            .zip(&pairs)
+            .filter_map(|(value, (wi, wo))| {
+                let f = f64::from(value.as_ref().ok()?[1]);
+                Some((f - sample.f(*wi, *wo)[1]).powi(2))
+            })
+            .collect();
+        assert!(squares.len() > 2000, "only {} have values", squares.len());
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    };
+    let [direct, half_vector, blended] = [
+        Interpolation::Direct,
+        Interpolation::HalfVector,
+        Interpolation::Blended,
+    ]
+    .map(rms);
+    println!("RMS error in 1/sr: direct {direct:.4}, half vector {half_vector:.4}, blended {blended:.4}");
+    assert!(blended < 0.25 * direct, "direct {direct}, blended {blended}");
+    // The half vector alone is right here and wrong elsewhere.
+    assert!(
+        blended < 1.5 * half_vector,
+        "half vector {half_vector}, blended {blended}"
+    );
 }
 
 #[test]

@@ -23,6 +23,11 @@ fn a_study_that_cannot_be_is_refused() {
             ["--interpolation", "cubic"],
             ["--interpolation", "expected direct", "`cubic`"],
         ),
+        (
+            ["--interpolation", "blended"],
+            ["interval 1° with 256 pixels", "at most 8 GB", "found 25 GB"],
+        ),
+        (["--grid", "hexagonal"], ["--grid", "theta-phi", "`hexagonal`"]),
         (["--exposure", "0"], ["exposure", "positive", "found 0"]),
         (["--exposure", "nan"], ["exposure", "positive", "found NaN"]),
         (["--sample", "phong"], ["model", "expected lambert", "'phong'"]),
