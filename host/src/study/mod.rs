@@ -154,21 +154,59 @@ impl Settings {
         }
     }
 
-    /// Interval and directions of the intervals and of the coarse intervals.
-    fn sets(&self) -> Result<[Vec<(f64, IncidentSet)>; 2], StudyError> {
+    /// What is tried: the curves, and how many those are, then the coarse captures.
+    fn trials(&self) -> Result<(Vec<Trial>, usize), StudyError> {
         if !(self.exposure.is_finite() && self.exposure > 0.0) {
             return Err(StudyError::Exposure(self.exposure));
         }
         if let Some(&size) = self.image_sizes.iter().find(|size| !IMAGE_SIZES.contains(size)) {
             return Err(StudyError::ImageSize(size));
         }
-        let sets = |steps: &[f64]| {
-            steps
-                .iter()
-                .map(|&step_deg| Ok((step_deg, self.grid(step_deg).build()?)))
-                .collect::<Result<_, StudyError>>()
+        let mut trials = Vec::new();
+        let mut add = |interval_deg: f64, image_sizes: &[usize], interpolations: &[Interpolation]| {
+            let set = self.grid(interval_deg).build()?;
+            for &image_size in image_sizes {
+                trials.extend(interpolations.iter().map(|&interpolation| Trial {
+                    interval_deg,
+                    set: set.clone(),
+                    image_size,
+                    interpolation,
+                }));
+            }
+            Ok::<_, StudyError>(trials.len())
         };
-        Ok([sets(&self.intervals_deg)?, sets(&self.coarse_intervals_deg)?])
+        let mut curves = 0;
+        for &interval_deg in &self.intervals_deg {
+            curves = add(interval_deg, &self.image_sizes, &[self.interpolation])?;
+        }
+        for &interval_deg in &self.coarse_intervals_deg {
+            add(interval_deg, &[COMPARED_IMAGE_SIZE], &Interpolation::ALL)?;
+        }
+        match trials.iter().find_map(Trial::too_large) {
+            Some(error) => Err(error),
+            None => Ok((trials, curves)),
+        }
+    }
+}
+
+/// One reconstruction that is judged.
+struct Trial {
+    interval_deg: f64,
+    set: IncidentSet,
+    image_size: usize,
+    interpolation: Interpolation,
+}
+
+impl Trial {
+    fn too_large(&self) -> Option<StudyError> {
+        let gb = (12 * self.set.len() * self.image_size * self.image_size) as f64 * 1e-9;
+        (self.interpolation != Interpolation::Direct && gb > MOST_GB).then(|| StudyError::TooLarge {
+            interval_deg: self.interval_deg,
+            image_size: self.image_size,
+            interpolation: self.interpolation.name(),
+            most_gb: MOST_GB,
+            gb,
+        })
     }
 }
 
@@ -183,7 +221,7 @@ pub fn study(
     out: Option<&Path>,
     progress: &dyn Progress,
 ) -> Result<Study, StudyError> {
-    let [sets, coarse] = settings.sets()?;
+    let (trials, curves) = settings.trials()?;
     if let Some(out) = out {
         // Before the work rather than after it.
         fs::create_dir_all(out).map_err(|source| {
@@ -192,36 +230,15 @@ pub fn study(
         })?;
     }
     let spheres = Spheres::new(&sample, settings.exposure)?;
-    let mut tried = Vec::new();
-    for (interval_deg, set) in &sets {
-        tried.extend(
-            settings
-                .image_sizes
-                .iter()
-                .map(|&size| (*interval_deg, set.clone(), size, settings.interpolation)),
-        );
-    }
-    let curves = tried.len();
-    for (interval_deg, set) in &coarse {
-        tried.extend(
-            Interpolation::ALL.map(|method| (*interval_deg, set.clone(), COMPARED_IMAGE_SIZE, method)),
-        );
-    }
-    for (interval_deg, set, image_size, interpolation) in &tried {
-        let gb = (12 * set.len() * image_size * image_size) as f64 * 1e-9;
-        if *interpolation != Interpolation::Direct && gb > MOST_GB {
-            return Err(StudyError::TooLarge {
-                interval_deg: *interval_deg,
-                image_size: *image_size,
-                interpolation: interpolation.name(),
-                most_gb: MOST_GB,
-                gb,
-            });
-        }
-    }
-    progress.begin("study", tried.len(), "reconstructions");
+    progress.begin("study", trials.len(), "reconstructions");
     let mut rows: Vec<Row> = Vec::new();
-    for (interval_deg, set, image_size, interpolation) in tried {
+    for Trial {
+        interval_deg,
+        set,
+        image_size,
+        interpolation,
+    } in trials
+    {
         // What was judged for the curves need not be judged again.
         let known = rows.iter().find(|row| {
             (row.captures, row.image_size, row.interpolation) == (set.len(), image_size, interpolation)
