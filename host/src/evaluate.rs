@@ -20,7 +20,7 @@ use crate::direction::from_degrees;
 use crate::incident::IncidentSet;
 use crate::interpolation::Interpolation;
 use crate::provenance::Provenance;
-use crate::quadrature::mean_f;
+use crate::quadrature::{around, interpolated_pixel_rad, light_rad, mean_f};
 use crate::sample::Sample;
 use crate::store::StoreError;
 
@@ -271,7 +271,8 @@ pub(crate) fn is_judged(w: DVec3) -> bool {
     w.z >= JUDGED_THETA_DEG.to_radians().cos()
 }
 
-fn light_deg(brdf: &Brdf) -> f64 {
+/// Diameter in degrees of the cone that one pattern lights.
+pub(crate) fn light_deg(brdf: &Brdf) -> f64 {
     brdf.attributes()
         .get("spot_deg")
         .and_then(serde_json::Value::as_f64)
@@ -393,11 +394,8 @@ fn reciprocity(brdf: &Brdf) -> Result<(Option<f64>, usize), StoreError> {
 }
 
 /// Relative difference between the reference averaged over the lit cone and the pixels, and itself.
-///
-/// The cone is a disc of diameter d, of standard deviation d/4 along each axis. A pixel is a square of side s, of
-/// s/√12, and linear interpolation between pixels adds s/√6: together s/2.
 fn blur(brdf: &Brdf, sample: &dyn Sample, cells: &[Option<DVec3>]) -> Quantiles {
-    let light_rad = light_deg(brdf).to_radians() / 4.0;
+    let light_rad = light_rad(light_deg(brdf).to_radians());
     let channels = brdf.channels();
     let measured: Vec<usize> = (0..brdf.grid().len())
         .filter(|&index| brdf.incident_reason(index).is_none() && is_judged(brdf.grid().direction(index)))
@@ -415,7 +413,7 @@ fn blur(brdf: &Brdf, sample: &dyn Sample, cells: &[Option<DVec3>]) -> Quantiles 
                 let Some(wo) = wo.filter(|wo| is_judged(*wo)) else {
                     continue;
                 };
-                let places = around(wo, brdf.pixel_sr(cell).sqrt() / 2.0);
+                let places = around(wo, interpolated_pixel_rad(brdf.pixel_sr(cell)));
                 let mean = mean_f(&lobes, &places);
                 let truth = channel_values(sharp.f(wo), channels);
                 for (blurred, truth) in channel_values(mean, channels).zip(truth) {
@@ -426,10 +424,4 @@ fn blur(brdf: &Brdf, sample: &dyn Sample, cells: &[Option<DVec3>]) -> Quantiles 
         })
         .reduce(LogHistogram::new, |a, b| a.merge(&b))
         .quantiles()
-}
-
-/// Four directions at ±`rad` along two tangents of `w`, in the order ++, +−, −+, −−.
-fn around(w: DVec3, rad: f64) -> [DVec3; 4] {
-    let (a, b) = w.any_orthonormal_pair();
-    [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].map(|(x, y)| (w + rad * (x * a + y * b)).normalize())
 }

@@ -12,7 +12,7 @@
 //! | files | [`store`] (Zarr), [`measurement`] (the directory and its stages) |
 //! | many directions at once | [`multiplex`] (codes, cells, demultiplexing) |
 //! | the result | [`assemble`] (with the private `resample`), [`disk`] (outgoing directions), [`provenance`], [`brdf`] (look-up) |
-//! | judgement | [`sample`] (known materials), [`reflectance`], [`evaluate`], [`render`], [`scan`], [`study`], [`chart`], [`report`], [`paper`] |
+//! | judgement | [`sample`] (known materials), [`reflectance`], [`evaluate`], [`fit`], [`render`], [`scan`], [`study`], [`chart`], [`report`], [`paper`] |
 //!
 //! [`measure`] does all of it in one go; [`adaptive`] chooses the directions on the way. From the raw frames on, every stage reads files only.
 //!
@@ -32,6 +32,7 @@ pub mod direction;
 pub mod disk;
 pub mod evaluate;
 pub mod firing;
+pub mod fit;
 pub mod incident;
 pub mod interpolation;
 pub mod link;

@@ -23,3 +23,21 @@ pub(crate) fn mean_f(lobes: &[Box<dyn Outgoing + '_>; 4], places: &[DVec3; 4]) -
     }
     sum.map(|sum| sum / 8.0)
 }
+
+/// Four directions at ±`rad` along two tangents of `w`, in the order ++, +−, −+, −−.
+pub(crate) fn around(w: DVec3, rad: f64) -> [DVec3; 4] {
+    let (a, b) = w.any_orthonormal_pair();
+    [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].map(|(x, y)| (w + rad * (x * a + y * b)).normalize())
+}
+
+/// Standard deviation along each axis of a cone of light of the diameter `diameter_rad`: a quarter of it.
+pub(crate) fn light_rad(diameter_rad: f64) -> f64 {
+    diameter_rad / 4.0
+}
+
+/// Standard deviation in radians along each axis of a square pixel of `pixel_sr` between which is interpolated linearly.
+///
+/// A square of side s has s/√12, and interpolation adds s/√6: together s/2.
+pub(crate) fn interpolated_pixel_rad(pixel_sr: f64) -> f64 {
+    pixel_sr.sqrt() / 2.0
+}

@@ -6,6 +6,7 @@ use std::time::Duration;
 use rcg::brdf::Brdf;
 use rcg::direction::from_degrees;
 use rcg::evaluate::{Evaluation, evaluate};
+use rcg::fit::{Fit, Model};
 use rcg::incident::Grid;
 use rcg::interpolation::Interpolation;
 use rcg::measure::{assemble_measurement, capture, complete};
@@ -124,6 +125,38 @@ fn between_captures_the_look_up_follows_the_highlight() {
         blended < 1.5 * half_vector,
         "half vector {half_vector}, blended {blended}"
     );
+}
+
+#[test]
+fn a_model_is_recovered_from_its_noisy_measurement_within_the_stated_uncertainty() {
+    for preset in ["rcg-1", "rcg-2"] {
+        let dir = tempfile::tempdir().unwrap();
+        let request = Request {
+            grid: Grid::ThetaPhi { step_deg: 5.0 },
+            image_size: 96,
+            ..request("ward:brass", true)
+        };
+        let measurement = begin(&dir.path().join("m"), preset, request, 0.004, &Moved(0.0));
+        capture(&measurement, &Setup::default(), &Silent).unwrap();
+        assemble_measurement(&measurement, &Silent).unwrap();
+        let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
+        let fit = Fit::of_brdf(Model::Ward, &brdf).unwrap();
+        for parameter in &fit.parameters {
+            let truth = match &parameter.name[..2] {
+                "ax" => 0.05,
+                "ay" => 0.16,
+                "rd" => 0.10,
+                _ => 0.33,
+            };
+            let error = parameter.value - truth;
+            println!("{preset}: {parameter:?}");
+            assert!(error.abs() < 0.02 * truth, "{preset}: {parameter:?}");
+            assert!(
+                error.abs() < 2.0 * parameter.standard_uncertainty,
+                "{preset}: {parameter:?}"
+            );
+        }
+    }
 }
 
 #[test]

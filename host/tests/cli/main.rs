@@ -25,6 +25,7 @@ mod directions;
 #[cfg(target_os = "linux")]
 mod disk_full;
 mod faults_on_purpose;
+mod fits;
 mod grids;
 #[cfg(unix)]
 mod killed;

@@ -7,6 +7,7 @@ use rcg::assemble::AssembleError;
 use rcg::brdf::BrdfError;
 use rcg::chart::ChartError;
 use rcg::device::DeviceError;
+use rcg::fit::FitError;
 use rcg::link::LinkError;
 use rcg::measure::MeasureError;
 use rcg::measurement::MeasurementError;
@@ -186,6 +187,15 @@ impl Blame for MultiplexError {
         match self {
             Self::Cells(_) => true,
             Self::Measurement(error) => error.is_input(),
+        }
+    }
+}
+
+impl Blame for FitError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Store(error) => error.is_input(),
+            Self::TooFew { .. } | Self::NoLobe { .. } => true,
         }
     }
 }

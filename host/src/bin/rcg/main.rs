@@ -9,6 +9,7 @@ mod capture;
 mod controller;
 mod evaluate;
 mod failure;
+mod fit;
 mod map;
 mod measure;
 mod multiplex;
@@ -71,6 +72,7 @@ enum Command {
     Value(value::Args),
     /// Judge a BRDF by itself and against a known sample
     Evaluate(evaluate::Args),
+    Fit(fit::Args),
     Render(render::Args),
     Plot(plot::Args),
     Study(study::Args),
@@ -95,6 +97,7 @@ fn main() -> ExitCode {
         Command::Map(args) => map::run(args, &cli.rig, &output),
         Command::Value(args) => value::run(args, &output),
         Command::Evaluate(args) => evaluate::run(args, &output),
+        Command::Fit(args) => fit::run(args, &output),
         Command::Render(args) => render::run(args, &output),
         Command::Plot(args) => plot::run(args, &output),
         Command::Study(args) => study::run(args, &output),

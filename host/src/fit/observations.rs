@@ -1,0 +1,187 @@
+//! The samples that a model is fitted to.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+use super::FitError;
+use crate::brdf::Brdf;
+use crate::direction::from_degrees;
+use crate::evaluate::{is_judged, light_deg};
+use crate::provenance::Provenance;
+use crate::quadrature::{around, interpolated_pixel_rad, light_rad};
+use crate::sample::Sample;
+
+/// Samples that take part, about: enough for every parameter of a lobe, and few enough for seconds.
+const SAMPLES: usize = 200_000;
+/// Fewer than this determine nothing.
+const FEWEST: usize = 200;
+/// Relative standard uncertainty that the values of a known sample are given.
+const KNOWN: f64 = 0.01;
+
+/// One sample: a pair of directions, f, and how its variance follows from f.
+pub(super) struct Observation {
+    /// Four directions of light: ++, +−, −+, −−.
+    pub(super) light: [DVec3; 4],
+    /// Four places within the pixel, in the same order.
+    pub(super) places: [DVec3; 4],
+    /// f in sr⁻¹ per channel.
+    pub(super) f: [f64; 3],
+    /// Variance in sr⁻² at f = 0, and its rise with f in sr⁻¹.
+    pub(super) variance: [f64; 2],
+}
+
+/// What is fitted to.
+pub(super) struct Observations {
+    pub(super) all: Vec<Observation>,
+    pub(super) channels: usize,
+}
+
+impl Observations {
+    /// Samples of a measured BRDF with θ ≤ 80° both ways, spread evenly over all that have a value.
+    ///
+    /// Variances are those of the file, smoothed: that of a single sample follows from its own noisy value, and weights
+    /// that know the noise would favour what came out too low.
+    pub(super) fn of_brdf(brdf: &Brdf) -> Result<Self, FitError> {
+        let cells: Vec<(usize, DVec3, f64)> = (0..brdf.disk().len())
+            .filter_map(|cell| {
+                let wo = brdf.disk().direction(cell).filter(|wo| is_judged(*wo))?;
+                brdf.outgoing_reason(cell)
+                    .is_none()
+                    .then(|| (cell, wo, interpolated_pixel_rad(brdf.pixel_sr(cell))))
+            })
+            .collect();
+        let captured =
+            |index: usize| brdf.incident_reason(index).is_none() && is_judged(brdf.grid().direction(index));
+        let images = (0..brdf.grid().len()).filter(|&index| captured(index)).count();
+        // Odd, so that it does not stay in step with the disk's rows.
+        let stride = (images * cells.len() / SAMPLES) | 1;
+        let light = light_rad(light_deg(brdf).to_radians());
+        let channels = brdf.channels();
+        let row = brdf.disk().len();
+        let mut all = Vec::new();
+        for chunk in 0..brdf.chunks() {
+            let Some(rows) = brdf.chunk(chunk)? else { continue };
+            for (place, index) in brdf.chunk_range(chunk).enumerate() {
+                if !captured(index) {
+                    continue;
+                }
+                let lights = around(brdf.grid().direction(index), light);
+                let mut image: Vec<(Observation, [f64; 3])> = cells
+                    .iter()
+                    .skip(index * 7 % stride)
+                    .step_by(stride)
+                    .filter(|(cell, ..)| rows.provenance[place * row + cell] == Provenance::Measured.code())
+                    .map(|&(cell, wo, pixel)| {
+                        let at = (place * row + cell) * channels;
+                        let mut observation = Observation {
+                            light: lights,
+                            places: around(wo, pixel),
+                            f: [0.0; 3],
+                            variance: [0.0; 2],
+                        };
+                        let mut squares = [0.0; 3];
+                        for (out, &f) in observation.f.iter_mut().zip(&rows.f[at..at + channels]) {
+                            *out = f64::from(f);
+                        }
+                        for (out, sigma) in squares.iter_mut().zip(&rows.sigma[at..at + channels]) {
+                            *out = sigma.to_f64().powi(2);
+                        }
+                        (observation, squares)
+                    })
+                    .collect();
+                let line = line(image.iter().flat_map(|(observation, squares)| {
+                    observation.f.into_iter().zip(*squares).take(channels)
+                }));
+                for (observation, _) in &mut image {
+                    observation.variance = line;
+                }
+                all.extend(image.into_iter().map(|(observation, _)| observation));
+            }
+        }
+        Self { all, channels }.enough()
+    }
+
+    /// Values of a known sample, each with an uncertainty of 1 %, at 500 incident and 400 outgoing directions.
+    pub(super) fn of_sample(sample: &dyn Sample) -> Result<Self, FitError> {
+        let spread = |count: usize, turn: f64| -> Vec<DVec3> {
+            (0..count)
+                .map(|i| {
+                    let share = (i as f64 + 0.5) / count as f64;
+                    from_degrees(share.sqrt().asin().to_degrees() * 80.0 / 90.0, i as f64 * turn)
+                })
+                .collect()
+        };
+        // Half of the outgoing directions near the mirror direction, where a glossy sample has its lobe.
+        let (incident, halves, outgoing) = (spread(500, 137.508), spread(200, 137.508), spread(200, 99.502));
+        let all = incident
+            .par_iter()
+            .flat_map_iter(|&wi| {
+                let lobe = sample.incident(wi);
+                let mirrored = halves.iter().map(|&h| {
+                    // Closer to the normal than the half vectors of the whole hemisphere.
+                    let h = (h * DVec3::new(0.5, 0.5, 1.0)).normalize();
+                    2.0 * wi.dot(h) * h - wi
+                });
+                mirrored
+                    .chain(outgoing.iter().copied())
+                    .filter(|wo| is_judged(*wo))
+                    .map(|wo| {
+                        let f = lobe.f(wo);
+                        let mean = (f[0] + f[1] + f[2]) / 3.0;
+                        Observation {
+                            light: [wi; 4],
+                            places: [wo; 4],
+                            f,
+                            variance: [(KNOWN * mean).powi(2).max(1e-12), 0.0],
+                        }
+                    })
+                    .collect::<Vec<_>>()
+            })
+            .collect();
+        Self { all, channels: 3 }.enough()
+    }
+
+    fn enough(self) -> Result<Self, FitError> {
+        match self.all.len() {
+            found if found < FEWEST => Err(FitError::TooFew {
+                expected: FEWEST,
+                found,
+            }),
+            _ => Ok(self),
+        }
+    }
+
+    /// The same with point-like lights and pixels.
+    pub(super) fn sharp(&self) -> Self {
+        let centre = |four: &[DVec3; 4]| [four.iter().sum::<DVec3>().normalize(); 4];
+        let all = self.all.iter().map(|seen| Observation {
+            light: centre(&seen.light),
+            places: centre(&seen.places),
+            ..*seen
+        });
+        Self {
+            all: all.collect(),
+            channels: self.channels,
+        }
+    }
+}
+
+/// Least-squares line [at 0, slope] through points (f, variance), neither negative.
+fn line(points: impl Iterator<Item = (f64, f64)>) -> [f64; 2] {
+    let (mut n, mut x, mut y, mut xx, mut xy, mut least) = (0.0, 0.0, 0.0, 0.0, 0.0, f64::INFINITY);
+    for (f, variance) in points {
+        n += 1.0;
+        x += f;
+        y += variance;
+        xx += f * f;
+        xy += f * variance;
+        least = least.min(variance);
+    }
+    let spread = n * xx - x * x;
+    let slope = if spread > 0.0 {
+        ((n * xy - x * y) / spread).max(0.0)
+    } else {
+        0.0
+    };
+    [((y - slope * x) / n).max(least).max(1e-14), slope]
+}

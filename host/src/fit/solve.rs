@@ -1,0 +1,232 @@
+//! The least-squares problem.
+//!
+//! # Design
+//! Unknowns are ln αx, ln αy and per channel ρd and the strength of the lobe. f is linear in the latter two, so their
+//! derivatives are exact and their start values follow from the roughness by linear least squares; those of the roughness
+//! are the best of a coarse grid.
+
+use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
+use nalgebra::{DMatrix, DVector, Dyn, Matrix2, Owned, Vector2};
+use rayon::prelude::*;
+
+use super::FitError;
+use super::model::{Model, WHITE};
+use super::observations::Observations;
+
+/// Share of the blur of a single sample that is not known (k = 1). Linear interpolation adds w(1−w) pixels² to the 1/12 of
+/// a pixel, where w, the place between two pixels, is any: 1/4 ± √(1/180), which is 30 %.
+const PHASE: f64 = 0.3;
+/// Difference in ln α for its derivative.
+const STEP: f64 = 1e-4;
+/// Roughness from which fits start.
+const STARTS: [f64; 5] = [0.03, 0.07, 0.15, 0.35, 0.8];
+/// Roughness beyond which there is no lobe, or one that no pixel resolves.
+pub(super) const ALPHA: std::ops::RangeInclusive<f64> = 0.001..=1.5;
+
+/// A solution.
+pub(super) struct Solution {
+    /// ln αx, ln αy, then ρd and strength of each channel.
+    pub(super) unknowns: DVector<f64>,
+    /// Covariance of those as the residuals show it.
+    pub(super) covariance: DMatrix<f64>,
+    /// Sum of squared residuals over their standard uncertainties.
+    pub(super) chi_squared: f64,
+}
+
+struct Problem<'a> {
+    model: Model,
+    seen: &'a Observations,
+    /// The same without blur.
+    sharp: &'a Observations,
+    /// 1/σ of each residual.
+    weights: Vec<f64>,
+    unknowns: DVector<f64>,
+    /// Of each sample, its parts at these unknowns.
+    parts: Vec<[f64; 2]>,
+}
+
+fn alpha(unknowns: &DVector<f64>) -> [f64; 2] {
+    [unknowns[0].exp(), unknowns[1].exp()]
+}
+
+impl Problem<'_> {
+    fn parts_at(&self, alpha: [f64; 2], seen: &Observations) -> Vec<[f64; 2]> {
+        seen.all
+            .par_iter()
+            .map(|seen| self.model.parts(alpha, seen))
+            .collect()
+    }
+
+    /// f in sr⁻¹ of a sample in a channel at the unknowns, from its parts.
+    fn f(&self, parts: [f64; 2], channel: usize) -> f64 {
+        let of = &self.unknowns.as_slice()[2 + 2 * channel..];
+        of[0] * WHITE + parts[0] + of[1] * parts[1]
+    }
+
+    fn weigh(&mut self) {
+        let channels = self.seen.channels;
+        let sharp = self.parts_at(alpha(&self.unknowns), self.sharp);
+        self.weights = (0..self.seen.all.len() * channels)
+            .map(|at| {
+                let [at_zero, rise] = self.seen.all[at / channels].variance;
+                let f = self.f(self.parts[at / channels], at % channels);
+                let blur = f - self.f(sharp[at / channels], at % channels);
+                (at_zero + rise * f.max(0.0) + (PHASE * blur).powi(2))
+                    .sqrt()
+                    .recip()
+            })
+            .collect();
+    }
+}
+
+impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
+    type ParameterStorage = Owned<f64, Dyn>;
+    type ResidualStorage = Owned<f64, Dyn>;
+    type JacobianStorage = Owned<f64, Dyn, Dyn>;
+
+    fn set_params(&mut self, unknowns: &DVector<f64>) {
+        self.parts = self.parts_at(alpha(unknowns), self.seen);
+        self.unknowns.copy_from(unknowns);
+    }
+
+    fn params(&self) -> DVector<f64> {
+        self.unknowns.clone()
+    }
+
+    fn residuals(&self) -> Option<DVector<f64>> {
+        let channels = self.seen.channels;
+        Some(DVector::from_fn(self.weights.len(), |at, _| {
+            let (sample, channel) = (at / channels, at % channels);
+            (self.f(self.parts[sample], channel) - self.seen.all[sample].f[channel]) * self.weights[at]
+        }))
+    }
+
+    fn jacobian(&self) -> Option<DMatrix<f64>> {
+        let channels = self.seen.channels;
+        let mut jacobian = DMatrix::zeros(self.weights.len(), 2 + 2 * channels);
+        for axis in 0..2 {
+            let shifted = |by: f64| {
+                let mut unknowns = self.unknowns.clone();
+                unknowns[axis] += by;
+                self.parts_at(alpha(&unknowns), self.seen)
+            };
+            let (up, down) = (shifted(STEP), shifted(-STEP));
+            for at in 0..self.weights.len() {
+                let (sample, channel) = (at / channels, at % channels);
+                let rise = self.f(up[sample], channel) - self.f(down[sample], channel);
+                jacobian[(at, axis)] = rise / (2.0 * STEP) * self.weights[at];
+            }
+        }
+        for at in 0..self.weights.len() {
+            let (sample, channel) = (at / channels, at % channels);
+            jacobian[(at, 2 + 2 * channel)] = WHITE * self.weights[at];
+            jacobian[(at, 3 + 2 * channel)] = self.parts[sample][1] * self.weights[at];
+        }
+        Some(jacobian)
+    }
+}
+
+/// The best fit of `model` to `seen`; `sharp` are the same samples without blur.
+///
+/// The covariance is the one that holds whatever the variances are (White, Econometrica 48, 1980): residuals count as they
+/// turned out.
+pub(super) fn solve(model: Model, seen: &Observations, sharp: &Observations) -> Result<Solution, FitError> {
+    let mut problem = start(model, seen, sharp);
+    // Once more with the weights that belong to the solution.
+    for _ in 0..2 {
+        let (solved, report) = LevenbergMarquardt::new().minimize(problem);
+        problem = solved;
+        let is_in_range = alpha(&problem.unknowns).iter().all(|alpha| ALPHA.contains(alpha));
+        if !report.termination.was_successful() || !is_in_range {
+            return Err(FitError::NoLobe {
+                alpha: alpha(&problem.unknowns),
+            });
+        }
+        problem.weigh();
+    }
+    let mut jacobian = problem.jacobian().expect("invariant: always there");
+    let normal = jacobian.tr_mul(&jacobian);
+    // Scaled, so that what is singular does not depend on units.
+    let scale = normal.diagonal().map(|square| square.sqrt().max(1e-300).recip());
+    let scaled = DMatrix::from_fn(normal.nrows(), normal.ncols(), |i, j| {
+        normal[(i, j)] * scale[i] * scale[j]
+    });
+    let inverse = scaled.cholesky().ok_or(FitError::NoLobe {
+        alpha: alpha(&problem.unknowns),
+    })?;
+    let inverse = inverse.inverse();
+    let bread = DMatrix::from_fn(normal.nrows(), normal.ncols(), |i, j| {
+        inverse[(i, j)] * scale[i] * scale[j]
+    });
+    let residuals = problem.residuals().expect("invariant: always there");
+    let chi_squared = residuals.norm_squared();
+    for (mut row, residual) in jacobian.row_iter_mut().zip(residuals.iter()) {
+        row *= *residual;
+    }
+    let covariance = &bread * jacobian.tr_mul(&jacobian) * &bread;
+    Ok(Solution {
+        unknowns: problem.unknowns,
+        covariance,
+        chi_squared,
+    })
+}
+
+/// The best of a grid of roughness, with the other unknowns by linear least squares.
+fn start<'a>(model: Model, seen: &'a Observations, sharp: &'a Observations) -> Problem<'a> {
+    let channels = seen.channels;
+    let mut problem = Problem {
+        model,
+        seen,
+        sharp,
+        weights: Vec::new(),
+        unknowns: DVector::zeros(2 + 2 * channels),
+        parts: Vec::new(),
+    };
+    // The variances of the values as they are: only the start depends on them.
+    problem.weights = (0..seen.all.len() * channels)
+        .map(|at| {
+            let observation = &seen.all[at / channels];
+            let [at_zero, rise] = observation.variance;
+            (at_zero + rise * observation.f[at % channels].max(0.0))
+                .sqrt()
+                .recip()
+        })
+        .collect();
+    let mut best: Option<(f64, DVector<f64>)> = None;
+    for alpha_x in STARTS {
+        for alpha_y in STARTS {
+            problem.unknowns[0] = alpha_x.ln();
+            problem.unknowns[1] = alpha_y.ln();
+            problem.parts = problem.parts_at([alpha_x, alpha_y], seen);
+            for channel in 0..channels {
+                let [rho_d, strength] = linear(&problem, channel);
+                problem.unknowns[2 + 2 * channel] = rho_d;
+                problem.unknowns[3 + 2 * channel] = strength;
+            }
+            let chi_squared = problem.residuals().map_or(f64::INFINITY, |r| r.norm_squared());
+            if best.as_ref().is_none_or(|best| chi_squared < best.0) {
+                best = Some((chi_squared, problem.unknowns.clone()));
+            }
+        }
+    }
+    if let Some((_, unknowns)) = best {
+        problem.set_params(&unknowns);
+    }
+    problem.weigh();
+    problem
+}
+
+/// ρd and strength of one channel at the roughness of `problem`.
+fn linear(problem: &Problem<'_>, channel: usize) -> [f64; 2] {
+    let channels = problem.seen.channels;
+    let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
+    for (sample, (seen, parts)) in problem.seen.all.iter().zip(&problem.parts).enumerate() {
+        let weight = problem.weights[sample * channels + channel].powi(2);
+        let row = Vector2::new(WHITE, parts[1]);
+        normal += weight * row * row.transpose();
+        right += weight * (seen.f[channel] - parts[0]) * row;
+    }
+    normal
+        .try_inverse()
+        .map_or([0.0; 2], |inverse| (inverse * right).into())
+}

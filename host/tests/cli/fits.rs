@@ -1,0 +1,76 @@
+//! `fit`: parameters with covariance, and what cannot be fitted.
+
+use std::fs;
+
+use crate::command::{quick_measurement, refuses, run, text};
+
+#[test]
+fn a_fit_answers_with_parameters_covariance_and_residuals() {
+    let scratch = tempfile::tempdir().unwrap();
+    let picture = scratch.path().join("residuals.png");
+    let arguments = [
+        "fit",
+        "ggx:satin",
+        "--model",
+        "ggx",
+        "--residuals",
+        text(&picture),
+        "--json",
+    ];
+    let answer = run(&arguments, "").object();
+    assert_eq!(answer["model"], "ggx");
+    let parameters = answer["parameters"].as_array().unwrap();
+    let names: Vec<&str> = parameters
+        .iter()
+        .map(|parameter| parameter["name"].as_str().unwrap())
+        .collect();
+    assert_eq!(
+        names,
+        ["ax", "ay", "rd_r", "f0_r", "rd_g", "f0_g", "rd_b", "f0_b"]
+    );
+    let covariance = answer["covariance"].as_array().unwrap();
+    assert_eq!(covariance.len(), names.len());
+    for (at, row) in covariance.iter().enumerate() {
+        let variance = row[at].as_f64().unwrap();
+        let stated = parameters[at]["standard_uncertainty"].as_f64().unwrap();
+        assert!((variance.sqrt() / stated - 1.0).abs() < 1e-9, "{}", names[at]);
+    }
+    assert!(!answer["residuals"].as_array().unwrap().is_empty());
+    assert!(image::open(&picture).unwrap().width() > 500);
+}
+
+#[test]
+fn what_has_no_lobe_or_too_little_is_refused() {
+    let scratch = tempfile::tempdir().unwrap();
+    let picture = scratch.path().join("residuals.png");
+    let fit = |arguments: &[&str], parts: &[&str]| {
+        let drawn = ["--residuals", text(&picture)];
+        refuses(&[&["fit"][..], arguments, &drawn].concat(), "", 2, parts);
+        assert!(!picture.exists(), "{arguments:?}");
+    };
+    fit(
+        &["lambert:0.5", "--model", "ward"],
+        &["fit", "expected a lobe", "found none"],
+    );
+    fit(
+        &["ward:brass", "--model", "phong"],
+        &["--model", "ward", "`phong`"],
+    );
+    fit(
+        &["no/such.zarr", "--model", "ward"],
+        &["no/such.zarr", "expected"],
+    );
+
+    let measured = scratch.path().join("m");
+    quick_measurement(&measured);
+    for entry in fs::read_dir(measured.join("brdf.zarr/f")).unwrap() {
+        let path = entry.unwrap().path();
+        if path.file_name().unwrap().to_str().unwrap().starts_with("c.") {
+            fs::remove_file(path).unwrap();
+        }
+    }
+    fit(
+        &[text(&measured.join("brdf.zarr")), "--model", "ward"],
+        &["fit", "at least 200", "found 0"],
+    );
+}
