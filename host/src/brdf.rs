@@ -181,6 +181,13 @@ impl Brdf {
         self.reader.attributes()
     }
 
+    /// Diameter in degrees of the cone that one pattern lit; 0 if the file does not say.
+    #[must_use]
+    pub fn spot_deg(&self) -> f64 {
+        let spot = self.attributes().get("spot_deg");
+        spot.and_then(serde_json::Value::as_f64).unwrap_or(0.0)
+    }
+
     /// Why incident direction `index` of the grid has no data; `None` if it has.
     #[must_use]
     pub fn incident_reason(&self, index: usize) -> Option<Unmeasurable> {

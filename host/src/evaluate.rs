@@ -20,7 +20,7 @@ use crate::direction::from_degrees;
 use crate::incident::IncidentSet;
 use crate::interpolation::Interpolation;
 use crate::provenance::Provenance;
-use crate::quadrature::{around, interpolated_pixel_rad, light_rad, mean_f};
+use crate::quadrature::{around, interpolated_pixel_rad, mean_f, spot_rad};
 use crate::sample::Sample;
 use crate::store::StoreError;
 
@@ -252,7 +252,7 @@ pub fn evaluate(
         relative_error: total.error.quantiles(),
         psnr_db: -10.0 * (total.squares / total.compared.max(1) as f64).max(1e-30).log10(),
         blur: blur(brdf, sample, &cells),
-        light_deg: light_deg(brdf),
+        light_deg: brdf.spot_deg(),
         pixel_deg: pixel_deg(brdf, &cells),
     });
     Ok(Evaluation {
@@ -269,14 +269,6 @@ pub fn evaluate(
 /// Whether a direction is among those that are judged.
 pub(crate) fn is_judged(w: DVec3) -> bool {
     w.z >= JUDGED_THETA_DEG.to_radians().cos()
-}
-
-/// Diameter in degrees of the cone that one pattern lights.
-pub(crate) fn light_deg(brdf: &Brdf) -> f64 {
-    brdf.attributes()
-        .get("spot_deg")
-        .and_then(serde_json::Value::as_f64)
-        .unwrap_or(0.0)
 }
 
 fn pixel_deg(brdf: &Brdf, cells: &[Option<DVec3>]) -> f64 {
@@ -395,7 +387,7 @@ fn reciprocity(brdf: &Brdf) -> Result<(Option<f64>, usize), StoreError> {
 
 /// Relative difference between the reference averaged over the lit cone and the pixels, and itself.
 fn blur(brdf: &Brdf, sample: &dyn Sample, cells: &[Option<DVec3>]) -> Quantiles {
-    let light_rad = light_rad(light_deg(brdf).to_radians());
+    let light_rad = spot_rad(brdf.spot_deg());
     let channels = brdf.channels();
     let measured: Vec<usize> = (0..brdf.grid().len())
         .filter(|&index| brdf.incident_reason(index).is_none() && is_judged(brdf.grid().direction(index)))

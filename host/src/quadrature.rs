@@ -30,9 +30,9 @@ pub(crate) fn around(w: DVec3, rad: f64) -> [DVec3; 4] {
     [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].map(|(x, y)| (w + rad * (x * a + y * b)).normalize())
 }
 
-/// Standard deviation along each axis of a cone of light of the diameter `diameter_rad`: a quarter of it.
-pub(crate) fn light_rad(diameter_rad: f64) -> f64 {
-    diameter_rad / 4.0
+/// Standard deviation in radians along each axis of a spot of light of `diameter_deg` degrees: a quarter of the diameter.
+pub(crate) fn spot_rad(diameter_deg: f64) -> f64 {
+    diameter_deg.to_radians() / 4.0
 }
 
 /// Standard deviation in radians along each axis of a square pixel of `pixel_sr` between which is interpolated linearly.

@@ -42,6 +42,14 @@ fn begin(dir: &Path, preset: &str, request: Request, exposure_s: f64, moved: &Mo
     Measurement::create(dir, rig, plan).unwrap()
 }
 
+/// A whole measurement: captured without mischief, and assembled.
+fn measured(dir: &Path, preset: &str, request: Request, exposure_s: f64, moved: &Moved) -> Measurement {
+    let measurement = begin(dir, preset, request, exposure_s, moved);
+    capture(&measurement, &Setup::default(), &Silent).unwrap();
+    assemble_measurement(&measurement, &Silent).unwrap();
+    measurement
+}
+
 fn judge(measurement: &Measurement) -> Evaluation {
     let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
     let spec = measurement.plan.request.sample.as_deref().unwrap();
@@ -52,15 +60,13 @@ fn judge(measurement: &Measurement) -> Evaluation {
 /// Median relative error of the whole chain.
 fn chain(preset: &str, sample: &str, exposure_s: f64, moved: &Moved) -> f64 {
     let dir = tempfile::tempdir().unwrap();
-    let measurement = begin(
+    let measurement = measured(
         &dir.path().join("m"),
         preset,
         request(sample, false),
         exposure_s,
         moved,
     );
-    capture(&measurement, &Setup::default(), &Silent).unwrap();
-    assemble_measurement(&measurement, &Silent).unwrap();
     judge(&measurement)
         .against_reference
         .unwrap()
@@ -85,9 +91,7 @@ fn between_captures_the_look_up_follows_the_highlight() {
         image_size: 96,
         ..request("ward:brass", false)
     };
-    let measurement = begin(&dir.path().join("m"), "rcg-2", request, 0.004, &Moved(0.0));
-    capture(&measurement, &Setup::default(), &Silent).unwrap();
-    assemble_measurement(&measurement, &Silent).unwrap();
+    let measurement = measured(&dir.path().join("m"), "rcg-2", request, 0.004, &Moved(0.0));
     let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
     let sample = rcg::sample::parse("ward:brass").unwrap();
     // In the highlight, where interpolations differ: half vectors within 12° of the normal.
@@ -136,9 +140,7 @@ fn a_model_is_recovered_from_its_noisy_measurement_within_the_stated_uncertainty
             image_size: 96,
             ..request("ward:brass", true)
         };
-        let measurement = begin(&dir.path().join("m"), preset, request, 0.004, &Moved(0.0));
-        capture(&measurement, &Setup::default(), &Silent).unwrap();
-        assemble_measurement(&measurement, &Silent).unwrap();
+        let measurement = measured(&dir.path().join("m"), preset, request, 0.004, &Moved(0.0));
         let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
         let fit = Fit::of_brdf(Model::Ward, &brdf).unwrap();
         for parameter in &fit.parameters {
@@ -224,15 +226,13 @@ fn missed_triggers_dropped_and_doubled_frames_change_nothing_but_the_tally() {
 #[test]
 fn the_stated_uncertainty_is_that_of_the_noise() {
     let dir = tempfile::tempdir().unwrap();
-    let measurement = begin(
+    let measurement = measured(
         &dir.path().join("m"),
         "rcg-1",
         request("lambert:0.5", true),
         0.0333,
         &Moved(0.0),
     );
-    capture(&measurement, &Setup::default(), &Silent).unwrap();
-    assemble_measurement(&measurement, &Silent).unwrap();
     let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
     let truth = 0.5 / std::f64::consts::PI;
     let (mut count, mut squares, mut within) = (0_u32, 0.0, 0_u32);

@@ -8,10 +8,10 @@
 //! | `solve` | weighted least squares by Levenberg and Marquardt |
 //!
 //! The model is averaged over the spot of light and over the pixel before it is compared: what the instrument blurs does
-//! not pass for roughness. How well that blur is known limits the fit of a sharp lobe; a tenth of what it shifts each
-//! parameter by is taken as a standard uncertainty, fully correlated, and added to the covariance. That follows from the
-//! residuals as they are, so that it holds too where the model is wrong by more than the noise. What errors of light and
-//! throughput do to all samples alike is not in it: nothing calibrates them yet.
+//! not pass for roughness. The covariance follows from the residuals as they turned out, so that it holds too where the
+//! model is wrong by more than the noise. To it comes, fully correlated, a tenth of what the blur shifts each parameter by:
+//! how well the blur is known limits the fit of a sharp lobe. What errors of light and throughput do to all samples alike is
+//! not in it: nothing calibrates them yet.
 //!
 //! # Tradeoffs
 //! Some 200,000 samples take part, not all; the axes of the lobe are the sample's x and y.
@@ -32,7 +32,7 @@ use crate::sample::Sample;
 use crate::store::StoreError;
 
 pub use model::Model;
-use model::WHITE;
+use model::combine;
 use observations::Observations;
 
 /// Share of the blur's effect by which it may be wrong (k = 1): how the spot is filled, and where in their pixels the
@@ -134,8 +134,8 @@ impl Fit {
 
     fn new(model: Model, seen: &Observations) -> Result<Self, FitError> {
         let points = seen.sharp();
-        let solution = solve::solve(model, seen, &points)?;
-        let sharp = solve::solve(model, &points, &points)?;
+        let solution = solve::solve(model, seen, &points, &solve::start(model, seen))?;
+        let sharp = solve::solve(model, &points, &points, &solution.unknowns)?;
         let unknowns = &solution.unknowns;
         // From ln α to α.
         let scale = |at: usize| if at < 2 { unknowns[at].exp() } else { 1.0 };
@@ -235,9 +235,8 @@ fn residuals(model: Model, seen: &Observations, parameters: &[Parameter]) -> Vec
         let parts = model.parts(alpha, sample);
         for (channel, &f) in sample.f[..seen.channels].iter().enumerate() {
             let [rho_d, strength] = [0, 1].map(|part| parameters[2 + 2 * channel + part].value);
-            let residual = rho_d * WHITE + parts[0] + strength * parts[1] - f;
-            let variance = sample.variance[0] + sample.variance[1] * f.max(0.0);
-            let add = [1.0, f, residual, residual * residual, variance];
+            let residual = combine(parts, rho_d, strength) - f;
+            let add = [1.0, f, residual, residual * residual, sample.variance_at(f)];
             for (sum, add) in sums[bin].iter_mut().zip(add) {
                 *sum += add;
             }

@@ -62,3 +62,8 @@ impl Model {
 
 /// f of a Lambertian surface of reflectance 1, in sr⁻¹.
 pub(super) const WHITE: f64 = FRAC_1_PI;
+
+/// f in sr⁻¹ from the [`Model::parts`] of a sample.
+pub(super) fn combine(parts: [f64; 2], rho_d: f64, strength: f64) -> f64 {
+    rho_d * WHITE + parts[0] + strength * parts[1]
+}

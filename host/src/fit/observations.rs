@@ -6,9 +6,9 @@ use rayon::prelude::*;
 use super::FitError;
 use crate::brdf::Brdf;
 use crate::direction::from_degrees;
-use crate::evaluate::{is_judged, light_deg};
+use crate::evaluate::is_judged;
 use crate::provenance::Provenance;
-use crate::quadrature::{around, interpolated_pixel_rad, light_rad};
+use crate::quadrature::{around, interpolated_pixel_rad, spot_rad};
 use crate::sample::Sample;
 
 /// Samples that take part, about: enough for every parameter of a lobe, and few enough for seconds.
@@ -28,6 +28,13 @@ pub(super) struct Observation {
     pub(super) f: [f64; 3],
     /// Variance in sr⁻² at f = 0, and its rise with f in sr⁻¹.
     pub(super) variance: [f64; 2],
+}
+
+impl Observation {
+    /// Variance in sr⁻² of noise if the sample has the value `f`.
+    pub(super) fn variance_at(&self, f: f64) -> f64 {
+        self.variance[0] + self.variance[1] * f.max(0.0)
+    }
 }
 
 /// What is fitted to.
@@ -55,7 +62,7 @@ impl Observations {
         let images = (0..brdf.grid().len()).filter(|&index| captured(index)).count();
         // Odd, so that it does not stay in step with the disk's rows.
         let stride = (images * cells.len() / SAMPLES) | 1;
-        let light = light_rad(light_deg(brdf).to_radians());
+        let light = spot_rad(brdf.spot_deg());
         let channels = brdf.channels();
         let row = brdf.disk().len();
         let mut all = Vec::new();
@@ -142,13 +149,14 @@ impl Observations {
     }
 
     fn enough(self) -> Result<Self, FitError> {
-        match self.all.len() {
-            found if found < FEWEST => Err(FitError::TooFew {
+        let found = self.all.len();
+        if found < FEWEST {
+            return Err(FitError::TooFew {
                 expected: FEWEST,
                 found,
-            }),
-            _ => Ok(self),
+            });
         }
+        Ok(self)
     }
 
     /// The same with point-like lights and pixels.

@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, DVector, Dyn, Matrix2, Owned, Vector2};
 use rayon::prelude::*;
 
 use super::FitError;
-use super::model::{Model, WHITE};
+use super::model::{Model, WHITE, combine};
 use super::observations::Observations;
 
 /// Share of the blur of a single sample that is not known (k = 1). Linear interpolation adds w(1−w) pixels² to the 1/12 of
@@ -59,8 +59,11 @@ impl Problem<'_> {
 
     /// f in sr⁻¹ of a sample in a channel at the unknowns, from its parts.
     fn f(&self, parts: [f64; 2], channel: usize) -> f64 {
-        let of = &self.unknowns.as_slice()[2 + 2 * channel..];
-        of[0] * WHITE + parts[0] + of[1] * parts[1]
+        combine(
+            parts,
+            self.unknowns[2 + 2 * channel],
+            self.unknowns[3 + 2 * channel],
+        )
     }
 
     fn weigh(&mut self) {
@@ -68,12 +71,10 @@ impl Problem<'_> {
         let sharp = self.parts_at(alpha(&self.unknowns), self.sharp);
         self.weights = (0..self.seen.all.len() * channels)
             .map(|at| {
-                let [at_zero, rise] = self.seen.all[at / channels].variance;
                 let f = self.f(self.parts[at / channels], at % channels);
                 let blur = f - self.f(sharp[at / channels], at % channels);
-                (at_zero + rise * f.max(0.0) + (PHASE * blur).powi(2))
-                    .sqrt()
-                    .recip()
+                let noise = self.seen.all[at / channels].variance_at(f);
+                (noise + (PHASE * blur).powi(2)).sqrt().recip()
             })
             .collect();
     }
@@ -126,12 +127,26 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     }
 }
 
-/// The best fit of `model` to `seen`; `sharp` are the same samples without blur.
+/// The best fit of `model` to `seen`, beginning at the unknowns `from`; `sharp` are the same samples without blur.
 ///
 /// The covariance is the one that holds whatever the variances are (White, Econometrica 48, 1980): residuals count as they
 /// turned out.
-pub(super) fn solve(model: Model, seen: &Observations, sharp: &Observations) -> Result<Solution, FitError> {
-    let mut problem = start(model, seen, sharp);
+pub(super) fn solve(
+    model: Model,
+    seen: &Observations,
+    sharp: &Observations,
+    from: &DVector<f64>,
+) -> Result<Solution, FitError> {
+    let mut problem = Problem {
+        model,
+        seen,
+        sharp,
+        weights: Vec::new(),
+        unknowns: from.clone(),
+        parts: Vec::new(),
+    };
+    problem.set_params(from);
+    problem.weigh();
     // Once more with the weights that belong to the solution.
     for _ in 0..2 {
         let (solved, report) = LevenbergMarquardt::new().minimize(problem);
@@ -171,13 +186,13 @@ pub(super) fn solve(model: Model, seen: &Observations, sharp: &Observations) -> 
     })
 }
 
-/// The best of a grid of roughness, with the other unknowns by linear least squares.
-fn start<'a>(model: Model, seen: &'a Observations, sharp: &'a Observations) -> Problem<'a> {
+/// Unknowns to begin at: the best of a grid of roughness, with the others by linear least squares.
+pub(super) fn start(model: Model, seen: &Observations) -> DVector<f64> {
     let channels = seen.channels;
     let mut problem = Problem {
         model,
         seen,
-        sharp,
+        sharp: seen,
         weights: Vec::new(),
         unknowns: DVector::zeros(2 + 2 * channels),
         parts: Vec::new(),
@@ -186,13 +201,13 @@ fn start<'a>(model: Model, seen: &'a Observations, sharp: &'a Observations) -> P
     problem.weights = (0..seen.all.len() * channels)
         .map(|at| {
             let observation = &seen.all[at / channels];
-            let [at_zero, rise] = observation.variance;
-            (at_zero + rise * observation.f[at % channels].max(0.0))
+            observation
+                .variance_at(observation.f[at % channels])
                 .sqrt()
                 .recip()
         })
         .collect();
-    let mut best: Option<(f64, DVector<f64>)> = None;
+    let (mut least, mut best) = (f64::INFINITY, problem.unknowns.clone());
     for alpha_x in STARTS {
         for alpha_y in STARTS {
             problem.unknowns[0] = alpha_x.ln();
@@ -204,16 +219,12 @@ fn start<'a>(model: Model, seen: &'a Observations, sharp: &'a Observations) -> P
                 problem.unknowns[3 + 2 * channel] = strength;
             }
             let chi_squared = problem.residuals().map_or(f64::INFINITY, |r| r.norm_squared());
-            if best.as_ref().is_none_or(|best| chi_squared < best.0) {
-                best = Some((chi_squared, problem.unknowns.clone()));
+            if chi_squared < least {
+                (least, best) = (chi_squared, problem.unknowns.clone());
             }
         }
     }
-    if let Some((_, unknowns)) = best {
-        problem.set_params(&unknowns);
-    }
-    problem.weigh();
-    problem
+    best
 }
 
 /// ρd and strength of one channel at the roughness of `problem`.

@@ -182,10 +182,8 @@ impl Settings {
         for &interval_deg in &self.coarse_intervals_deg {
             add(interval_deg, &[COMPARED_IMAGE_SIZE], &Interpolation::ALL)?;
         }
-        match trials.iter().find_map(Trial::too_large) {
-            Some(error) => Err(error),
-            None => Ok((trials, curves)),
-        }
+        trials.iter().try_for_each(Trial::check)?;
+        Ok((trials, curves))
     }
 }
 
@@ -198,9 +196,13 @@ struct Trial {
 }
 
 impl Trial {
-    fn too_large(&self) -> Option<StudyError> {
+    /// Whether its captures fit into memory.
+    fn check(&self) -> Result<(), StudyError> {
         let gb = (12 * self.set.len() * self.image_size * self.image_size) as f64 * 1e-9;
-        (self.interpolation != Interpolation::Direct && gb > MOST_GB).then(|| StudyError::TooLarge {
+        if self.interpolation == Interpolation::Direct || gb <= MOST_GB {
+            return Ok(());
+        }
+        Err(StudyError::TooLarge {
             interval_deg: self.interval_deg,
             image_size: self.image_size,
             interpolation: self.interpolation.name(),
