@@ -24,6 +24,7 @@
 pub mod adaptive;
 pub mod assemble;
 pub mod brdf;
+pub mod calibrate;
 pub mod camera;
 pub mod capture;
 pub mod chart;
@@ -62,5 +63,6 @@ pub mod scan;
 pub mod schedule;
 pub mod setup;
 pub mod store;
+pub mod stripes;
 pub mod study;
 pub mod virtual_rig;

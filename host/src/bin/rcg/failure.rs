@@ -5,6 +5,7 @@ use std::io;
 use rcg::adaptive::AdaptiveError;
 use rcg::assemble::AssembleError;
 use rcg::brdf::BrdfError;
+use rcg::calibrate::CalibrateError;
 use rcg::chart::ChartError;
 use rcg::device::DeviceError;
 use rcg::fit::FitError;
@@ -110,6 +111,18 @@ impl Blame for BrdfError {
         match self {
             Self::Store(error) => error.is_input(),
             Self::Content { .. } => true,
+        }
+    }
+}
+
+impl Blame for CalibrateError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Measure(error) => error.is_input(),
+            Self::Measurement(error) => error.is_input(),
+            Self::Store(error) => error.is_input(),
+            Self::Picture(_) => false,
+            Self::Rig(_) | Self::Content { .. } | Self::OtherRig { .. } | Self::Views { .. } => true,
         }
     }
 }

@@ -1,0 +1,135 @@
+//! Calibration: how the instrument really is, found with targets in place of the sample.
+//!
+//! # Design
+//! | module | finds | with |
+//! |---|---|---|
+//! | [`geometry`] | poses, lenses, mirror, sample frame | a flat mirror at known tilts, a diffuse standard |
+//!
+//! A calibration is a directory. `rig.toml` in it is the calibrated rig, which measurements take in place of the nominal
+//! one; the JSON files beside it say what was found, how certain it is, and for which rig.
+
+pub mod geometry;
+
+use std::path::Path;
+
+use sha2::{Digest as _, Sha256};
+
+use crate::capture::{CaptureError, Captured};
+use crate::measure::MeasureError;
+use crate::measurement::{MeasurementError, hex};
+use crate::plan::PlanError;
+use crate::rig::{Rig, RigError};
+use crate::store::{ExposureRecord, Segment, StoreError};
+
+/// Name of the calibrated rig's file.
+pub const RIG: &str = "rig.toml";
+
+/// Why there is no calibration.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrateError {
+    /// The instrument.
+    #[error(transparent)]
+    Measure(#[from] MeasureError),
+    /// Its captures.
+    #[error(transparent)]
+    Measurement(#[from] MeasurementError),
+    /// A store.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The rig.
+    #[error(transparent)]
+    Rig(#[from] RigError),
+    /// The picture of the residuals.
+    #[error(transparent)]
+    Picture(#[from] crate::render::PictureError),
+    /// A file of the calibration.
+    #[error("{path}: {field}: expected {expected}, found {found}")]
+    Content {
+        /// The file.
+        path: String,
+        /// What in it.
+        field: String,
+        /// What was expected.
+        expected: String,
+        /// What is there.
+        found: String,
+    },
+    /// The calibration belongs to another rig.
+    #[error(
+        "{path}: expected a calibration of rig {rig}, found one of another rig (SHA-256 {found:.12} instead of \
+         {expected:.12}); calibrate this rig, or give --rig the one that was calibrated"
+    )]
+    OtherRig {
+        /// The file.
+        path: String,
+        /// Name of the rig that there is.
+        rig: String,
+        /// Its hash.
+        expected: String,
+        /// The recorded hash.
+        found: String,
+    },
+    /// The views do not determine the geometry.
+    #[error("calibration views: expected {expected}, found {found}; {advice}")]
+    Views {
+        /// What was expected.
+        expected: String,
+        /// What there is.
+        found: String,
+        /// What to do.
+        advice: &'static str,
+    },
+}
+
+impl From<CaptureError> for CalibrateError {
+    fn from(error: CaptureError) -> Self {
+        Self::Measurement(error.into())
+    }
+}
+
+impl From<PlanError> for CalibrateError {
+    fn from(error: PlanError) -> Self {
+        Self::Measurement(error.into())
+    }
+}
+
+/// What tells a rig from every other: the SHA-256 of its file as this program writes it.
+#[must_use]
+pub fn rig_hash(rig: &Rig) -> String {
+    hex(&Sha256::digest(rig.to_toml().as_bytes()))
+}
+
+/// Reads the JSON file at `path`.
+fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, CalibrateError> {
+    let content = |expected: &str, found: String| CalibrateError::Content {
+        path: path.display().to_string(),
+        field: "file".to_owned(),
+        expected: expected.to_owned(),
+        found,
+    };
+    let bytes = std::fs::read(path).map_err(|error| content("a readable file", error.to_string()))?;
+    serde_json::from_slice(&bytes)
+        .map_err(|error| content("a file as rcg calibrate writes it", error.to_string()))
+}
+
+/// Frames and records of exposures that show no incident direction of a plan.
+fn segment_of(shots: Vec<Captured>, kind: u8, exposure_s: f64) -> Segment {
+    let mut segment = Segment::default();
+    for shot in shots {
+        let [trigger, on, off] = shot.ticks;
+        segment.records.push(ExposureRecord {
+            incident: -1,
+            kind,
+            exposure_s,
+            trigger_tick: trigger.0,
+            strobe_on_tick: on.0,
+            strobe_off_tick: off.0,
+            frame_id: shot.frame_id,
+            attempts: shot.attempts,
+            flags: u16::from(shot.flags),
+            ..ExposureRecord::default()
+        });
+        segment.frames.extend(shot.dn);
+    }
+    segment
+}
