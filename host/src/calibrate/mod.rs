@@ -4,11 +4,13 @@
 //! | module | finds | with |
 //! |---|---|---|
 //! | [`geometry`] | poses, lenses, mirror, sample frame | a flat mirror at known tilts, a diffuse standard |
+//! | [`photometry`] | camera, projector's response, light and throughput, interreflection | reflectance standards |
 //!
 //! A calibration is a directory. `rig.toml` in it is the calibrated rig, which measurements take in place of the nominal
 //! one; the JSON files beside it say what was found, how certain it is, and for which rig.
 
 pub mod geometry;
+pub mod photometry;
 
 use std::path::Path;
 
