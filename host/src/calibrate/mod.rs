@@ -16,6 +16,9 @@ use std::path::Path;
 
 use sha2::{Digest as _, Sha256};
 
+use geometry::{GEOMETRY, Geometry};
+use photometry::{PHOTOMETRY, Photometry};
+
 use crate::capture::{CaptureError, Captured};
 use crate::measure::MeasureError;
 use crate::measurement::{MeasurementError, hex};
@@ -25,6 +28,67 @@ use crate::store::{ExposureRecord, Segment, StoreError};
 
 /// Name of the calibrated rig's file.
 pub const RIG: &str = "rig.toml";
+
+/// A calibration that measurements take into account.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibration {
+    /// The calibrated rig, its camera at full size.
+    pub rig: Rig,
+    /// How certain its geometry is; `None` if only the photometry was calibrated.
+    pub geometry: Option<Geometry>,
+    /// Light, throughput and camera; `None` if only the geometry was calibrated.
+    pub photometry: Option<Photometry>,
+}
+
+impl Calibration {
+    /// Opens the calibration in `dir`, which must be one of `rig`: of the nominal rig or of what calibration made of it.
+    ///
+    /// # Errors
+    /// [`CalibrateError::OtherRig`]; [`CalibrateError::Content`].
+    pub fn open(dir: &Path, rig: &Rig) -> Result<Self, CalibrateError> {
+        let calibrated = Rig::load(&dir.join(RIG).display().to_string())?;
+        let (given, own) = (rig_hash(rig), rig_hash(&calibrated));
+        let path = dir.join(GEOMETRY);
+        let geometry = path.is_file().then(|| Geometry::read(dir)).transpose()?;
+        let recorded = geometry
+            .as_ref()
+            .map_or(&own, |geometry| &geometry.nominal_sha256);
+        if given != own && given != *recorded {
+            return Err(CalibrateError::OtherRig {
+                path: path.display().to_string(),
+                rig: rig.name.clone(),
+                expected: given,
+                found: recorded.clone(),
+            });
+        }
+        if let Some(geometry) = &geometry {
+            check_rig(&path, &calibrated, &geometry.rig_sha256)?;
+        }
+        let path = dir.join(PHOTOMETRY);
+        let photometry = path
+            .is_file()
+            .then(|| Photometry::read(&path, &calibrated))
+            .transpose()?;
+        Ok(Self {
+            rig: calibrated,
+            geometry,
+            photometry,
+        })
+    }
+}
+
+fn check_rig(path: &Path, rig: &Rig, found: &str) -> Result<(), CalibrateError> {
+    let expected = rig_hash(rig);
+    if expected == found {
+        return Ok(());
+    }
+    Err(CalibrateError::OtherRig {
+        path: path.display().to_string(),
+        rig: rig.name.clone(),
+        expected,
+        found: found.to_owned(),
+    })
+}
 
 /// Why there is no calibration.
 #[derive(Debug, thiserror::Error)]

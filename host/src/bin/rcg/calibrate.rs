@@ -1,6 +1,7 @@
 //! `rcg calibrate`
 
 mod geometry;
+mod photometry;
 
 use clap::Subcommand;
 
@@ -11,10 +12,12 @@ use crate::output::Output;
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     Geometry(geometry::Args),
+    Photometry(photometry::Args),
 }
 
 pub(crate) fn run(command: &Command, rig: &str, output: &Output) -> Done {
     match command {
         Command::Geometry(args) => geometry::run(args, rig, output),
+        Command::Photometry(args) => photometry::run(args, rig, output),
     }
 }

@@ -35,7 +35,7 @@ use camera::{Times, camera, moments};
 use capture::{SEGMENT, Shows};
 use rank_one::{Seen, fit};
 
-use super::{CalibrateError, RIG, read_json, rig_hash};
+use super::{CalibrateError, RIG, check_rig, read_json, rig_hash};
 use crate::direction::from_degrees;
 use crate::measurement::write_whole;
 use crate::rig::Rig;
@@ -252,19 +252,6 @@ impl Photometry {
             found: "others".to_owned(),
         })
     }
-}
-
-fn check_rig(path: &Path, rig: &Rig, found: &str) -> Result<(), CalibrateError> {
-    let expected = rig_hash(rig);
-    if expected == found {
-        return Ok(());
-    }
-    Err(CalibrateError::OtherRig {
-        path: path.display().to_string(),
-        rig: rig.name.clone(),
-        expected,
-        found: found.to_owned(),
-    })
 }
 
 /// Digital numbers → what they would be if the camera were linear, above the dark level.

@@ -27,6 +27,9 @@ const LEAST_COS: f64 = 0.174;
 /// Least signal, as a share of its own noise: below it the logarithm is biased.
 const LEAST_SNR: f64 = 20.0;
 
+/// Spots come no closer than this to an edge of the mirror, degrees.
+const EDGE_DEG: f64 = 1.0;
+
 /// One value of a frame of the standard.
 struct Pair {
     /// Index of the camera pixel and of the incident direction.
@@ -86,11 +89,17 @@ impl<'a> Seen<'a> {
             })
             .collect();
         let maker = maker(rig);
+        let projector = View::projector(rig);
+        let clearance_rad = (rig.light.spot_deg / 2.0 + EDGE_DEG).to_radians();
         let (projector_width, projector_height) = maker.size_px();
         let lit = (0..views.directions.len())
             .map(|place| {
                 let w = views.direction(grid, place);
-                let lit = maker.lit_set(w).ok().filter(|_| w.z > LEAST_COS)?;
+                let at = projector.pixel(w).ok()?;
+                // A spot that an edge cuts is as strong as the edge is where it should be.
+                let distances = projector.edge_distances_rad(at.x, at.y);
+                let is_clear = distances.into_iter().flatten().all(|rad| rad > clearance_rad);
+                let lit = maker.lit_set(w).ok().filter(|_| w.z > LEAST_COS && is_clear)?;
                 let mean = |of: &dyn Fn(usize) -> usize| {
                     let sum: f64 = lit
                         .pixels
