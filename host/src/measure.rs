@@ -57,7 +57,8 @@ impl From<StoreError> for MeasureError {
 pub const DEFAULT_SAMPLE: &str = "ward:brass";
 
 /// Plans a measurement of `request` on `rig` (as loaded, its camera at full size) in the new directory `out`; the
-/// exposure time is found by a pilot capture if `request` leaves it open.
+/// exposure time is found by a pilot capture if `request` leaves it open. If `setup`
+/// has a calibration, `rig` is its rig.
 ///
 /// # Errors
 /// [`MeasureError`].
@@ -89,6 +90,15 @@ pub fn prepare(
         exposure_s
     };
     let plan = Plan::new(request, &scaled, exposure_s).map_err(MeasurementError::from)?;
+    if let Some(calibration) = &setup.calibration {
+        Measurement::check_new(out)?;
+        std::fs::create_dir_all(out).map_err(|source| MeasurementError::Io {
+            path: out.display().to_string(),
+            source,
+        })?;
+        calibration.applied().write(out)?;
+        return Ok(Measurement::found(out, scaled, plan)?);
+    }
     Ok(Measurement::create(out, scaled, plan)?)
 }
 

@@ -28,7 +28,14 @@ mod segment;
 pub(crate) use segment::take_segment;
 
 /// Files that a directory can hold before it is a measurement.
-const BEGINNINGS: [&str; 4] = ["rig.tmp", "rig.toml", "plan.tmp", "adaptive.tmp"];
+const BEGINNINGS: [&str; 6] = [
+    "rig.tmp",
+    "rig.toml",
+    "plan.tmp",
+    "adaptive.tmp",
+    "calibration.tmp",
+    "calibration.json",
+];
 
 /// Why a measurement cannot go on.
 #[derive(Debug, thiserror::Error)]

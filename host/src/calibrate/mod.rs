@@ -14,6 +14,7 @@ pub mod photometry;
 
 use std::path::Path;
 
+use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 use geometry::{GEOMETRY, Geometry};
@@ -21,7 +22,7 @@ use photometry::{PHOTOMETRY, Photometry};
 
 use crate::capture::{CaptureError, Captured};
 use crate::measure::MeasureError;
-use crate::measurement::{MeasurementError, hex};
+use crate::measurement::{Measurement, MeasurementError, hex, write_whole};
 use crate::plan::PlanError;
 use crate::rig::{Rig, RigError};
 use crate::store::{ExposureRecord, Segment, StoreError};
@@ -88,6 +89,83 @@ fn check_rig(path: &Path, rig: &Rig, found: &str) -> Result<(), CalibrateError> 
         expected,
         found: found.to_owned(),
     })
+}
+
+/// What assembly takes into account, as `calibration.json` of a measurement has it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Applied {
+    /// Standard uncertainty (k = 1, RMS) of the directions of camera and projector, degrees; zero if nobody knows.
+    pub direction_deg: [f64; 2],
+    /// Light, throughput and camera.
+    pub photometry: Option<Photometry>,
+}
+
+impl Applied {
+    /// Name of its file in a measurement.
+    pub const FILE: &str = "calibration.json";
+
+    /// What the measurement in `dir` takes into account: nothing if there is no such file.
+    ///
+    /// # Errors
+    /// [`CalibrateError::Content`].
+    pub fn read(dir: &Path) -> Result<Self, CalibrateError> {
+        let path = dir.join(Self::FILE);
+        if path.is_file() {
+            let applied: Self = read_json(&path)?;
+            if let Some(photometry) = &applied.photometry {
+                photometry.check(&path)?;
+            }
+            Ok(applied)
+        } else {
+            Ok(Self::default())
+        }
+    }
+
+    /// Writes it into the measurement in `dir`.
+    ///
+    /// # Errors
+    /// [`MeasurementError::Io`].
+    pub fn write(&self, dir: &Path) -> Result<(), MeasurementError> {
+        let text = serde_json::to_string_pretty(self).expect("JSON values can be written");
+        write_whole(&dir.join(Self::FILE), text.as_bytes())
+    }
+}
+
+impl Measurement {
+    /// Refuses to go on with a `calibration` that is not the one with which this measurement was begun; none leaves it.
+    ///
+    /// # Errors
+    /// [`MeasurementError::Differs`]; [`CalibrateError::Content`].
+    pub fn check_calibration(&self, calibration: Option<&Calibration>) -> Result<(), CalibrateError> {
+        let Some(calibration) = calibration else {
+            return Ok(());
+        };
+        if Applied::read(self.dir())? == calibration.applied() {
+            return Ok(());
+        }
+        Err(MeasurementError::Differs {
+            path: self.dir().display().to_string(),
+            field: "calibration",
+            expected: "the one".to_owned(),
+            found: "another".to_owned(),
+        }
+        .into())
+    }
+}
+
+impl Calibration {
+    /// What measurements with it take into account.
+    #[must_use]
+    pub fn applied(&self) -> Applied {
+        Applied {
+            direction_deg: self
+                .geometry
+                .as_ref()
+                .map_or([0.0; 2], |geometry| [geometry.camera_deg, geometry.projector_deg]),
+            photometry: self.photometry.clone(),
+        }
+    }
 }
 
 /// Why there is no calibration.

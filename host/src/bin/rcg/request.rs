@@ -124,6 +124,7 @@ impl MischiefArgs {
                 dropped_frames: self.dropped_frames,
                 doubled_frames: self.doubled_frames,
             },
+            calibration: None,
         }
     }
 }
@@ -169,6 +170,7 @@ impl SetupArgs {
         Ok(Setup {
             trigger_box,
             mischief,
+            calibration: None,
         })
     }
 }

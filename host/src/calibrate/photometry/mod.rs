@@ -223,24 +223,21 @@ impl Photometry {
     /// # Errors
     /// [`CalibrateError::OtherRig`]; [`CalibrateError::Content`].
     pub fn read(path: &Path, rig: &Rig) -> Result<Self, CalibrateError> {
-        let found = Self::read_any(path)?;
+        let found: Self = read_json(path)?;
+        found.check(path)?;
         check_rig(path, rig, &found.rig_sha256)?;
         Ok(found)
     }
 
-    /// As [`read`](Self::read), of whatever rig.
-    ///
-    /// # Errors
-    /// [`CalibrateError::Content`].
-    pub fn read_any(path: &Path) -> Result<Self, CalibrateError> {
-        let found: Self = read_json(path)?;
-        let is_whole = found.throughput.is_whole()
-            && found.intensity.is_whole()
-            && !found.sensitivity.is_empty()
-            && found.sensitivity.iter().all(|k| *k > 0.0)
-            && found.camera.gain_e_per_dn > 0.0;
+    /// Refuses numbers that no calibration finds; `path` is where they were read.
+    pub(super) fn check(&self, path: &Path) -> Result<(), CalibrateError> {
+        let is_whole = self.throughput.is_whole()
+            && self.intensity.is_whole()
+            && !self.sensitivity.is_empty()
+            && self.sensitivity.iter().all(|k| *k > 0.0)
+            && self.camera.gain_e_per_dn > 0.0;
         if is_whole {
-            return Ok(found);
+            return Ok(());
         }
         Err(CalibrateError::Content {
             path: path.display().to_string(),
