@@ -26,6 +26,7 @@ fn captured(dir: &Path) -> Measurement {
         image_size: 96,
         exposure_s: Some(0.004),
         sample: Some("ward:brass".to_owned()),
+        truth: None,
         noise: true,
         seed: 1,
     };

@@ -23,6 +23,7 @@ fn measure(bencher: Bencher, step_deg: f64) {
         image_size: 96,
         exposure_s: None,
         sample: Some("ward:brass".to_owned()),
+        truth: None,
         noise: true,
         seed: 1,
     };

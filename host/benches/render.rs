@@ -27,6 +27,7 @@ fn measured(dir: &Path) -> Brdf {
         image_size: 96,
         exposure_s: Some(0.004),
         sample: Some("satin".to_owned()),
+        truth: None,
         noise: true,
         seed: 1,
     };

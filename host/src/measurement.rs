@@ -258,12 +258,13 @@ impl Measurement {
         } else {
             request.grid.to_string()
         };
-        let fields: [(&'static str, String, String); 7] = [
+        let fields: [(&'static str, String, String); 8] = [
             ("rig", self.rig.name.clone(), rig_name.to_owned()),
             ("grid", held.grid.to_string(), other_grid),
             ("image-size", text(&held.image_size), text(&request.image_size)),
             ("exposure-ms", text(&held.exposure_s), text(&request.exposure_s)),
             ("sample", text(&held.sample), text(&request.sample)),
+            ("truth", text(&held.truth), text(&request.truth)),
             ("noise", text(&held.noise), text(&request.noise)),
             ("seed", text(&held.seed), text(&request.seed)),
         ];

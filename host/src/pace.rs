@@ -129,6 +129,7 @@ mod tests {
             image_size: 32,
             exposure_s: None,
             sample: None,
+            truth: None,
             noise: false,
             seed: 1,
         };

@@ -10,9 +10,11 @@ use glam::DVec3;
 
 use crate::optics::{DirectionMap, Unmeasurable, View};
 
-/// A 1-bit image for the projector: rows from the top, 8 pixels per byte, first pixel in the highest bit.
+/// A 1-bit image for the projector: rows from the top, 8 pixels per byte, first pixel in the highest bit. The lit pixels
+/// have one level of grey, which is the brightest but for the calibration of the projector's response.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BitPattern {
+    level: u8,
     width_px: usize,
     height_px: usize,
     stride: usize,
@@ -25,11 +27,23 @@ impl BitPattern {
     pub fn black(width_px: usize, height_px: usize) -> Self {
         let stride = width_px.div_ceil(8);
         Self {
+            level: u8::MAX,
             width_px,
             height_px,
             stride,
             bytes: vec![0; stride * height_px],
         }
+    }
+
+    /// Level of grey of the lit pixels, of 255.
+    #[must_use]
+    pub const fn level(&self) -> u8 {
+        self.level
+    }
+
+    /// Gives the lit pixels the level of grey `level` of 255.
+    pub const fn set_level(&mut self, level: u8) {
+        self.level = level;
     }
 
     /// Size in pixels (width, height).
@@ -44,9 +58,10 @@ impl BitPattern {
         &self.bytes
     }
 
-    /// Makes all pixels black.
+    /// Makes all pixels black, and the level the brightest again.
     pub fn clear(&mut self) {
         self.bytes.fill(0);
+        self.level = u8::MAX;
     }
 
     /// Lights the pixels with these row-major indices.

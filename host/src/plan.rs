@@ -53,6 +53,10 @@ pub struct Request {
     /// What the virtual rig measures, as [`crate::sample::parse`] takes it; `None` for a real instrument.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sample: Option<String>,
+    /// File that says how the virtual rig really is, as [`crate::virtual_rig::Truth::load`] takes it; `None` if it is as
+    /// the rig file says.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub truth: Option<String>,
     /// Whether the virtual rig is noisy.
     pub noise: bool,
     /// Source of all chance of the virtual rig.

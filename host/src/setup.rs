@@ -1,15 +1,16 @@
 //! Which instrument a measurement is taken with.
 
+use std::path::Path;
 use std::sync::Arc;
 
 use crate::capture::Instrument;
 use crate::device::{Device, DeviceError, Patience};
 use crate::link::{self, Link};
 use crate::measure::{DEFAULT_SAMPLE, MeasureError};
+use crate::measurement::MeasurementError;
 use crate::plan::Request;
 use crate::rig::Rig;
-use crate::sample::Sample;
-use crate::virtual_rig::{Behaviour, Mischief, Noise, VirtualRig, Wires};
+use crate::virtual_rig::{Behaviour, Held, Mischief, Noise, Truth, VirtualRig, Wires};
 
 /// What the virtual rig is driven by, and what goes wrong in it.
 #[derive(Clone, Debug, Default)]
@@ -37,19 +38,32 @@ impl Setup {
     /// [`MeasureError`].
     pub fn open(&self, rig: &Rig, request: &Request) -> Result<Instrument, MeasureError> {
         let spec = request.sample.as_deref().unwrap_or(DEFAULT_SAMPLE);
-        let sample: Arc<dyn Sample> = Arc::from(crate::sample::parse(spec)?);
+        self.open_held(rig, Held::Sample(Arc::from(crate::sample::parse(spec)?)), request)
+    }
+
+    /// As [`open`](Self::open), with `held` in place of the sample.
+    ///
+    /// # Errors
+    /// [`MeasureError`].
+    pub fn open_held(&self, rig: &Rig, held: Held, request: &Request) -> Result<Instrument, MeasureError> {
+        let truth = match &request.truth {
+            Some(path) => Truth::load(Path::new(path))
+                .and_then(|truth| truth.with_image_size(rig.camera.lens.width_px))
+                .map_err(MeasurementError::from)?,
+            None => Truth::of(rig),
+        };
         let behaviour = Behaviour {
             noise: if request.noise { Noise::On } else { Noise::Off },
             seed: request.seed,
             mischief: self.mischief,
         };
         let Some(TriggerBox { port, wires }) = &self.trigger_box else {
-            return Ok(Instrument::simulated(rig, sample, behaviour)?);
+            return Ok(Instrument::simulated(&truth, held, behaviour)?);
         };
         let link = link::open(port).map_err(DeviceError::from)?;
         let mut device = Device::connect(link, link::nonce(), Patience::default())?;
         device.abort()?;
-        let (camera, projector) = VirtualRig::wired(rig, sample, behaviour, Wires::connect(wires)?)?;
+        let (camera, projector) = VirtualRig::wired(&truth, held, behaviour, Wires::connect(wires)?)?;
         Ok(Instrument {
             device,
             camera: Box::new(camera),
@@ -59,16 +73,16 @@ impl Setup {
 }
 
 impl Instrument {
-    /// A virtual instrument that is truly as `rig` says, with `sample` in it.
+    /// The virtual instrument that `truth` describes, with `held` in it.
     ///
     /// # Errors
     /// [`DeviceError`].
-    pub fn simulated(rig: &Rig, sample: Arc<dyn Sample>, behaviour: Behaviour) -> Result<Self, DeviceError> {
+    pub fn simulated(truth: &Truth, held: Held, behaviour: Behaviour) -> Result<Self, DeviceError> {
         let VirtualRig {
             controller,
             camera,
             projector,
-        } = VirtualRig::new(rig, sample, behaviour);
+        } = VirtualRig::new(truth, held, behaviour);
         let link: Box<dyn Link> = Box::new(controller);
         let device = Device::connect(link, 1, Patience::default())?;
         Ok(Self {

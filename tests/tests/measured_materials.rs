@@ -26,6 +26,7 @@ fn median_error(file: &str) -> Option<f64> {
         image_size: 96,
         exposure_s: None,
         sample: Some(path.display().to_string()),
+        truth: None,
         noise: false,
         seed: 1,
     };

@@ -27,6 +27,7 @@ fn request(sample: &str, noise: bool) -> Request {
         image_size: 48,
         exposure_s: None,
         sample: Some(sample.to_owned()),
+        truth: None,
         noise,
         seed: 5,
     }

@@ -47,6 +47,7 @@ fn request() -> Request {
         image_size: 32,
         exposure_s: None,
         sample: Some("ward:brass".to_owned()),
+        truth: None,
         noise: true,
         seed: 5,
     }

@@ -5,7 +5,7 @@
 //! which part of it is glass. So the map from pixel to direction is smooth across the edges of the mirror,
 //! and pixels on an edge have proper derivatives and corners.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use crate::rig::Rig;
 
@@ -21,19 +21,23 @@ pub struct Ellipsoid {
     pub b_m: f64,
     /// The mirror is the part z ≥ this, metres.
     pub rim_z_m: f64,
-    /// Half angle of the hole about +z seen from F1, radians; 0 = none.
+    /// Half angle of the hole seen from F1, radians; 0 = none.
     pub hole_rad: f64,
+    /// Unit vector along the axis of the machined edges, hole and rim.
+    pub edge_axis: DVec3,
 }
 
 impl Ellipsoid {
     /// The mirror of a rig.
     pub fn of(rig: &Rig) -> Ellipsoid {
         let mirror = &rig.mirror;
+        let [x_rad, y_rad] = mirror.edge_rotation_deg.map(f64::to_radians);
         Ellipsoid {
             a_m: mirror.a_m,
             b_m: mirror.b_m,
             rim_z_m: mirror.rim_z_m,
             hole_rad: mirror.hole_deg.to_radians(),
+            edge_axis: DMat3::from_rotation_x(x_rad) * (DMat3::from_rotation_y(y_rad) * DVec3::Z),
         }
     }
 
@@ -92,12 +96,12 @@ impl Ellipsoid {
 
     /// Whether the unit direction `w_m` at F1 (mirror frame) goes through the hole, its edge included.
     pub fn in_hole(&self, w_m: DVec3) -> bool {
-        self.hole_rad > 0.0 && w_m.z >= self.hole_rad.cos() - EDGE
+        self.hole_rad > 0.0 && w_m.dot(self.edge_axis) >= self.hole_rad.cos() - EDGE
     }
 
     /// Whether a point on the ellipsoid is below the rim.
     pub fn is_beyond_rim(&self, point_m: DVec3) -> bool {
-        point_m.z < self.rim_z_m
+        point_m.dot(self.edge_axis) < self.rim_z_m
     }
 
     /// Angle ψ at F2 of the light that leaves F1 at `theta_rad` from the axis, radians.
@@ -139,6 +143,7 @@ mod tests {
             b_m: a_m * ratio,
             rim_z_m: 0.0,
             hole_rad: 0.3,
+            edge_axis: DVec3::Z,
         })
     }
 
@@ -197,6 +202,7 @@ mod tests {
             b_m: 0.25,
             rim_z_m: 0.0,
             hole_rad: 0.0,
+            edge_axis: DVec3::Z,
         };
         assert_eq!(mirror.exit_point(DVec3::new(0.16, 0.0, -1.0), DVec3::Z), None);
         assert_eq!(mirror.exit_point(DVec3::NAN, DVec3::Z), None);
@@ -209,6 +215,7 @@ mod tests {
             b_m: 0.25,
             rim_z_m: 0.0,
             hole_rad: 27_f64.to_radians(),
+            edge_axis: DVec3::Z,
         };
         for phi_rad in (0..360).map(|deg| f64::from(deg).to_radians()) {
             assert!(mirror.in_hole(from_angles(mirror.hole_rad, phi_rad)));
@@ -228,6 +235,7 @@ mod tests {
             b_m: 0.25,
             rim_z_m: 0.18,
             hole_rad: 0.0,
+            edge_axis: DVec3::Z,
         };
         assert!((mirror.c_m() - 0.2).abs() < 1e-15);
         assert!((mirror.psi_rad(FRAC_PI_2).tan() - 0.225).abs() < 1e-14);

@@ -2,7 +2,8 @@
 //!
 //! Both have their axes right-handed; S has its origin at F1. Without tilt and azimuth the axes are parallel.
 //! The tilt turns about the mirror's y, so that the normal leans towards the mirror's +x; the azimuth then
-//! turns the sample's +x about the normal, counter-clockwise for one who looks at the sample.
+//! turns the sample's +x about the normal, counter-clockwise for one who looks at the sample. The roll turns all
+//! that about the mirror's x: with it the normal can lean in any direction.
 
 use glam::{DMat3, DVec3};
 
@@ -16,11 +17,12 @@ pub struct SampleFrame {
 }
 
 impl SampleFrame {
-    /// The frame of a rig's sample: `R_y(tilt) · R_z(azimuth)`.
+    /// The frame of a rig's sample: `R_x(roll) · R_y(tilt) · R_z(azimuth)`.
     pub fn of(sample: &Sample) -> SampleFrame {
         let tilt = DMat3::from_rotation_y(sample.tilt_deg.to_radians());
+        let lean = DMat3::from_rotation_x(sample.roll_deg.to_radians()) * tilt;
         SampleFrame {
-            s_to_m: tilt * DMat3::from_rotation_z(sample.azimuth_deg.to_radians()),
+            s_to_m: lean * DMat3::from_rotation_z(sample.azimuth_deg.to_radians()),
         }
     }
 
@@ -47,7 +49,7 @@ mod tests {
         SampleFrame::of(&Sample {
             tilt_deg,
             azimuth_deg,
-            radius_m: 0.01,
+            ..Sample::default()
         })
     }
 

@@ -49,7 +49,7 @@ impl View {
         if !self.pinhole.contains(pixel) {
             return Err(Unmeasurable::OutsideImage);
         }
-        if !self.at_focus {
+        if !self.is_stigmatic() {
             let _: Trace = self.reach_sample(&reflection)?;
         }
         Ok(pixel)

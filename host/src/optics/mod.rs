@@ -11,6 +11,8 @@
 //! | `inverse` | the pixel that sees a given direction |
 //! | `solid_angle` | solid angle at the sample of a pixel |
 //! | `map` | all pixels of a view at once |
+//! | `table` | any position of a view, fast, with a stated error |
+//! | `spread` | parallax and blur of a pixel |
 //! | `unmeasurable` | why there is no direction or no pixel |
 //!
 //! All geometry is `f64`; lengths are metres, angles radians, image positions pixels with the centre of the
@@ -22,6 +24,8 @@ mod inverse;
 mod map;
 mod pinhole;
 mod solid_angle;
+mod spread;
+mod table;
 mod unmeasurable;
 mod view;
 mod wire;
@@ -30,6 +34,8 @@ pub use ellipsoid::{Ellipsoid, reflect};
 pub use frame::SampleFrame;
 pub use map::DirectionMap;
 pub use pinhole::Pinhole;
+pub use spread::Spread;
+pub use table::DirectionTable;
 pub use unmeasurable::Unmeasurable;
 pub use view::{Trace, View};
 pub use wire::WireStrip;

@@ -4,7 +4,8 @@
 //! A pixel's ray starts at the optical centre C, leaves the ellipsoid at P, is reflected and meets the sample
 //! plane; the direction at the sample is the reversed reflected ray. With C exactly at F2 every ray meets
 //! F1. With C beside F2 the pixels look at slightly different points of the sample, and the direction is
-//! that of the ray, not that of the line from F1.
+//! that of the ray, not that of the line from F1. A sample whose centre is beside F1 changes no direction, but where the
+//! rays meet it.
 //! Hole, rim and wire are judged where the ray meets the mirror, seen from F1.
 
 use glam::{DMat3, DVec2, DVec3, EulerRot};
@@ -31,6 +32,8 @@ pub struct View {
     /// Rotation from the device's frame to the mirror frame.
     device_to_m: DMat3,
     sample_radius_m: f64,
+    /// Centre of the sample minus F1, mirror frame, metres.
+    sample_offset_m: DVec3,
 }
 
 /// The way of one pixel's ray.
@@ -38,7 +41,7 @@ pub struct View {
 pub struct Trace {
     /// Direction at the sample, sample frame, unit length, away from the surface.
     pub direction: DVec3,
-    /// Where the ray meets the sample plane, sample frame, metres; z is 0 but for rounding.
+    /// Where the ray meets the sample plane, sample frame (from the sample's centre), metres; z is 0 but for rounding.
     pub hit_m: DVec3,
     /// Where the ray meets the mirror, mirror frame, metres.
     pub mirror_m: DVec3,
@@ -78,6 +81,7 @@ impl View {
             // R_x · R_y · R_z: the rotation about z acts first.
             device_to_m: DMat3::from_euler(EulerRot::XYZ, x_rad, y_rad, z_rad),
             sample_radius_m: rig.sample.radius_m,
+            sample_offset_m: DVec3::from_array(rig.sample.offset_m),
         }
     }
 
@@ -140,6 +144,11 @@ impl View {
         self.device_to_m.transpose() * (point_m - self.centre_m)
     }
 
+    /// Whether every ray meets the sample at its centre: both are where they should be.
+    pub(super) fn is_stigmatic(&self) -> bool {
+        self.at_focus && self.sample_offset_m == DVec3::ZERO
+    }
+
     /// The vector `w_m` of the mirror frame in the sample frame.
     pub(super) fn to_sample(&self, w_m: DVec3) -> DVec3 {
         self.frame.to_sample(w_m)
@@ -166,7 +175,7 @@ impl View {
     /// Follows a reflected ray to the sample plane.
     pub(super) fn reach_sample(&self, reflection: &Reflection) -> Result<Trace, Unmeasurable> {
         let direction = self.to_sample(reflection.direction);
-        let from_m = self.to_sample(reflection.mirror_m - self.ellipsoid.f1());
+        let from_m = self.to_sample(reflection.mirror_m - self.ellipsoid.f1() - self.sample_offset_m);
         let hit_m = if direction.z.abs() > HORIZON {
             from_m - from_m.z / direction.z * direction
         } else if from_m.z.abs() <= IN_PLANE_M {

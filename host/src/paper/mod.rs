@@ -124,6 +124,7 @@ pub fn paper(
             image_size,
             exposure_s: None,
             sample: Some(sample.to_owned()),
+            truth: None,
             noise: true,
             seed: 1,
         };

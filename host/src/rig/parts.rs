@@ -19,17 +19,27 @@ pub struct Mirror {
     pub rim_z_m: f64,
     /// Half angle of the hole seen from F1, about the mirror's axis, degrees; 0 = no hole.
     pub hole_deg: f64,
+    /// Rotations about x and y of the machined edges, hole and rim, against the ellipsoid's own axis, degrees; the one
+    /// about y acts first.
+    #[serde(default, deserialize_with = "exactly")]
+    pub edge_rotation_deg: [f64; 2],
 }
 
 /// How the sample frame stands in the mirror frame.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sample {
     /// Angle from the mirror's axis to the sample's normal, towards the mirror's +x, degrees.
     pub tilt_deg: f64,
     /// Rotation of the sample's +x about its normal, degrees.
     pub azimuth_deg: f64,
-    /// A viewing ray that meets the sample plane farther from F1 than this misses the sample, metres.
+    /// Rotation of the tilted sample about the mirror's x, degrees: what leans its normal out of the x–z plane.
+    #[serde(default)]
+    pub roll_deg: f64,
+    /// Centre of the sample minus F1 in the mirror frame, metres.
+    #[serde(default, deserialize_with = "exactly")]
+    pub offset_m: [f64; 3],
+    /// A viewing ray that meets the sample plane farther from the sample's centre than this misses it, metres.
     pub radius_m: f64,
 }
 

@@ -181,7 +181,7 @@ fn every_mistake_has_its_sentence() {
         (
             "hole_deg =",
             "hole_dge =",
-            "mirror.hole_dge: expected one of `a_m`, `b_m`, `rim_z_m`, `hole_deg`, found unknown field `hole_dge`",
+            "mirror.hole_dge: expected one of `a_m`, `b_m`, `rim_z_m`, `hole_deg`, `edge_rotation_deg`, found unknown field `hole_dge`",
         ),
         (
             "[light]",
@@ -286,7 +286,7 @@ fn every_mistake_has_its_sentence() {
         (
             "tilt_deg = 0.0",
             "tilt_deg = 91",
-            "sample.tilt_deg: expected a number from 0 to 90 degrees, found 91",
+            "sample.tilt_deg: expected a number from -90 to 90 degrees, found 91",
         ),
         (
             "radius_m = 0.01",
@@ -384,7 +384,7 @@ fn every_mistake_has_its_sentence() {
             "projector.lens.focal_px: expected a number from 0.001 to 10000000 pixels, found -1638.4",
         ),
         (
-            "[0.0, 0.0, 0.0]       # optional: metres",
+            "[0.0, 0.0, 0.0]       # optional: metres, optical",
             "[0.0, 0.0, 0.5] # ",
             "camera.lens.offset_m: expected an optical centre inside the mirror's ellipsoid, found [0.0, 0.0, 0.5] metres",
         ),
@@ -431,7 +431,10 @@ fn a_pose_that_sees_nothing_is_refused_with_the_reason() {
         sentence(&[("focal_px = 1638.4", "focal_px = 16384")]),
         blind("projector", "hole")
     );
-    let beside = ("[0.0, 0.0, 0.0]       # optional: metres", "[0.05, 0.0, 0.0] # ");
+    let beside = (
+        "[0.0, 0.0, 0.0]       # optional: metres, optical",
+        "[0.05, 0.0, 0.0] # ",
+    );
     let small = ("radius_m = 0.01", "radius_m = 1e-6");
     assert_eq!(sentence(&[beside, small]), blind("camera", "off sample"));
 }

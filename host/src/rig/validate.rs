@@ -48,7 +48,15 @@ impl Rig {
             return Err(check.error("mirror.rim_z_m", expected, mirror.rim_z_m));
         }
         check.range("mirror.hole_deg", mirror.hole_deg, 0.0, 90.0, "degrees")?;
-        check.range("sample.tilt_deg", sample.tilt_deg, 0.0, 90.0, "degrees")?;
+        check.each(
+            "mirror.edge_rotation_deg",
+            &mirror.edge_rotation_deg,
+            45.0,
+            "degrees",
+        )?;
+        check.range("sample.tilt_deg", sample.tilt_deg, -90.0, 90.0, "degrees")?;
+        check.range("sample.roll_deg", sample.roll_deg, -90.0, 90.0, "degrees")?;
+        check.each("sample.offset_m", &sample.offset_m, 1.0, "metres")?;
         check.range("sample.azimuth_deg", sample.azimuth_deg, -360.0, 360.0, "degrees")?;
         check.range("sample.radius_m", sample.radius_m, 1e-6, 1.0, "metres")?;
         if let Some(wire) = &self.wire {

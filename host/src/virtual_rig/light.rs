@@ -14,10 +14,33 @@
 //! [`crate::multiplex::cells`].
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use glam::DVec3;
 
 use crate::optics::DirectionMap;
+
+/// What one pattern does at the sample.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Glow {
+    /// Spots of light; none for a black pattern.
+    Spots(Arc<[Light]>),
+    /// Relative radiance of every camera pixel, where a mirror shows the pattern itself.
+    Image(Arc<[f32]>),
+}
+
+impl Default for Glow {
+    fn default() -> Self {
+        Self::Spots(Arc::default())
+    }
+}
+
+impl Glow {
+    /// Whether it is black.
+    pub(super) fn is_black(&self) -> bool {
+        matches!(self, Self::Spots(spots) if spots.is_empty())
+    }
+}
 
 /// Light from one spot of a pattern.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,9 +52,9 @@ pub(super) struct Light {
 }
 
 impl Light {
-    /// The light of each spot among the pixels `lit` (row-major indices) of the projector whose map is `map`; spots that
-    /// do not reach the sample are left out.
-    pub(super) fn spots(lit: &[u32], map: &DirectionMap, intensity: f64) -> Vec<Self> {
+    /// The light of each spot among the pixels `lit` (row-major indices) of the projector whose map is `map` and whose
+    /// pixels have the relative intensity `intensity`; spots that do not reach the sample are left out.
+    pub(super) fn spots(lit: &[u32], map: &DirectionMap, intensity: &dyn Fn(usize) -> f64) -> Vec<Self> {
         connected(lit, map.width_px)
             .iter()
             .filter_map(|spot| Self::of(spot, map, intensity))
@@ -39,13 +62,13 @@ impl Light {
     }
 
     /// The light of one spot, or `None` where it does not reach the sample.
-    fn of(lit: &[u32], map: &DirectionMap, intensity: f64) -> Option<Self> {
+    pub(super) fn of(lit: &[u32], map: &DirectionMap, intensity: &dyn Fn(usize) -> f64) -> Option<Self> {
         let weighted = || {
             lit.iter().filter_map(|&pixel| {
                 let direction = map.directions.get(pixel as usize)?.ok()?;
                 Some((
                     direction,
-                    intensity * direction.z * map.solid_angles_sr[pixel as usize],
+                    intensity(pixel as usize) * direction.z * map.solid_angles_sr[pixel as usize],
                 ))
             })
         };
@@ -139,7 +162,7 @@ mod tests {
         let maker = PatternMaker::new(view, 4.0, 1.0);
         for theta_deg in [35.0, 60.0, 80.0] {
             let lit = maker.lit_set(from_degrees(theta_deg, 33.0)).unwrap();
-            let lights = Light::spots(&lit.pixels, &map, 1.0);
+            let lights = Light::spots(&lit.pixels, &map, &|_| 1.0);
             let [light] = lights[..] else {
                 panic!("one spot: {lights:?}")
             };
@@ -174,11 +197,11 @@ mod tests {
             pixels
         };
         let all = ascending(sets.iter().flat_map(|set| set.pixels.clone()).collect());
-        let lights = Light::spots(&all, &map, 1.0);
+        let lights = Light::spots(&all, &map, &|_| 1.0);
         assert_eq!(lights.len(), sets.len());
         for set in &sets {
             // To the bit: a spot does not know what else is lit.
-            let alone = Light::of(&ascending(set.pixels.clone()), &map, 1.0).unwrap();
+            let alone = Light::of(&ascending(set.pixels.clone()), &map, &|_| 1.0).unwrap();
             assert!(lights.contains(&alone));
         }
     }
@@ -194,7 +217,7 @@ mod tests {
     #[test]
     fn no_pixels_no_light() {
         let map = DirectionMap::of(&View::projector(&Rig::load("rcg-1").unwrap()));
-        assert_eq!(Light::spots(&[], &map, 1.0), []);
-        assert_eq!(Light::spots(&[0, u32::MAX], &map, 1.0), []);
+        assert_eq!(Light::spots(&[], &map, &|_| 1.0), []);
+        assert_eq!(Light::spots(&[0, u32::MAX], &map, &|_| 1.0), []);
     }
 }

@@ -9,6 +9,8 @@
 //! - [`stage`]: edges → which pattern was lit for how long in which exposure
 //! - [`light`]: lit pixels → light at the sample
 //! - [`scene`]: light and sample → charge of every camera pixel
+//! - [`held`]: what stands in the holder: a sample or, for calibration, a flat mirror
+//! - [`truth`]: how the rig really is, if that is not what its rig file says
 //! - [`sensor`]: charge → digital numbers, with noise
 //! - [`controller`]: the firmware's own library in virtual time
 //! - [`wires`]: the edges of a trigger box elsewhere, in place of the simulated one
@@ -17,10 +19,12 @@
 //! interrupted and resumed, gives the same bits.
 
 mod controller;
+mod held;
 mod light;
 mod scene;
 mod sensor;
 mod stage;
+mod truth;
 mod wires;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -32,11 +36,12 @@ use crate::camera::{Camera, CameraError, Frame, FrameFormat};
 use crate::pattern::BitPattern;
 use crate::projector::{Projector, ProjectorError};
 use crate::rig::Rig;
-use crate::sample::Sample;
 
 pub use controller::{CLOCK_HZ, VirtualController};
+pub use held::{FlatMirror, Held};
 pub use sensor::Noise;
 pub use stage::Mischief;
+pub use truth::{Field, Flaws, Tolerances, Truth};
 pub use wires::{Wires, WiresError};
 
 use scene::Scene;
@@ -66,11 +71,11 @@ pub struct VirtualRig {
 }
 
 impl VirtualRig {
-    /// A rig that is truly as `rig` says, with `sample` in it.
+    /// The rig that `truth` describes, with `held` in it.
     #[must_use]
-    pub fn new(rig: &Rig, sample: Arc<dyn Sample>, behaviour: Behaviour) -> Self {
-        let stage = SharedStage::new(rig, behaviour, CLOCK_HZ);
-        let (camera, projector) = optics_of(rig, sample, behaviour, &stage);
+    pub fn new(truth: &Truth, held: Held, behaviour: Behaviour) -> Self {
+        let stage = SharedStage::new(&truth.rig, behaviour, CLOCK_HZ);
+        let (camera, projector) = optics_of(truth, held, behaviour, &stage);
         Self {
             controller: VirtualController::new(stage, behaviour.seed as u32),
             camera,
@@ -83,13 +88,13 @@ impl VirtualRig {
     /// # Errors
     /// [`WiresError`].
     pub fn wired(
-        rig: &Rig,
-        sample: Arc<dyn Sample>,
+        truth: &Truth,
+        held: Held,
         behaviour: Behaviour,
         wires: Wires,
     ) -> Result<(VirtualCamera, VirtualProjector), WiresError> {
-        let stage = SharedStage::new(rig, behaviour, wires.clock_hz());
-        let (mut camera, projector) = optics_of(rig, sample, behaviour, &stage);
+        let stage = SharedStage::new(&truth.rig, behaviour, wires.clock_hz());
+        let (mut camera, projector) = optics_of(truth, held, behaviour, &stage);
         camera.wires = Some(wires.attach(stage)?);
         Ok((camera, projector))
     }
@@ -102,12 +107,12 @@ pub fn sense(rig: &Rig, signal_e: &[f32], exposure_s: f64, noise: Noise, seed: u
 }
 
 fn optics_of(
-    rig: &Rig,
-    sample: Arc<dyn Sample>,
+    truth: &Truth,
+    held: Held,
     behaviour: Behaviour,
     stage: &SharedStage,
 ) -> (VirtualCamera, VirtualProjector) {
-    let scene = Arc::new(Scene::new(rig, sample));
+    let scene = Arc::new(Scene::new(truth, held));
     let camera = VirtualCamera {
         stage: stage.clone(),
         scene: scene.clone(),
@@ -240,8 +245,8 @@ impl Projector for VirtualProjector {
             });
         }
         let lit = pattern.lit();
-        let light = self.scene.light(&lit);
-        self.stage.lock().load_pattern(&lit, light);
+        let light = self.scene.light(pattern, &lit);
+        self.stage.lock().load_pattern(&lit, pattern.level(), light);
         Ok(())
     }
 }

@@ -1,48 +1,64 @@
-//! Light and sample as charge of every camera pixel.
+//! Light and what is held in it as charge of every camera pixel.
 //!
 //! # Design
 //! Finite light and finite pixels blur a sharp lobe, and the virtual rig shows that: f is averaged over four
 //! directions of light and four places within the pixel.
-
-use std::sync::Arc;
+//!
+//! To the light of the pattern comes that of the black projector pixels, and what the mirror throws back onto the sample:
+//! of the light that leaves the sample a share returns from all directions alike, so that the sample shows it with its
+//! directional albedo both ways, here taken as a function of θ.
 
 use glam::DVec3;
 
-use super::light::Light;
+use super::held::{Held, Reflections};
+use super::light::{Glow, Light};
 use super::sensor::Sensor;
-use super::stage::{Shot, Spots};
+use super::stage::Shot;
+use super::truth::Truth;
 use crate::camera::FrameFormat;
+use crate::direction::from_angles;
 use crate::optics::{DirectionMap, View};
+use crate::pattern::BitPattern;
 use crate::quadrature::mean_f;
-use crate::rig::Rig;
 use crate::sample::Sample;
 
 /// Offset of the two Gauss points from the centre of a pixel: 1/(2√3).
 const GAUSS: f64 = 0.288_675_134_594_812_9;
+/// Side of the blocks of black pixels that count as one light.
+const BLOCK_PX: usize = 64;
 
-/// A camera pixel that sees the sample: its index and four directions within it, in the order ++, +−, −+, −−
-/// (first along u, then along v).
+/// A camera pixel that sees the sample.
 struct Pixel {
     index: usize,
+    /// Directions within it, in the order ++, +−, −+, −− (first along u, then along v).
     directions: [DVec3; 4],
+    throughput: f64,
 }
 
-/// The sample in the rig.
+/// What is held in the rig.
 pub(super) struct Scene {
-    sample: Arc<dyn Sample>,
+    held: Held,
     format: FrameFormat,
     pixels: Vec<Pixel>,
     projector: DirectionMap,
-    intensity: f64,
+    /// `E_p`, relative, row by row.
+    intensity: Vec<f64>,
+    gamma: f64,
     sensor: Sensor,
     /// Electrons per (f in sr⁻¹ × irradiance × second).
     sensitivity: f64,
+    interreflection: Option<Interreflection>,
+    reflections: Option<Reflections>,
+    /// f × irradiance of the black projector pixels, [pixel of `pixels`, channel]; nothing if they are black.
+    black: Option<Vec<[f64; 3]>>,
 }
 
 impl Scene {
-    pub(super) fn new(rig: &Rig, sample: Arc<dyn Sample>) -> Self {
+    pub(super) fn new(truth: &Truth, held: Held) -> Self {
+        let Truth { rig, flaws } = truth;
         let format = rig.frame_format();
         let view = View::camera(rig);
+        let throughput = flaws.throughput.over(format.width_px, format.height_px);
         let pixels = (0..format.width_px * format.height_px)
             .filter_map(|index| {
                 let (u, v) = (
@@ -54,18 +70,40 @@ impl Scene {
                 Some(Pixel {
                     index,
                     directions: [at(1.0, 1.0), at(1.0, -1.0), at(-1.0, 1.0), at(-1.0, -1.0)],
+                    throughput: throughput[index],
                 })
             })
             .collect();
-        Self {
-            sample,
+        let projector = DirectionMap::of(&View::projector(rig));
+        let intensity = flaws.intensity.over(projector.width_px, projector.height_px);
+        let mut scene = Self {
+            interreflection: match &held {
+                Held::Sample(sample) if flaws.interreflection > 0.0 => {
+                    Some(Interreflection::of(sample.as_ref(), flaws.interreflection))
+                }
+                _ => None,
+            },
+            reflections: match held {
+                Held::Mirror(mirror) => Some(Reflections::of(rig, mirror)),
+                Held::Sample(_) => None,
+            },
+            held,
             format,
             pixels,
-            projector: DirectionMap::of(&View::projector(rig)),
-            intensity: rig.projector.irradiance,
-            sensor: Sensor::of(rig),
+            projector,
+            intensity: intensity
+                .into_iter()
+                .map(|field| field * rig.projector.irradiance)
+                .collect(),
+            gamma: if flaws.gamma > 0.0 { flaws.gamma } else { 1.0 },
+            sensor: Sensor::of(rig).with_nonlinearity(flaws.nonlinearity),
             sensitivity: rig.sensitivity_e(),
+            black: None,
+        };
+        if flaws.black_level > 0.0 {
+            scene.black = Some(scene.black_pixels(flaws.black_level));
         }
+        scene
     }
 
     pub(super) const fn format(&self) -> FrameFormat {
@@ -80,29 +118,153 @@ impl Scene {
         (self.projector.width_px, self.projector.height_px)
     }
 
-    pub(super) fn light(&self, lit: &[u32]) -> Spots {
-        Light::spots(lit, &self.projector, self.intensity).into()
+    /// What `pattern`, with these lit pixels, does at the sample.
+    pub(super) fn light(&self, pattern: &BitPattern, lit: &[u32]) -> Glow {
+        let level = (f64::from(pattern.level()) / 255.0).powf(self.gamma);
+        if let Some(reflections) = &self.reflections {
+            let mut intensity = vec![0.0; self.intensity.len()];
+            for &pixel in lit {
+                intensity[pixel as usize] = (level * self.intensity[pixel as usize]) as f32;
+            }
+            return Glow::Image(reflections.image(&intensity).into());
+        }
+        let intensity = |pixel: usize| level * self.intensity[pixel];
+        Glow::Spots(Light::spots(lit, &self.projector, &intensity).into())
+    }
+
+    /// f × irradiance of all projector pixels at `level` of a lit one.
+    fn black_pixels(&self, level: f64) -> Vec<[f64; 3]> {
+        let Held::Sample(sample) = &self.held else {
+            return vec![[0.0; 3]; self.pixels.len()];
+        };
+        let mut sum = vec![[0.0; 3]; self.pixels.len()];
+        let (width_px, height_px) = self.projector_size_px();
+        for top in (0..height_px).step_by(BLOCK_PX) {
+            for left in (0..width_px).step_by(BLOCK_PX) {
+                let rows = top..(top + BLOCK_PX).min(height_px);
+                let columns = left..(left + BLOCK_PX).min(width_px);
+                let block: Vec<u32> = rows
+                    .flat_map(|y| columns.clone().map(move |x| (y * width_px + x) as u32))
+                    .collect();
+                let Some(light) = Light::of(&block, &self.projector, &|pixel| level * self.intensity[pixel])
+                else {
+                    continue;
+                };
+                let lobes = light.nodes.map(|node| sample.incident(node));
+                for (pixel, sum) in self.pixels.iter().zip(&mut sum) {
+                    let f = self.f(&light, mean_f(&lobes, &pixel.directions), pixel);
+                    for (sum, f) in sum.iter_mut().zip(f) {
+                        *sum += light.irradiance * f;
+                    }
+                }
+            }
+        }
+        sum
+    }
+
+    /// f and what interreflection adds to it, in sr⁻¹ × throughput.
+    fn f(&self, light: &Light, mean: [f64; 3], pixel: &Pixel) -> [f64; 3] {
+        let mut f = mean;
+        if let Some(interreflection) = &self.interreflection {
+            let back = interreflection.f(light.nodes[0], pixel.directions[0]);
+            for (f, back) in f.iter_mut().zip(back) {
+                *f += back;
+            }
+        }
+        f.map(|f| f * pixel.throughput)
     }
 
     /// Electrons of light in every pixel, [row, column, channel].
     pub(super) fn charge_e(&self, shot: &Shot) -> Vec<f32> {
         let channels = self.format.channels;
         let mut charge_e = vec![0.0; self.format.len()];
-        let seen = shot.seen.iter();
-        for (light, visible_s) in seen.flat_map(|(spots, s)| spots.iter().map(move |spot| (spot, s))) {
-            let lobes = light.nodes.map(|node| self.sample.incident(node));
-            let scale = self.sensitivity * light.irradiance * visible_s;
-            for pixel in &self.pixels {
-                let mut mean = mean_f(&lobes, &pixel.directions);
-                if channels == 1 {
-                    mean[0] = (mean[0] + mean[1] + mean[2]) / 3.0;
+        let mut add = |pixel: &Pixel, scale: f64, mut f: [f64; 3]| {
+            if channels == 1 {
+                f[0] = (f[0] + f[1] + f[2]) / 3.0;
+            }
+            let out = &mut charge_e[pixel.index * channels..][..channels];
+            for (out, f) in out.iter_mut().zip(f) {
+                *out += (scale * f) as f32;
+            }
+        };
+        for (glow, visible_s) in &shot.seen {
+            match (glow, &self.held) {
+                (Glow::Spots(spots), Held::Sample(sample)) => {
+                    for light in spots.iter() {
+                        let lobes = light.nodes.map(|node| sample.incident(node));
+                        let scale = self.sensitivity * light.irradiance * visible_s;
+                        for pixel in &self.pixels {
+                            let f = self.f(light, mean_f(&lobes, &pixel.directions), pixel);
+                            add(pixel, scale, f);
+                        }
+                    }
                 }
-                let out = &mut charge_e[pixel.index * channels..][..channels];
-                for (out, f) in out.iter_mut().zip(mean) {
-                    *out += (scale * f) as f32;
+                (Glow::Image(image), _) => {
+                    for pixel in &self.pixels {
+                        let radiance = f64::from(image[pixel.index]) * pixel.throughput;
+                        add(pixel, self.sensitivity * visible_s, [radiance; 3]);
+                    }
                 }
+                (Glow::Spots(_), Held::Mirror(_)) => {}
+            }
+        }
+        if let Some(black) = &self.black {
+            for (pixel, f) in self.pixels.iter().zip(black) {
+                add(pixel, self.sensitivity * shot.exposure_s, *f);
             }
         }
         charge_e
+    }
+}
+
+/// Light that comes back onto the sample from everywhere.
+struct Interreflection {
+    /// Directional albedo by θ, [step, channel].
+    albedo: Vec<[f64; 3]>,
+    share: f64,
+}
+
+impl Interreflection {
+    /// Steps of θ from 0 to 90°, azimuths and rings of the quadrature.
+    const STEPS: usize = 18;
+    const AZIMUTHS: usize = 24;
+    const RINGS: usize = 60;
+
+    fn of(sample: &dyn Sample, share: f64) -> Self {
+        let step_rad = std::f64::consts::FRAC_PI_2 / Self::STEPS as f64;
+        let albedo = (0..=Self::STEPS)
+            .map(|step| {
+                let theta_rad = (step as f64 * step_rad).min(89.5_f64.to_radians());
+                let lobe = sample.incident(from_angles(theta_rad, 0.0));
+                let mut sum = [0.0; 3];
+                for ring in 0..Self::RINGS {
+                    // Equal steps of sin²θ weigh every direction with its cosine alike.
+                    let theta_rad = ((ring as f64 + 0.5) / Self::RINGS as f64).sqrt().asin();
+                    for azimuth in 0..Self::AZIMUTHS {
+                        let phi_rad = azimuth as f64 / Self::AZIMUTHS as f64 * std::f64::consts::TAU;
+                        for (sum, f) in sum.iter_mut().zip(lobe.f(from_angles(theta_rad, phi_rad))) {
+                            *sum += f * std::f64::consts::PI / (Self::RINGS * Self::AZIMUTHS) as f64;
+                        }
+                    }
+                }
+                sum
+            })
+            .collect();
+        Self { albedo, share }
+    }
+
+    fn albedo(&self, w: DVec3) -> [f64; 3] {
+        let at = w.z.clamp(0.0, 1.0).acos() / std::f64::consts::FRAC_PI_2 * Self::STEPS as f64;
+        let step = (at as usize).min(Self::STEPS - 1);
+        std::array::from_fn(|channel| {
+            let (a, b) = (self.albedo[step][channel], self.albedo[step + 1][channel]);
+            a + (b - a) * (at - step as f64)
+        })
+    }
+
+    /// What it adds to f, in sr⁻¹.
+    fn f(&self, wi: DVec3, wo: DVec3) -> [f64; 3] {
+        let (to, from) = (self.albedo(wi), self.albedo(wo));
+        std::array::from_fn(|channel| self.share * to[channel] * from[channel] / std::f64::consts::PI)
     }
 }

@@ -26,6 +26,8 @@ pub(super) struct Sensor {
     dark_dn: f64,
     dark_current_e_per_s: f64,
     saturation_dn: f64,
+    /// Share of the charge at saturation that is not shown; see [`Flaws`](super::truth::Flaws).
+    nonlinearity: f64,
 }
 
 impl Sensor {
@@ -37,7 +39,12 @@ impl Sensor {
             dark_dn: camera.dark_dn,
             dark_current_e_per_s: camera.dark_current_e_per_s,
             saturation_dn: f64::from(rig.saturation_dn()),
+            nonlinearity: 0.0,
         }
+    }
+
+    pub(super) const fn with_nonlinearity(self, nonlinearity: f64) -> Self {
+        Self { nonlinearity, ..self }
     }
 
     /// Digital numbers of pixels that collected `signal_e` electrons of light in `exposure_s` seconds.
@@ -53,7 +60,9 @@ impl Sensor {
                     Noise::Off => mean_e,
                     Noise::On => self.noisy(mean_e, &mut rng),
                 };
-                let dn = self.dark_dn + charge_e * per_e;
+                let signal_dn = charge_e * per_e;
+                let shown = 1.0 - self.nonlinearity * signal_dn / (self.saturation_dn - self.dark_dn);
+                let dn = self.dark_dn + signal_dn * shown;
                 dn.round().clamp(0.0, self.saturation_dn) as u16
             })
             .collect()
@@ -79,6 +88,7 @@ mod tests {
         dark_dn: 64.0,
         dark_current_e_per_s: 0.0,
         saturation_dn: 4095.0,
+        nonlinearity: 0.0,
     };
 
     #[test]

@@ -5,14 +5,13 @@
 //! differences of ticks only: when a run begins on that clock changes no bit of its images.
 
 use std::collections::VecDeque;
-use std::sync::Arc;
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rcg_protocol::{Level, Line, Ticks};
 
 use super::Behaviour;
-use super::light::Light;
+use super::light::Glow;
 use crate::rig::Rig;
 
 /// What goes wrong on purpose: rates between 0 and 1, drawn from the seed.
@@ -34,9 +33,6 @@ pub(super) struct StrobeEdge {
     pub(super) active: bool,
 }
 
-/// The light of one pattern; none for a black one.
-pub(super) type Spots = Arc<[Light]>;
-
 /// One exposure that is over.
 #[derive(Clone, Debug)]
 pub(super) struct Shot {
@@ -44,7 +40,7 @@ pub(super) struct Shot {
     pub(super) timestamp_s: f64,
     pub(super) exposure_s: f64,
     /// Patterns that were visible, and for how many seconds of the exposure.
-    pub(super) seen: Vec<(Spots, f64)>,
+    pub(super) seen: Vec<(Glow, f64)>,
     pub(super) seed: u64,
 }
 
@@ -62,12 +58,12 @@ pub(super) struct Stage {
     overlap: bool,
     sync_period: Ticks,
     behaviour: Behaviour,
-    patterns: Vec<Spots>,
+    patterns: Vec<Glow>,
     /// Fingerprint of the loaded patterns, and how often in a row the same ones were run.
     fingerprint: u64,
     last_run: (u64, u64),
     /// Which light begins at which time; the last entry holds on.
-    timeline: VecDeque<(Ticks, Spots)>,
+    timeline: VecDeque<(Ticks, Glow)>,
     next_pattern: usize,
     open: Option<Open>,
     busy_until: Ticks,
@@ -99,7 +95,7 @@ impl Stage {
             patterns: Vec::new(),
             fingerprint: 0,
             last_run: (0, 0),
-            timeline: VecDeque::from([(Ticks::ZERO, Spots::default())]),
+            timeline: VecDeque::from([(Ticks::ZERO, Glow::default())]),
             next_pattern: 0,
             open: None,
             busy_until: Ticks::ZERO,
@@ -113,11 +109,15 @@ impl Stage {
         self.patterns.clear();
         self.fingerprint = 0;
         self.next_pattern = 0;
-        self.timeline = VecDeque::from([(Ticks::ZERO, Spots::default())]);
+        self.timeline = VecDeque::from([(Ticks::ZERO, Glow::default())]);
     }
 
-    pub(super) fn load_pattern(&mut self, lit: &[u32], light: Spots) {
+    /// Shows the pixels `lit` at `level` of 255, which do `light`.
+    pub(super) fn load_pattern(&mut self, lit: &[u32], level: u8, light: Glow) {
         self.patterns.push(light);
+        if level != u8::MAX {
+            self.fingerprint = mix(self.fingerprint, !u64::from(level));
+        }
         for &pixel in lit {
             self.fingerprint = mix(self.fingerprint, u64::from(pixel));
         }
@@ -216,7 +216,7 @@ impl Stage {
 
     /// Which light was visible for how long between two times. The camera's delay may reach past edges that
     /// are not known yet, but never past a settling time: patterns outlive it.
-    fn seen(&mut self, from: Ticks, to: Ticks) -> Vec<(Spots, f64)> {
+    fn seen(&mut self, from: Ticks, to: Ticks) -> Vec<(Glow, f64)> {
         while self.timeline.get(1).is_some_and(|next| next.0 <= from) {
             self.timeline.pop_front();
         }
@@ -224,7 +224,7 @@ impl Stage {
         for (index, (begins, light)) in self.timeline.iter().enumerate() {
             let ends = self.timeline.get(index + 1).map_or(to, |next| next.0.min(to));
             let visible = ends.saturating_sub((*begins).max(from));
-            if visible > Ticks::ZERO && !light.is_empty() {
+            if visible > Ticks::ZERO && !light.is_black() {
                 seen.push((light.clone(), self.seconds(visible)));
             }
         }

@@ -157,3 +157,24 @@ fn json_says_the_same() {
     assert_eq!(directions[0]["phi_deg"], 10.0);
     assert_eq!(directions[1]["reason"], "hole");
 }
+
+#[test]
+fn the_spread_tells_parallax_and_blur() {
+    let outcome = run(&["map", "--spread"], "50 10\n");
+    let answer = outcome.done();
+    let numbers: Vec<f64> = answer
+        .split_whitespace()
+        .map(|word| word.parse().expect(answer))
+        .collect();
+    let [_, _, _, _, parallax_mm, cam_deg, cam_mm, proj_deg, proj_mm] = numbers[..] else {
+        panic!("nine numbers: {answer}")
+    };
+    // An aligned rig: everything meets at the focus. The hemisphere's 180° over 1,966 and 737 pixels.
+    assert!(parallax_mm.abs() + cam_mm + proj_mm < 1e-4, "{answer}");
+    assert!(
+        (0.05..0.2).contains(&cam_deg) && (0.15..0.5).contains(&proj_deg),
+        "{answer}"
+    );
+    let object = run(&["map", "--spread", "--json"], "50 10\n").object();
+    assert!(object["directions"][0]["spread"]["cam_deg"].is_number());
+}

@@ -22,6 +22,7 @@ mod plot;
 mod render;
 mod request;
 mod study;
+mod truth;
 mod usage;
 mod value;
 
@@ -78,6 +79,7 @@ enum Command {
     Study(study::Args),
     Paper(paper::Args),
     Multiplex(multiplex::Args),
+    Truth(truth::Args),
     /// Talk to the trigger box
     Controller(controller::Args),
 }
@@ -102,6 +104,7 @@ fn main() -> ExitCode {
         Command::Plot(args) => plot::run(args, &output),
         Command::Study(args) => study::run(args, &output),
         Command::Multiplex(args) => multiplex::run(args, &cli.rig, &output),
+        Command::Truth(args) => truth::run(args, &cli.rig, &output),
         Command::Paper(args) => paper::run(args, &output),
         Command::Controller(args) => controller::run(args, &cli.rig, &output),
     };

@@ -3,7 +3,7 @@
 use std::io::{self, Write as _};
 
 use rcg::direction::from_degrees;
-use rcg::optics::View;
+use rcg::optics::{Spread, Unmeasurable, View};
 use rcg::rig::Rig;
 use serde_json::json;
 
@@ -15,12 +15,17 @@ use crate::output::Output;
 ///
 /// Reads lines `theta phi` (degrees, sample frame; blank lines and those that begin with # are skipped) and
 /// answers each with `cam_u cam_v proj_u proj_v` (pixels, centre of the first pixel = 0.5), or with
-/// `- reason`.
+/// `- reason`. With --spread each answer goes on with `parallax_mm cam_deg cam_mm proj_deg proj_mm`: how far apart camera
+/// and projector meet the sample, and for each of them the longest full width of its pixel's cone of directions (degrees)
+/// and of its patch on the sample (millimetres).
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// Give pixels of a camera image of this size instead of the rig's own
     #[arg(long, value_name = "N")]
     image_size: Option<u32>,
+    /// Give parallax and blur of each direction too
+    #[arg(long)]
+    spread: bool,
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
@@ -34,16 +39,38 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     for line in lines_of(io::stdin().lock(), "theta phi in degrees") {
         let [theta_deg, phi_deg] = line?;
         let w = from_degrees(theta_deg, phi_deg);
-        let pixels = camera.pixel(w).and_then(|cam| Ok((cam, projector.pixel(w)?)));
-        match (pixels, output.is_json()) {
-            (Ok((cam, proj)), false) => {
-                writeln!(out, "{:.6} {:.6} {:.6} {:.6}", cam.x, cam.y, proj.x, proj.y)?;
+        let pixels = || -> Result<_, Unmeasurable> {
+            let spreads = if args.spread {
+                Some((camera.spread(w)?, projector.spread(w)?))
+            } else {
+                None
+            };
+            Ok((camera.pixel(w)?, projector.pixel(w)?, spreads))
+        };
+        match (pixels(), output.is_json()) {
+            (Ok((cam, proj, spreads)), false) => {
+                write!(out, "{:.6} {:.6} {:.6} {:.6}", cam.x, cam.y, proj.x, proj.y)?;
+                for number in spreads.iter().flat_map(in_millimetres_and_degrees) {
+                    write!(out, " {number:.4}")?;
+                }
+                writeln!(out)?;
             }
             (Err(reason), false) => writeln!(out, "- {reason}")?,
-            (Ok((cam, proj)), true) => answers.push(json!({
-                "theta_deg": theta_deg, "phi_deg": phi_deg,
-                "cam_px": [cam.x, cam.y], "proj_px": [proj.x, proj.y],
-            })),
+            (Ok((cam, proj, spreads)), true) => {
+                let mut answer = json!({
+                    "theta_deg": theta_deg, "phi_deg": phi_deg,
+                    "cam_px": [cam.x, cam.y], "proj_px": [proj.x, proj.y],
+                });
+                if let Some(spreads) = &spreads {
+                    let [parallax_mm, cam_deg, cam_mm, proj_deg, proj_mm] =
+                        in_millimetres_and_degrees(spreads);
+                    answer["spread"] = json!({
+                        "parallax_mm": parallax_mm, "cam_deg": cam_deg, "cam_mm": cam_mm,
+                        "proj_deg": proj_deg, "proj_mm": proj_mm,
+                    });
+                }
+                answers.push(answer);
+            }
             (Err(reason), true) => {
                 let reason = reason.to_string();
                 answers.push(json!({ "theta_deg": theta_deg, "phi_deg": phi_deg, "reason": reason }));
@@ -53,4 +80,17 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     out.flush()?;
     drop(out);
     output.print(&json!({ "rig": rig.name, "directions": answers }), String::new)
+}
+
+/// Parallax, then longest cone and patch of the camera's pixel and of the projector's.
+fn in_millimetres_and_degrees((camera, projector): &(Spread, Spread)) -> [f64; 5] {
+    let of = |spread: &Spread| [spread.width_rad[0].to_degrees(), 1e3 * spread.patch_m];
+    let ([cam_deg, cam_mm], [proj_deg, proj_mm]) = (of(camera), of(projector));
+    [
+        1e3 * camera.hit_m.distance(projector.hit_m),
+        cam_deg,
+        cam_mm,
+        proj_deg,
+        proj_mm,
+    ]
 }

@@ -70,6 +70,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         image_size: args.image_size,
         exposure_s: None,
         sample: Some(args.sample.clone()),
+        truth: None,
         noise: true,
         seed: args.seed,
     };

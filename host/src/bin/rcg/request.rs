@@ -60,6 +60,9 @@ pub(crate) struct RequestArgs {
     /// Exposure time in milliseconds [default: found by a pilot capture]
     #[arg(long, value_name = "MS", allow_negative_numbers = true)]
     exposure_ms: Option<f64>,
+    /// How the virtual rig really is: a file that `rcg truth` writes [default: as the rig file says]
+    #[arg(long, value_name = "FILE")]
+    truth: Option<String>,
     /// Switch shot and read noise of the virtual rig on or off [default: on]
     #[arg(long, value_name = "on|off", value_parser = ["on", "off"])]
     noise: Option<String>,
@@ -82,6 +85,10 @@ impl RequestArgs {
                 .map(|ms| ms * 1e-3)
                 .or_else(|| before.and_then(|b| b.exposure_s)),
             sample: self.sample.clone().or(sample),
+            truth: self
+                .truth
+                .clone()
+                .or_else(|| before.and_then(|b| b.truth.clone())),
             noise: self
                 .noise
                 .as_ref()

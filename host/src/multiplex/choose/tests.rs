@@ -7,7 +7,7 @@ use crate::evaluate::is_judged;
 use crate::multiplex::demultiplex;
 use crate::optics::{DirectionMap, View};
 use crate::sample::parse;
-use crate::virtual_rig::{Behaviour, Mischief, Noise, sense};
+use crate::virtual_rig::{self, Behaviour, Held, Mischief, Noise, sense};
 
 const GRID: Grid = Grid::ThetaPhi { step_deg: 7.5 };
 const TRIALS: u64 = 4;
@@ -32,7 +32,8 @@ fn chosen(rig: &Rig, spec: &str) -> Choice {
         mischief: Mischief::default(),
     };
     let sample = Arc::from(parse(spec).unwrap());
-    let mut instrument = Instrument::simulated(rig, sample, behaviour).unwrap();
+    let mut instrument =
+        Instrument::simulated(&virtual_rig::Truth::of(rig), Held::Sample(sample), behaviour).unwrap();
     choose(rig, &GRID, None, &mut instrument).unwrap()
 }
 

@@ -2,12 +2,20 @@
 
 use super::*;
 use crate::virtual_rig::Noise;
+use crate::virtual_rig::light::Light;
 
 const CLOCK_HZ: u32 = 125_000_000;
 
-fn light(irradiance: f64) -> Spots {
+fn light(irradiance: f64) -> Glow {
     let nodes = [glam::DVec3::Z; 4];
-    Arc::new([Light { irradiance, nodes }])
+    Glow::Spots([Light { irradiance, nodes }].into())
+}
+
+fn spots(light: &Glow) -> &[Light] {
+    match light {
+        Glow::Spots(spots) => spots,
+        Glow::Image(_) => &[],
+    }
 }
 
 /// A stage with patterns of irradiance 1, 2, 3 …; settling 33.3 ms, camera delay 5 µs, read-out 26 ms.
@@ -19,7 +27,7 @@ fn stage() -> Stage {
     };
     let mut stage = Stage::new(&Rig::load("rcg-1").unwrap(), behaviour, CLOCK_HZ);
     for index in 1..=4 {
-        stage.load_pattern(&[index], light(f64::from(index)));
+        stage.load_pattern(&[index], u8::MAX, light(f64::from(index)));
     }
     stage.arm_camera();
     stage
@@ -40,7 +48,7 @@ fn seen(shots: &[Shot]) -> Vec<Vec<(f64, f64)>> {
     let one = |shot: &Shot| {
         shot.seen
             .iter()
-            .map(|(light, s)| (light[0].irradiance, (s * 1e6).round()))
+            .map(|(light, s)| (spots(light)[0].irradiance, (s * 1e6).round()))
             .collect()
     };
     shots.iter().map(one).collect()
@@ -129,7 +137,7 @@ fn images_do_not_know_when_their_run_began() {
             let seen: Vec<_> = shot
                 .seen
                 .iter()
-                .map(|(light, s)| (light.to_vec(), s.to_bits()))
+                .map(|(light, s)| (spots(light).to_vec(), s.to_bits()))
                 .collect();
             shots.push((shot.id, shot.seed, shot.exposure_s.to_bits(), seen));
         }

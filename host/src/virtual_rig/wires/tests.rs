@@ -9,7 +9,9 @@ use super::*;
 use crate::camera::{Camera as _, CameraError};
 use crate::projector::Projector as _;
 use crate::rig::Rig;
-use crate::virtual_rig::{Behaviour, Mischief, Noise, VirtualCamera, VirtualProjector, VirtualRig};
+use crate::virtual_rig::{
+    Behaviour, Held, Mischief, Noise, Truth, VirtualCamera, VirtualProjector, VirtualRig,
+};
 
 fn rig() -> Rig {
     Rig::load("rcg-1").unwrap().with_image_size(16).unwrap()
@@ -22,7 +24,12 @@ fn wired(address: &str) -> Result<(VirtualCamera, VirtualProjector), WiresError>
         mischief: Mischief::default(),
     };
     let sample = Arc::from(crate::sample::parse("lambert:0.5").unwrap());
-    VirtualRig::wired(&rig(), sample, behaviour, Wires::connect(address)?)
+    VirtualRig::wired(
+        &Truth::of(&rig()),
+        Held::Sample(sample),
+        behaviour,
+        Wires::connect(address)?,
+    )
 }
 
 /// Lets `bridge` serve one connection, while `test` has its address.

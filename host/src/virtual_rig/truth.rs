@@ -1,0 +1,245 @@
+//! How a virtual rig really is: what its rig file says and what it does not.
+//!
+//! # Design
+//! A measurement knows the *nominal* rig, or the one that a calibration made of it. The virtual rig is built from a
+//! [`Truth`]: another rig, which may differ in pose, distortion, mirror and sample, and [`Flaws`] that no rig file has.
+//! Plan, assembly and calibration never read it. A truth is a TOML file with the tables `rig` and `flaws`.
+//!
+//! The fields are sums of Gaussian bumps and the calibration's are not, so that it cannot be right by construction.
+
+use std::path::Path;
+
+use rand::{RngExt as _, SeedableRng as _};
+use rand_distr::StandardNormal;
+use rand_xoshiro::Xoshiro256PlusPlus;
+use serde::{Deserialize, Serialize};
+
+use crate::rig::{Lens, Rig, RigError, explain};
+
+/// A virtual rig as it really is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Truth {
+    /// Its true geometry, camera and light.
+    pub rig: Rig,
+    /// What no rig file says.
+    #[serde(default)]
+    pub flaws: Flaws,
+}
+
+/// Imperfections of light, mirror and camera; none by default.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Flaws {
+    /// `T_o`, throughput over the camera's image, relative.
+    pub throughput: Field,
+    /// `E_p`, intensity over the projector's image, relative.
+    pub intensity: Field,
+    /// Intensity of a black projector pixel, as a share of that of a lit one.
+    pub black_level: f64,
+    /// Exponent of the projector's response: intensity = (level/255)^gamma; 0 stands for 1.
+    pub gamma: f64,
+    /// Share of a signal at saturation that the camera does not show: g = s·(1 − nonlinearity·s/full scale).
+    pub nonlinearity: f64,
+    /// Share of the light from the sample that mirror and optics throw back onto it, from all directions alike.
+    pub interreflection: f64,
+}
+
+/// 1 + a sum of Gaussian bumps over an image.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Field {
+    /// Of each: centre x and y in half widths of the image from its middle, standard width in half widths, amplitude.
+    pub bumps: Vec<[f64; 4]>,
+}
+
+impl Field {
+    /// The field at (`x`, `y`), each −1 to 1 over the image.
+    #[must_use]
+    pub fn at(&self, x: f64, y: f64) -> f64 {
+        let bump = |&[cx, cy, width, amplitude]: &[f64; 4]| {
+            amplitude * (-((x - cx).powi(2) + (y - cy).powi(2)) / (2.0 * width * width)).exp()
+        };
+        1.0 + self.bumps.iter().map(bump).sum::<f64>()
+    }
+
+    /// The field at every pixel centre of an image, row by row.
+    pub(super) fn over(&self, width_px: usize, height_px: usize) -> Vec<f64> {
+        let half = |index: usize, size: usize| 2.0 * (index as f64 + 0.5) / size as f64 - 1.0;
+        (0..width_px * height_px)
+            .map(|index| {
+                self.at(
+                    half(index % width_px, width_px),
+                    half(index / width_px, height_px),
+                )
+            })
+            .collect()
+    }
+
+    /// Bumps that make a field of ±`amplitude`, drawn from `rng`.
+    fn drawn(amplitude: f64, rng: &mut Xoshiro256PlusPlus) -> Self {
+        // One broad fall-off to the border and two wide bumps: what vignetting and lamps do.
+        let mut bumps = vec![[0.0, 0.0, 0.9, 1.0]];
+        for _ in 0..2 {
+            let (x, y) = (rng.random_range(-0.8..0.8), rng.random_range(-0.8..0.8));
+            bumps.push([x, y, rng.random_range(0.4..0.7), rng.random_range(-0.8..0.8)]);
+        }
+        // Scaled so that the field spans just what was asked for.
+        let mut field = Self { bumps };
+        let values = field.over(64, 64);
+        let (low, high) = values
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+                (low.min(*v), high.max(*v))
+            });
+        let scale = 2.0 * amplitude / (high - low);
+        for bump in &mut field.bumps {
+            bump[3] *= scale;
+        }
+        // A very wide bump is a constant: it brings the middle of the range to 1.
+        let middle = 1.0 + scale * (f64::midpoint(low, high) - 1.0);
+        field.bumps.push([0.0, 0.0, 1e6, 1.0 - middle]);
+        field
+    }
+}
+
+/// How far a drawn truth strays from the nominal rig, as standard deviations.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tolerances {
+    /// Each coordinate of the optical centres of camera and projector and of the sample's centre, metres.
+    pub position_m: f64,
+    /// Each rotation of camera, projector, sample and the mirror's edges, degrees.
+    pub angle_deg: f64,
+    /// Half the range of the fields of throughput and intensity, relative: not a deviation but what is reached.
+    pub field: f64,
+}
+
+impl Truth {
+    /// A rig that is truly as `rig` says.
+    #[must_use]
+    pub fn of(rig: &Rig) -> Self {
+        Self {
+            rig: rig.clone(),
+            flaws: Flaws::default(),
+        }
+    }
+
+    /// A rig that strays from `nominal` by chance, within `tolerances`.
+    ///
+    /// # Errors
+    /// [`RigError::Field`] if the tolerances lead to a rig that cannot be built.
+    pub fn drawn(nominal: &Rig, tolerances: Tolerances, seed: u64) -> Result<Self, RigError> {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let mut rig = nominal.clone();
+        let Tolerances {
+            position_m,
+            angle_deg,
+            field,
+        } = tolerances;
+        // Shapes and lenses are made better than they are mounted: a tenth of the way in the same proportion.
+        let relative = position_m / nominal.mirror.a_m;
+        let mut normal = || -> f64 { rng.sample(StandardNormal) };
+        let mut stray = |lens: &mut Lens| {
+            for at in 0..3 {
+                lens.offset_m[at] += position_m * normal();
+                lens.rotation_deg[at] += angle_deg * normal();
+            }
+            lens.focal_px *= 1.0 + 0.1 * relative * normal();
+            for at in 0..2 {
+                lens.centre_px[at] += 0.1 * relative * f64::from(lens.width_px) * normal();
+            }
+            for (k, size) in lens.distortion.iter_mut().zip([0.02, 0.02, 2e-4, 2e-4, 0.0]) {
+                *k += size * normal();
+            }
+        };
+        stray(&mut rig.camera.lens);
+        stray(&mut rig.projector.lens);
+        rig.mirror.a_m *= 1.0 + 0.1 * relative * normal();
+        rig.mirror.b_m *= 1.0 + 0.1 * relative * normal();
+        rig.mirror.edge_rotation_deg = nominal
+            .mirror
+            .edge_rotation_deg
+            .map(|deg| deg + angle_deg * normal());
+        rig.sample.offset_m = nominal.sample.offset_m.map(|m| m + position_m * normal());
+        rig.sample.tilt_deg += angle_deg * normal();
+        rig.sample.roll_deg += angle_deg * normal();
+        rig.sample.azimuth_deg += angle_deg * normal();
+        rig.light.full_scale_f_sr *= 1.0 + 0.1 * normal();
+        rig.camera.read_noise_e *= 1.0 + 0.1 * normal().clamp(-3.0, 3.0);
+        rig.camera.full_well_e *= 1.0 + 0.05 * normal().clamp(-3.0, 3.0);
+        rig.validate()?;
+        let flaws = Flaws {
+            throughput: Field::drawn(field, &mut rng),
+            intensity: Field::drawn(field, &mut rng),
+            black_level: 2e-6,
+            gamma: 2.2,
+            nonlinearity: 0.01,
+            interreflection: 0.005,
+        };
+        Ok(Self { rig, flaws })
+    }
+
+    /// Reads the truth at `path`.
+    ///
+    /// # Errors
+    /// [`RigError`], one sentence.
+    pub fn load(path: &Path) -> Result<Self, RigError> {
+        let text = std::fs::read_to_string(path).map_err(|found| RigError::Unreadable {
+            path: path.to_path_buf(),
+            found,
+        })?;
+        let truth: Self = toml::from_str(&text).map_err(|error| explain(&text, path, &error))?;
+        truth.rig.validate()?;
+        Ok(truth)
+    }
+
+    /// The truth as TOML that [`Truth::load`] reads back to the same numbers.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        toml::to_string(self).expect("invariant: a truth is tables of numbers, strings and flags")
+    }
+
+    /// The same with the camera's image scaled; see [`Rig::with_image_size`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn with_image_size(&self, size_px: u32) -> Result<Self, RigError> {
+        Ok(Self {
+            rig: self.rig.with_image_size(size_px)?,
+            flaws: self.flaws.clone(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_drawn_truth_strays_as_far_as_it_may_and_reads_back() {
+        let nominal = Rig::load("rcg-1").unwrap();
+        let tolerances = Tolerances {
+            position_m: 1e-3,
+            angle_deg: 0.5,
+            field: 0.3,
+        };
+        let mut squares = 0.0;
+        for seed in 0..50 {
+            let truth = Truth::drawn(&nominal, tolerances, seed).unwrap();
+            squares += truth.rig.camera.lens.offset_m.map(|m| m * m).iter().sum::<f64>();
+            for field in [&truth.flaws.throughput, &truth.flaws.intensity] {
+                let values = field.over(64, 64);
+                let extreme = |pick: fn(f64, f64) -> f64, from| values.iter().copied().fold(from, pick);
+                assert!((extreme(f64::max, 0.0) - 1.3).abs() < 1e-9);
+                assert!((extreme(f64::min, 9.0) - 0.7).abs() < 1e-9);
+            }
+        }
+        let rms_m = (squares / 150.0).sqrt();
+        assert!((rms_m / 1e-3 - 1.0).abs() < 0.2, "{rms_m}");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("truth.toml");
+        let truth = Truth::drawn(&nominal, tolerances, 7).unwrap();
+        std::fs::write(&path, truth.to_toml()).unwrap();
+        assert_eq!(Truth::load(&path).unwrap(), truth);
+    }
+}
