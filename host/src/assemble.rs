@@ -20,24 +20,24 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::mpsc::sync_channel;
 
-use glam::Vec4;
 use half::f16;
-use half::slice::HalfFloatSliceExt as _;
 use rayon::prelude::*;
-use serde_json::{Map, Value, json};
 
-use crate::brdf::{Brdf, BrdfError, ERRORS};
+use crate::brdf::{Brdf, BrdfError};
 use crate::disk::Disk;
-use crate::incident::Grid;
-use crate::interpolation::{BRANCHES, Errors, REGIONS};
-use crate::optics::{Unmeasurable, View};
+use crate::optics::View;
 use crate::plan::{Directions, Plan};
 use crate::provenance::Provenance;
 use crate::resample::Resampling;
 use crate::rig::Rig;
-use crate::store::{BrdfLayout, BrdfRows, BrdfWriter, RawStore, Segment, SmallArray, SmallData, StoreError};
+use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
 
+mod coordinates;
 mod luminance;
+mod radiometry;
+
+use coordinates::{attributes, coordinates, interpolation_errors};
+use radiometry::{Radiometry, Work, project};
 
 pub(crate) use luminance::FrameAssembler;
 
@@ -57,123 +57,6 @@ pub struct Assembled {
     pub measured: u64,
     /// Samples that no pixel could see without saturating.
     pub saturated: u64,
-}
-
-/// Numbers that turn a frame into f, the same for all frames.
-struct Radiometry {
-    /// Mean of the black frames, [pixel, channel].
-    dark: Vec<f32>,
-    /// Variance of a dark-corrected number without light, in DN².
-    dark_variance: f32,
-    /// Variance per DN of signal, in DN.
-    shot_per_dn: f32,
-    /// f per (DN / (s × irradiance)).
-    scale: f64,
-    saturation: u16,
-}
-
-impl Radiometry {
-    fn new(rig: &Rig, segment: &Segment, pixels: usize) -> Result<Self, String> {
-        let gain = rig.gain_e_per_dn();
-        let mut sum = vec![0_u64; pixels];
-        let mut count = 0_u32;
-        for (record, frame) in segment.records.iter().zip(segment.frames.chunks_exact(pixels)) {
-            if record.incident < 0 {
-                count += 1;
-                for (sum, &dn) in sum.iter_mut().zip(frame) {
-                    *sum += u64::from(dn);
-                }
-            }
-        }
-        if count == 0 {
-            return Err("expected black exposures in the first segment, found none".to_owned());
-        }
-        let read_dn = rig.camera.read_noise_e / gain;
-        let one = read_dn * read_dn + 1.0 / 12.0;
-        Ok(Self {
-            dark: sum
-                .into_iter()
-                .map(|sum| (sum as f64 / f64::from(count)) as f32)
-                .collect(),
-            dark_variance: (one * (1.0 + 1.0 / f64::from(count))) as f32,
-            shot_per_dn: (1.0 / gain) as f32,
-            scale: gain / rig.sensitivity_e(),
-            saturation: rig.saturation_dn(),
-        })
-    }
-}
-
-/// What one worker keeps from chunk to chunk.
-#[derive(Default)]
-struct Work {
-    /// Dark-corrected signal of each pixel in DN, its channels in the lanes; NaN where it saturated.
-    signal: Vec<Vec4>,
-    /// Standard uncertainties of a row, before they are halved in width.
-    sigma: Vec<f32>,
-    rows: BrdfRows,
-}
-
-/// One frame onto the disk: writes f, sigma and provenance of one incident direction, at the cells that have
-/// taps. Returns how many of them were measured and how many saturated.
-fn project<const CHANNELS: usize>(
-    frame: &[u16],
-    factor: f32,
-    radiometry: &Radiometry,
-    resampling: &Resampling,
-    (signal, sigma): (&mut Vec<Vec4>, &mut [f32]),
-    (out_f, out_sigma, out_provenance): (&mut [f32], &mut [f16], &mut [u8]),
-) -> (u64, u64) {
-    signal.clear();
-    signal.extend(
-        frame
-            .chunks_exact(CHANNELS)
-            .zip(radiometry.dark.chunks_exact(CHANNELS))
-            .map(|(dn, dark)| {
-                let mut lanes = [0.0; 4];
-                for channel in 0..CHANNELS {
-                    // A saturated pixel spoils every cell that it takes part in, and no other.
-                    let saturated = dn[channel] >= radiometry.saturation;
-                    lanes[channel] = if saturated {
-                        f32::NAN
-                    } else {
-                        f32::from(dn[channel]) - dark[channel]
-                    };
-                }
-                Vec4::from_array(lanes)
-            }),
-    );
-    let (mut measured, mut saturated) = (0, 0);
-    for taps in &resampling.taps {
-        let cell = taps.cell as usize;
-        let mut sum = Vec4::ZERO;
-        let mut variance = Vec4::ZERO;
-        for (&pixel, &weight) in taps.pixel.iter().zip(&taps.weight) {
-            let signal = signal[pixel as usize];
-            let shot = signal.max(Vec4::ZERO) * radiometry.shot_per_dn;
-            sum += signal * weight;
-            variance += (shot + radiometry.dark_variance) * (weight * weight);
-        }
-        let clear = !sum.is_nan();
-        let (f, uncertainty) = if clear {
-            // The largest number of f16 stands for "useless".
-            let root = Vec4::from_array(variance.to_array().map(f32::sqrt));
-            (sum * factor, (root * factor).min(Vec4::splat(65_504.0)))
-        } else {
-            (Vec4::ZERO, Vec4::ZERO)
-        };
-        let at = cell * CHANNELS;
-        out_f[at..at + CHANNELS].copy_from_slice(&f.to_array()[..CHANNELS]);
-        sigma[at..at + CHANNELS].copy_from_slice(&uncertainty.to_array()[..CHANNELS]);
-        out_provenance[cell] = if clear {
-            Provenance::Measured.code()
-        } else {
-            Provenance::Missing.code()
-        };
-        measured += u64::from(clear);
-        saturated += u64::from(!clear);
-    }
-    out_sigma.convert_from_f32_slice(sigma);
-    (measured, saturated)
 }
 
 /// Why assembly failed.
@@ -375,115 +258,4 @@ fn chunk_rows(
         counts.saturated += saturated;
     }
     counts
-}
-
-/// The errors of the rules of interpolation, zeros if they are not known.
-fn interpolation_errors(errors: Option<&Errors>) -> SmallArray<'static> {
-    let shape = vec![REGIONS, BRANCHES];
-    let values = errors.map_or_else(
-        || vec![0.0; REGIONS * BRANCHES],
-        |errors| errors.as_slice().to_vec(),
-    );
-    SmallArray {
-        name: ERRORS,
-        dims: &["region", "branch"],
-        shape,
-        data: SmallData::F64(values),
-        units: "1",
-        long_name: "expected error of each way to interpolate, relative to white",
-        codes: &[],
-    }
-}
-
-fn coordinates(directions: &Directions, disk: Disk, resampling: &Resampling) -> [SmallArray<'static>; 6] {
-    let grid = &directions.grid;
-    let angle = |pick: fn((f64, f64)) -> f64| (0..grid.len()).map(|i| pick(grid.angles_deg(i))).collect();
-    let codes = |reasons: &[Option<Unmeasurable>]| {
-        reasons
-            .iter()
-            .map(|reason| reason.map_or(0, Unmeasurable::code))
-            .collect()
-    };
-    let small = |name, dims, shape, data, units, long_name| SmallArray {
-        name,
-        dims,
-        shape,
-        data,
-        units,
-        long_name,
-        codes: &[],
-    };
-    [
-        small(
-            "incident_theta",
-            &["incident"],
-            vec![grid.len()],
-            SmallData::F64(angle(|angles| angles.0)),
-            "degree",
-            "polar angle of the incident direction",
-        ),
-        small(
-            "incident_phi",
-            &["incident"],
-            vec![grid.len()],
-            SmallData::F64(angle(|angles| angles.1)),
-            "degree",
-            "azimuth of the incident direction",
-        ),
-        small(
-            "incident_reason",
-            &["incident"],
-            vec![grid.len()],
-            SmallData::U8(codes(&directions.reasons)),
-            "1",
-            "why the incident direction cannot be lit; 0 = it can",
-        ),
-        small(
-            "outgoing_reason",
-            &["y", "x"],
-            vec![disk.size(), disk.size()],
-            SmallData::U8(codes(&resampling.reasons)),
-            "1",
-            "why the outgoing direction cannot be seen; 0 = it can",
-        ),
-        small(
-            "outgoing_pixel",
-            &["y", "x"],
-            vec![disk.size(), disk.size()],
-            SmallData::F64(resampling.pixel_sr.clone()),
-            "sr",
-            "solid angle of the camera pixel that sees the outgoing direction",
-        ),
-        interpolation_errors(None),
-    ]
-}
-
-fn attributes(rig: &Rig, plan: &Plan) -> Map<String, Value> {
-    let incident = match plan.request.grid {
-        Grid::ThetaPhi { .. } => {
-            "theta = (ring + 1/2) step, phi = sector step, index = ring * (360/step) + sector"
-        }
-        Grid::EqualSolidAngle { .. } => {
-            "theta = (ring + 1/2) step, ceil(360 sin(theta)/step) directions on each ring, from phi = 0 on"
-        }
-        Grid::List { .. } => "any directions, interpolated on their spherical Delaunay triangulation",
-    };
-    let attributes = json!({
-        "title": "bidirectional reflectance distribution function f in 1/sr, without the cosine",
-        "incident_grid": incident,
-        "incident_kind": plan.request.grid.kind(),
-        "outgoing_grid": "Lambert azimuthal equal-area disk: x + iy = sqrt(2) sin(theta/2) exp(i phi), -1..1",
-        "step_deg": plan.request.grid.step_deg(),
-        "rig": rig.name,
-        "spot_deg": plan.spot_deg,
-        "exposure_s": plan.exposure_s,
-        "source": concat!("rcg ", env!("CARGO_PKG_VERSION")),
-    });
-    match attributes {
-        Value::Object(mut map) => {
-            map.retain(|_, value| !value.is_null());
-            map
-        }
-        _ => Map::new(),
-    }
 }

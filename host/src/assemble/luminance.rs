@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
-use super::{Radiometry, Work, chunk_rows};
+use super::chunk_rows;
+use super::radiometry::{Radiometry, Work};
 use crate::disk::Disk;
 use crate::optics::View;
 use crate::provenance::Provenance;

@@ -1,0 +1,130 @@
+//! What `brdf.zarr` says of itself: coordinates and attributes.
+
+use serde_json::{Map, Value, json};
+
+use crate::brdf::ERRORS;
+use crate::disk::Disk;
+use crate::incident::Grid;
+use crate::interpolation::{BRANCHES, Errors, REGIONS};
+use crate::optics::Unmeasurable;
+use crate::plan::{Directions, Plan};
+use crate::resample::Resampling;
+use crate::rig::Rig;
+use crate::store::{SmallArray, SmallData};
+
+/// The errors of the rules of interpolation, zeros if they are not known.
+pub(super) fn interpolation_errors(errors: Option<&Errors>) -> SmallArray<'static> {
+    let shape = vec![REGIONS, BRANCHES];
+    let values = errors.map_or_else(
+        || vec![0.0; REGIONS * BRANCHES],
+        |errors| errors.as_slice().to_vec(),
+    );
+    SmallArray {
+        name: ERRORS,
+        dims: &["region", "branch"],
+        shape,
+        data: SmallData::F64(values),
+        units: "1",
+        long_name: "expected error of each way to interpolate, relative to white",
+        codes: &[],
+    }
+}
+
+/// The coordinates of `brdf.zarr`: directions, why some of them cannot be had, and what interpolation costs.
+pub(super) fn coordinates(
+    directions: &Directions,
+    disk: Disk,
+    resampling: &Resampling,
+) -> [SmallArray<'static>; 6] {
+    let grid = &directions.grid;
+    let angle = |pick: fn((f64, f64)) -> f64| (0..grid.len()).map(|i| pick(grid.angles_deg(i))).collect();
+    let codes = |reasons: &[Option<Unmeasurable>]| {
+        reasons
+            .iter()
+            .map(|reason| reason.map_or(0, Unmeasurable::code))
+            .collect()
+    };
+    let small = |name, dims, shape, data, units, long_name| SmallArray {
+        name,
+        dims,
+        shape,
+        data,
+        units,
+        long_name,
+        codes: &[],
+    };
+    [
+        small(
+            "incident_theta",
+            &["incident"],
+            vec![grid.len()],
+            SmallData::F64(angle(|angles| angles.0)),
+            "degree",
+            "polar angle of the incident direction",
+        ),
+        small(
+            "incident_phi",
+            &["incident"],
+            vec![grid.len()],
+            SmallData::F64(angle(|angles| angles.1)),
+            "degree",
+            "azimuth of the incident direction",
+        ),
+        small(
+            "incident_reason",
+            &["incident"],
+            vec![grid.len()],
+            SmallData::U8(codes(&directions.reasons)),
+            "1",
+            "why the incident direction cannot be lit; 0 = it can",
+        ),
+        small(
+            "outgoing_reason",
+            &["y", "x"],
+            vec![disk.size(), disk.size()],
+            SmallData::U8(codes(&resampling.reasons)),
+            "1",
+            "why the outgoing direction cannot be seen; 0 = it can",
+        ),
+        small(
+            "outgoing_pixel",
+            &["y", "x"],
+            vec![disk.size(), disk.size()],
+            SmallData::F64(resampling.pixel_sr.clone()),
+            "sr",
+            "solid angle of the camera pixel that sees the outgoing direction",
+        ),
+        interpolation_errors(None),
+    ]
+}
+
+/// The attributes of `brdf.zarr`.
+pub(super) fn attributes(rig: &Rig, plan: &Plan) -> Map<String, Value> {
+    let incident = match plan.request.grid {
+        Grid::ThetaPhi { .. } => {
+            "theta = (ring + 1/2) step, phi = sector step, index = ring * (360/step) + sector"
+        }
+        Grid::EqualSolidAngle { .. } => {
+            "theta = (ring + 1/2) step, ceil(360 sin(theta)/step) directions on each ring, from phi = 0 on"
+        }
+        Grid::List { .. } => "any directions, interpolated on their spherical Delaunay triangulation",
+    };
+    let attributes = json!({
+        "title": "bidirectional reflectance distribution function f in 1/sr, without the cosine",
+        "incident_grid": incident,
+        "incident_kind": plan.request.grid.kind(),
+        "outgoing_grid": "Lambert azimuthal equal-area disk: x + iy = sqrt(2) sin(theta/2) exp(i phi), -1..1",
+        "step_deg": plan.request.grid.step_deg(),
+        "rig": rig.name,
+        "spot_deg": plan.spot_deg,
+        "exposure_s": plan.exposure_s,
+        "source": concat!("rcg ", env!("CARGO_PKG_VERSION")),
+    });
+    match attributes {
+        Value::Object(mut map) => {
+            map.retain(|_, value| !value.is_null());
+            map
+        }
+        _ => Map::new(),
+    }
+}
