@@ -9,10 +9,10 @@
 //! is var(g) = σ_read² + (g − dark)/gain with the gain in electrons per number (the photon-transfer curve).
 //! Solved for f, which hardly changes over the small spot: f = (g − dark) / (K·t·T_o·Σ E·cosθ·Δω), where the sum is
 //! over the pixels that were actually lit, not those that should have been. T_o and E_p are those of the rig file, which
-//! are uniform; nothing calibrates them yet.
+//! are uniform; what calibration found instead comes in behind (`correction`).
 //!
-//! Camera pixels are interpolated linearly onto the outgoing disk. The standard uncertainty follows from the
-//! variance above, 1/12 for rounding, and that of the mean dark frame.
+//! Camera pixels are interpolated linearly onto the outgoing disk. The standard uncertainty of noise follows from the
+//! variance above, 1/12 for rounding, and that of the mean dark frame; `correction` adds what else there is.
 //!
 //! Frames are read ahead by one thread while the others compute and write; memory holds a few segments.
 
@@ -24,6 +24,7 @@ use half::f16;
 use rayon::prelude::*;
 
 use crate::brdf::{Brdf, BrdfError};
+use crate::calibrate::Applied;
 use crate::disk::Disk;
 use crate::optics::View;
 use crate::plan::{Directions, Plan};
@@ -33,10 +34,12 @@ use crate::rig::Rig;
 use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
 
 mod coordinates;
+mod correction;
 mod luminance;
 mod radiometry;
 
 use coordinates::{attributes, coordinates, interpolation_errors};
+use correction::Correction;
 use radiometry::{Radiometry, Work, project};
 
 pub(crate) use luminance::FrameAssembler;
@@ -79,7 +82,7 @@ pub enum AssembleError {
 }
 
 /// Assembles the frames of `raw` into `brdf.zarr` at `target`; `progress` is told the number of frames done.
-/// An older result is replaced when the new one is whole.
+/// An older result is replaced when the new one is whole. `applied` is what calibration found of the instrument.
 ///
 /// # Errors
 /// [`AssembleError`].
@@ -87,6 +90,7 @@ pub fn assemble(
     rig: &Rig,
     plan: &Plan,
     directions: &Directions,
+    applied: &Applied,
     raw_path: &Path,
     target: &Path,
     progress: &(dyn Fn(usize) + Sync),
@@ -121,6 +125,7 @@ pub fn assemble(
         channels,
         chunk: CHUNK,
     };
+    let correction = Correction::new(rig, plan, directions, applied, disk, &resampling.pixel_sr)?;
     let writer = BrdfWriter::create(
         target,
         brdf_layout,
@@ -190,6 +195,7 @@ pub fn assemble(
                         &resampling,
                         work,
                     );
+                    correction.apply(chunk * CHUNK, &mut work.rows);
                     writer.write_chunk(chunk, &work.rows)?;
                     Ok(counts)
                 })

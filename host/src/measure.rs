@@ -7,6 +7,7 @@ use serde_json::{Map, json};
 
 use crate::assemble::{AssembleError, Assembled, assemble};
 use crate::brdf::{Brdf, BrdfError};
+use crate::calibrate::{Applied, CalibrateError};
 use crate::capture::Tally;
 use crate::device::DeviceError;
 use crate::evaluate::evaluate;
@@ -30,6 +31,9 @@ pub enum MeasureError {
     /// Assembly.
     #[error(transparent)]
     Assemble(#[from] AssembleError),
+    /// The calibration of the measurement.
+    #[error(transparent)]
+    Calibrate(#[from] Box<CalibrateError>),
     /// The BRDF.
     #[error(transparent)]
     Brdf(#[from] BrdfError),
@@ -134,7 +138,10 @@ pub fn assemble_measurement(
         ..
     } = measurement;
     let (raw, brdf) = (measurement.path("raw.zarr"), measurement.path("brdf.zarr"));
-    let assembled = assemble(rig, plan, directions, &raw, &brdf, &|done| progress.reach(done))?;
+    let applied = Applied::read(measurement.dir()).map_err(Box::new)?;
+    let assembled = assemble(rig, plan, directions, &applied, &raw, &brdf, &|done| {
+        progress.reach(done);
+    })?;
     progress.end();
     let mut facts = Map::new();
     facts.insert("assembled".to_owned(), json!(assembled));

@@ -178,6 +178,7 @@ impl Blame for MeasureError {
             Self::Measurement(error) => error.is_input(),
             Self::Brdf(error) | Self::Assemble(AssembleError::Brdf(error)) => error.is_input(),
             Self::Sample(_) | Self::Assemble(AssembleError::Mismatch { .. }) => true,
+            Self::Calibrate(error) => error.is_input(),
             Self::Device(error) => error.is_input(),
             Self::Wires(error) => matches!(error, WiresError::Address { .. }),
             Self::Assemble(AssembleError::Store(error)) => error.is_input(),
