@@ -11,6 +11,8 @@
 //! over the pixels that were actually lit, not those that should have been. T_o and E_p are those of the rig file, which
 //! are uniform; what calibration found instead comes in behind (`correction`).
 //!
+//! Exposures of different length are merged pixel by pixel (`assemble/merge.rs`) before anything else.
+//!
 //! Camera pixels are interpolated linearly onto the outgoing disk. The standard uncertainty of noise follows from the
 //! variance above, 1/12 for rounding, and that of the mean dark frame; `correction` adds what else there is.
 //!
@@ -23,11 +25,12 @@ use std::sync::mpsc::sync_channel;
 use half::f16;
 use rayon::prelude::*;
 
+use crate::brackets::dark_noise_dn;
 use crate::brdf::{Brdf, BrdfError};
 use crate::calibrate::Applied;
 use crate::disk::Disk;
 use crate::optics::View;
-use crate::plan::{Directions, Plan};
+use crate::plan::{BLACK_EXPOSURES, Directions, Plan};
 use crate::provenance::Provenance;
 use crate::resample::Resampling;
 use crate::rig::Rig;
@@ -36,11 +39,12 @@ use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
 mod coordinates;
 mod correction;
 mod luminance;
+mod merge;
 mod radiometry;
 
 use coordinates::{attributes, coordinates, interpolation_errors};
 use correction::Correction;
-use radiometry::{Radiometry, Work, project};
+use radiometry::{Out, Radiometry, Work, project, project_merged};
 
 pub(crate) use luminance::FrameAssembler;
 
@@ -60,6 +64,8 @@ pub struct Assembled {
     pub measured: u64,
     /// Samples that no pixel could see without saturating.
     pub saturated: u64,
+    /// Largest f that does not saturate over the noise-equivalent f, see [`dynamic_range`].
+    pub dynamic_range: f64,
 }
 
 /// Why assembly failed.
@@ -81,6 +87,19 @@ pub enum AssembleError {
     },
 }
 
+/// The dynamic range of exposures of `exposures_s` seconds (ascending) of the camera of `rig`, at any incident direction:
+/// the largest f that does not saturate the shortest over the noise-equivalent f, which is the standard deviation (k = 1)
+/// of f in the longest where there is no light. For one exposure it is that of the camera (EMVA 1288: saturation capacity
+/// over temporal dark noise).
+#[must_use]
+pub fn dynamic_range(rig: &Rig, exposures_s: &[f64]) -> f64 {
+    let (Some(shortest_s), Some(longest_s)) = (exposures_s.first(), exposures_s.last()) else {
+        return 0.0;
+    };
+    let range_dn = f64::from(rig.saturation_dn()) - rig.camera.dark_dn;
+    (range_dn / shortest_s) / (dark_noise_dn(rig, *longest_s) / longest_s)
+}
+
 /// Assembles the frames of `raw` into `brdf.zarr` at `target`; `progress` is told the number of frames done.
 /// An older result is replaced when the new one is whole. `applied` is what calibration found of the instrument.
 ///
@@ -100,16 +119,12 @@ pub fn assemble(
         reason,
     };
     let raw = RawStore::open(raw_path)?;
-    let exposures = plan.exposures(directions);
+    let patterns = plan.patterns(directions);
+    let brackets = plan.brackets();
     let layout = raw.layout();
     let format = rig.frame_format();
     let found = (layout.exposures, layout.height, layout.width, layout.channels);
-    let expected = (
-        exposures.len(),
-        format.height_px,
-        format.width_px,
-        format.channels,
-    );
+    let expected = (plan.len(), format.height_px, format.width_px, format.channels);
     if found != expected {
         return Err(mismatch(format!(
             "expected (exposures, rows, columns, channels) = {expected:?} from the plan, found {found:?}"
@@ -134,18 +149,38 @@ pub fn assemble(
         true,
     )?;
 
-    // Where each incident direction's frame is: (segment, place in it).
+    // Where each incident direction's first frame is: (segment, place in it).
     let mut places = vec![None; grid.len()];
     for segment in 0..raw.segments() {
-        for (place, exposure) in raw.segment_range(segment).enumerate() {
-            if let crate::plan::Exposure::Incident(index) = exposures[exposure] {
+        for (place, exposure) in raw.segment_range(segment).enumerate().step_by(brackets) {
+            if let crate::plan::Exposure::Incident(index) = patterns[exposure / brackets] {
                 places[index] = Some((segment, place));
             }
         }
     }
 
-    let mut total = Assembled::default();
-    let radiometry = Radiometry::new(rig, &raw.read_segment(0)?, format.len()).map_err(mismatch)?;
+    let mut total = Assembled {
+        dynamic_range: dynamic_range(rig, &plan.exposures_s()),
+        ..Assembled::default()
+    };
+    let black = (0..(BLACK_EXPOSURES * brackets).div_ceil(layout.segment))
+        .map(|segment| raw.read_segment(segment))
+        .collect::<Result<Vec<_>, _>>()?;
+    let radiometry = plan
+        .exposures_s()
+        .into_iter()
+        .map(|exposure_s| {
+            Radiometry::new(
+                rig,
+                applied.photometry.as_ref().map(|found| &found.camera),
+                &black,
+                exposure_s,
+                format.len(),
+            )
+        })
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(mismatch)?;
+    drop(black);
     std::thread::scope(|scope| -> Result<(), AssembleError> {
         let (tx, rx) = sync_channel::<Result<Segment, StoreError>>(2);
         let reader = RawStore::open(raw_path)?;
@@ -222,13 +257,18 @@ fn chunk_rows(
     window: &BTreeMap<usize, Segment>,
     channels: usize,
     disk: Disk,
-    radiometry: &Radiometry,
+    radiometry: &[Radiometry],
     resampling: &Resampling,
     work: &mut Work,
 ) -> Assembled {
     let row = disk.len() * channels;
-    let pixels = radiometry.dark.len();
-    let Work { signal, sigma, rows } = work;
+    let samples = radiometry[0].dark.len();
+    let Work {
+        signal,
+        merged,
+        sigma,
+        rows,
+    } = work;
     // Cells without taps are never written, so what the last chunk left there is zero.
     sigma.resize(row, 0.0);
     rows.f.resize(places.len() * row, 0.0);
@@ -250,16 +290,22 @@ fn chunk_rows(
         };
         let segment = &window[&segment];
         let record = &segment.records[at];
-        let frame = &segment.frames[at * pixels..][..pixels];
-        let factor = (radiometry.scale / (record.exposure_s * record.lit_irradiance)) as f32;
-        let scratch = (&mut *signal, sigma.as_mut_slice());
-        let out = (f, row_sigma, provenance);
-        let (measured, saturated) = match channels {
-            1 => project::<1>(frame, factor, radiometry, resampling, scratch, out),
-            _ => project::<3>(frame, factor, radiometry, resampling, scratch, out),
+        let frames = &segment.frames[at * samples..][..radiometry.len() * samples];
+        let irradiance = record.lit_irradiance;
+        let out = &mut Out {
+            f,
+            sigma: row_sigma,
+            provenance,
+            wide_sigma: sigma.as_mut_slice(),
+        };
+        let (measured, saturated) = match (channels, radiometry) {
+            (1, [one]) => project::<1>(frames, irradiance, one, resampling, signal, out),
+            (_, [one]) => project::<3>(frames, irradiance, one, resampling, signal, out),
+            (1, _) => project_merged::<1>(frames, irradiance, radiometry, resampling, merged, out),
+            _ => project_merged::<3>(frames, irradiance, radiometry, resampling, merged, out),
         };
         counts.directions += 1;
-        counts.frames += 1;
+        counts.frames += radiometry.len();
         counts.measured += measured;
         counts.saturated += saturated;
     }

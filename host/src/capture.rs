@@ -5,10 +5,14 @@
 //! One call of [`Instrument::take`] takes one segment. What the pairing did not settle is taken again in a
 //! further run of just those patterns, until nothing is missing or [`ATTEMPTS`] are used up. Frames of the
 //! segment are in memory; nothing else is.
+//!
+//! Of several exposures of a pattern (brackets) the first step shows it and it stays for the others: a table of that many
+//! steps, played once for each pattern. A repetition of some of them shows the pattern before the first that is missing,
+//! each with its own exposure time, from a table that says so step by step.
 
 use std::time::Duration;
 
-use rcg_protocol::{Event, State, StepRecord, Ticks};
+use rcg_protocol::{Event, State, Step, StepRecord, Ticks};
 use serde::{Deserialize, Serialize};
 
 use crate::camera::{Camera, CameraError, Frame};
@@ -122,19 +126,21 @@ struct Haul {
 }
 
 impl Instrument {
-    /// Takes one exposure of each pattern. `patterns(i, image)` draws pattern `i` into a black image;
-    /// `taken(n)` is told after each event how many exposures have been recorded so far.
+    /// Takes the exposures of `timings` of each of `count` patterns, one pattern after the other; `timings` is a
+    /// [series](Timing::series). `patterns(i, image)` draws pattern `i` into a black image; `taken(n)` is told after each event how many exposures have been recorded so far.
     ///
     /// # Errors
     /// [`CaptureError`].
     pub fn take(
         &mut self,
         count: usize,
-        timing: &Timing,
+        timings: &[Timing],
         mut patterns: impl FnMut(usize, &mut BitPattern),
         tally: &mut Tally,
         mut taken: impl FnMut(usize),
     ) -> Result<Vec<Captured>, CaptureError> {
+        let brackets = timings.len();
+        let count = count * brackets;
         let mut done: Vec<Option<Captured>> = vec![None; count];
         let mut open: Vec<usize> = (0..count).collect();
         let mut last = Outcome::NoRecord;
@@ -142,17 +148,26 @@ impl Instrument {
         let mut image = BitPattern::black(width_px, height_px);
         for attempt in 1..=ATTEMPTS {
             self.projector.clear()?;
+            let mut steps = Vec::with_capacity(open.len());
+            let mut showing = None;
             for &exposure in &open {
+                let (pattern, timing) = (exposure / brackets, &timings[exposure % brackets]);
+                if showing == Some(pattern) {
+                    steps.push(*timing);
+                    continue;
+                }
+                showing = Some(pattern);
                 image.clear();
-                patterns(exposure, &mut image);
+                patterns(pattern, &mut image);
                 self.projector.load(&image)?;
+                steps.push(timing.shown(&timings[0]));
             }
             let settled = count - open.len();
             let Haul {
                 records,
                 spurious_on,
                 mut frames,
-            } = self.run(open.len(), timing, |recorded| taken(settled + recorded))?;
+            } = self.run(&steps, brackets, |recorded| taken(settled + recorded))?;
             let tick_s = 1.0 / f64::from(self.device.info().clock_hz);
             let pairing = pair(open.len(), &records, &spurious_on, &frames, tick_s);
             tally.duplicates += pairing.duplicates as u64;
@@ -198,43 +213,49 @@ impl Instrument {
         }
     }
 
-    /// Takes one exposure per entry of `lit`, black where it is `None`; see [`take`](Self::take).
+    /// Takes the exposures of `timings` of each entry of `lit`, black where it is `None`; see [`take`](Self::take).
     ///
     /// # Errors
     /// [`CaptureError`].
     pub fn take_lit(
         &mut self,
         lit: &[Option<LitSet>],
-        timing: &Timing,
+        timings: &[Timing],
         tally: &mut Tally,
         taken: impl FnMut(usize),
     ) -> Result<Vec<Captured>, CaptureError> {
-        let draw = |exposure: usize, image: &mut BitPattern| {
-            if let Some(lit) = &lit[exposure] {
+        let draw = |pattern: usize, image: &mut BitPattern| {
+            if let Some(lit) = &lit[pattern] {
                 image.light(&lit.pixels);
             }
         };
-        self.take(lit.len(), timing, draw, tally, taken)
+        self.take(lit.len(), timings, draw, tally, taken)
     }
 
-    /// One run of the controller over `steps` patterns.
+    /// One run of the controller over `timings`. If these are the first `cycle` again and again, the table is no longer.
     fn run(
         &mut self,
-        steps: usize,
-        timing: &Timing,
+        timings: &[Timing],
+        cycle: usize,
         mut recorded: impl FnMut(usize),
     ) -> Result<Haul, CaptureError> {
-        let step = timing.step(self.device.info().clock_hz);
+        let steps = timings.len();
+        let cycle = cycle.min(steps);
+        let cyclic = timings.chunks(cycle).all(|chunk| *chunk == timings[..cycle]);
+        let table = &timings[..if cyclic { cycle } else { steps }];
+        let clock_hz = self.device.info().clock_hz;
+        let table: Vec<Step> = table.iter().map(|timing| timing.step(clock_hz)).collect();
         self.camera.arm()?;
         let mut haul = Haul {
             records: Vec::with_capacity(steps),
             spurious_on: Vec::new(),
             frames: Vec::with_capacity(steps),
         };
-        let period = Duration::from_secs_f64(timing.period_s);
+        let longest_s = timings.iter().map(|timing| timing.period_s).fold(0.0, f64::max);
+        let period = Duration::from_secs_f64(longest_s);
         let Self { device, camera, .. } = self;
-        let program = Timing::program(steps as u32);
-        let ending = device.play(&program, &[step], |event| -> Result<(), CaptureError> {
+        let program = Timing::table(table.len() as u32, (steps / table.len()) as u32);
+        let ending = device.play(&program, &table, |event| -> Result<(), CaptureError> {
             match event {
                 Some(Event::Records { records, .. }) => haul.records.extend(records),
                 Some(Event::SpuriousStrobe { on, .. }) => haul.spurious_on.push(on.0),

@@ -6,7 +6,7 @@
 //! | stage | modules |
 //! |---|---|
 //! | the instrument | [`rig`] (its description), [`optics`] (pixels ↔ directions), [`direction`] |
-//! | what to measure | [`incident`] (directions of light), [`pattern`], [`schedule`], [`pilot`] (exposure time), [`plan`], [`pace`] (how long it takes) |
+//! | what to measure | [`incident`] (directions of light), [`pattern`], [`schedule`], [`pilot`] (exposure time), [`brackets`] (several of them), [`plan`], [`pace`] (how long it takes) |
 //! | the world | [`link`], [`device`] and [`run`] (trigger box), [`firing`] and [`records`] (by itself), [`camera`], [`projector`], or [`virtual_rig`] for all three |
 //! | capture | [`setup`] (which instrument), [`capture`] (fire, collect, repeat), [`pairing`] (which frame belongs to which trigger) |
 //! | files | [`store`] (Zarr), [`measurement`] (the directory and its stages) |
@@ -23,6 +23,7 @@
 
 pub mod adaptive;
 pub mod assemble;
+pub mod brackets;
 pub mod brdf;
 pub mod calibrate;
 pub mod camera;

@@ -12,7 +12,7 @@ use crate::capture::Tally;
 use crate::device::DeviceError;
 use crate::evaluate::evaluate;
 use crate::measurement::{Measurement, MeasurementError, State};
-use crate::pilot::pilot;
+use crate::pilot::{pilot, propose};
 use crate::plan::{Plan, Request};
 use crate::progress::Progress;
 use crate::report::{Elapsed, ReportError, Summary, report};
@@ -60,6 +60,51 @@ impl From<StoreError> for MeasureError {
 /// What the virtual rig holds unless told otherwise.
 pub const DEFAULT_SAMPLE: &str = "ward:brass";
 
+/// The plan of `request` on `rig` (as loaded, its camera at full size), and the rig with its camera image scaled; a pilot
+/// capture finds the exposure times if `request` leaves them open.
+///
+/// # Errors
+/// [`MeasureError`].
+pub fn planned(
+    rig: &Rig,
+    request: Request,
+    setup: &Setup,
+    progress: &dyn Progress,
+) -> Result<(Rig, Plan), MeasureError> {
+    // Checks what was asked for before anything is built.
+    crate::sample::parse(request.sample.as_deref().unwrap_or(DEFAULT_SAMPLE))?;
+    let given_s = request
+        .brackets
+        .times_s()
+        .or_else(|| request.exposure_s.map(|exposure_s| vec![exposure_s]));
+    let any_s = given_s.clone().unwrap_or_else(|| vec![rig.camera.exposure_s]);
+    Plan::bracketed(request.clone(), rig, &any_s).map_err(MeasurementError::from)?;
+    let scaled = rig
+        .with_image_size(request.image_size)
+        .map_err(MeasurementError::from)?;
+    let exposures_s = if let Some(exposures_s) = given_s {
+        if setup.trigger_box.is_some() {
+            // What does not answer is named before anything is written.
+            setup.open(&scaled, &request)?;
+        }
+        exposures_s
+    } else {
+        progress.begin("pilot capture", 1, "runs");
+        let mut instrument = setup.open(&scaled, &request)?;
+        let exposures_s = if request.brackets.is_one() {
+            vec![pilot(&scaled, &request.grid, &mut instrument)?]
+        } else {
+            let proposal = propose(&scaled, &request.grid, &request.brackets, &mut instrument)?;
+            progress.remark(&proposal.to_string());
+            proposal.exposures_s
+        };
+        progress.end();
+        exposures_s
+    };
+    let plan = Plan::bracketed(request, &scaled, &exposures_s).map_err(MeasurementError::from)?;
+    Ok((scaled, plan))
+}
+
 /// Plans a measurement of `request` on `rig` (as loaded, its camera at full size) in the new directory `out`; the
 /// exposure time is found by a pilot capture if `request` leaves it open. If `setup`
 /// has a calibration, `rig` is its rig.
@@ -74,26 +119,7 @@ pub fn prepare(
     progress: &dyn Progress,
 ) -> Result<Measurement, MeasureError> {
     Measurement::check_new(out)?;
-    // Checks what was asked for before anything is built.
-    crate::sample::parse(request.sample.as_deref().unwrap_or(DEFAULT_SAMPLE))?;
-    Plan::new(request.clone(), rig, rig.camera.exposure_s).map_err(MeasurementError::from)?;
-    let scaled = rig
-        .with_image_size(request.image_size)
-        .map_err(MeasurementError::from)?;
-    let exposure_s = if let Some(exposure_s) = request.exposure_s {
-        if setup.trigger_box.is_some() {
-            // What does not answer is named before anything is written.
-            setup.open(&scaled, &request)?;
-        }
-        exposure_s
-    } else {
-        progress.begin("pilot capture", 1, "runs");
-        let mut instrument = setup.open(&scaled, &request)?;
-        let exposure_s = pilot(&scaled, &request.grid, &mut instrument)?;
-        progress.end();
-        exposure_s
-    };
-    let plan = Plan::new(request, &scaled, exposure_s).map_err(MeasurementError::from)?;
+    let (scaled, plan) = planned(rig, request, setup, progress)?;
     if let Some(calibration) = &setup.calibration {
         Measurement::check_new(out)?;
         std::fs::create_dir_all(out).map_err(|source| MeasurementError::Io {
@@ -130,7 +156,8 @@ pub fn assemble_measurement(
     measurement: &Measurement,
     progress: &dyn Progress,
 ) -> Result<Assembled, MeasureError> {
-    progress.begin("assemble", measurement.plan.directions, "frames");
+    let frames = measurement.plan.directions * measurement.plan.brackets();
+    progress.begin("assemble", frames, "frames");
     let Measurement {
         rig,
         plan,
@@ -194,6 +221,7 @@ pub fn complete(
         incident_directions: measurement.directions.grid.len(),
         exposures: plan.len(),
         exposure_s: plan.exposure_s,
+        exposures_s: plan.exposures_s(),
         instrument_s: plan.duration_s(),
         capture: tally,
         assembled,

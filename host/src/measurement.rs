@@ -265,11 +265,16 @@ impl Measurement {
         } else {
             request.grid.to_string()
         };
-        let fields: [(&'static str, String, String); 8] = [
+        let fields: [(&'static str, String, String); 9] = [
             ("rig", self.rig.name.clone(), rig_name.to_owned()),
             ("grid", held.grid.to_string(), other_grid),
             ("image-size", text(&held.image_size), text(&request.image_size)),
             ("exposure-ms", text(&held.exposure_s), text(&request.exposure_s)),
+            (
+                "brackets",
+                held.brackets.to_string(),
+                request.brackets.to_string(),
+            ),
             ("sample", text(&held.sample), text(&request.sample)),
             ("truth", text(&held.truth), text(&request.truth)),
             ("noise", text(&held.noise), text(&request.noise)),
@@ -309,7 +314,8 @@ impl Measurement {
         } else {
             self.create_raw(&raw_path)?
         };
-        let exposures = self.plan.exposures(&self.directions);
+        let patterns = self.plan.patterns(&self.directions);
+        let brackets = self.plan.brackets();
         let maker = self.pattern_maker();
         let stored = raw.whole_segments()?;
         if stored > 0 {
@@ -338,7 +344,7 @@ impl Measurement {
                 match self.capture_segment(
                     instrument,
                     &maker,
-                    &exposures[range.clone()],
+                    &patterns[range.start / brackets..range.end / brackets],
                     &mut tally,
                     &mut report,
                 ) {
@@ -362,7 +368,7 @@ impl Measurement {
             }
         });
         result?;
-        progress(exposures.len());
+        progress(self.plan.len());
         let mut facts = Map::new();
         facts.insert("capture".to_owned(), json!(tally));
         self.note(State::Captured, facts)?;
@@ -400,26 +406,18 @@ impl Measurement {
         &self,
         instrument: &mut Instrument,
         maker: &PatternMaker,
-        exposures: &[Exposure],
+        patterns: &[Exposure],
         tally: &mut Tally,
         progress: &mut dyn FnMut(usize),
     ) -> Result<Segment, MeasurementError> {
-        let lit = self.lit_sets(maker, exposures);
-        take_segment(
-            instrument,
-            &self.plan.timing,
-            self.plan.exposure_s,
-            exposures,
-            &lit,
-            tally,
-            progress,
-        )
+        let lit = self.lit_sets(maker, patterns);
+        take_segment(instrument, &self.plan.timings(), patterns, &lit, tally, progress)
     }
 
-    fn lit_sets(&self, maker: &PatternMaker, exposures: &[Exposure]) -> Vec<Option<LitSet>> {
-        exposures
+    fn lit_sets(&self, maker: &PatternMaker, patterns: &[Exposure]) -> Vec<Option<LitSet>> {
+        patterns
             .par_iter()
-            .map(|exposure| match exposure {
+            .map(|pattern| match pattern {
                 Exposure::Black => None,
                 Exposure::Incident(index) => maker.lit_set(self.directions.grid.direction(*index)).ok(),
             })

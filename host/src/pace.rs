@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use crate::plan::{BLACK_EXPOSURES, Directions, Plan};
 use crate::rig::Rig;
+use crate::schedule::periods_s;
 
 /// A limit of the rig on the length of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -38,18 +39,22 @@ impl Limit {
         }
     }
 
-    /// Shortest period in s on `rig` without this limit.
-    fn without(self, rig: &Rig, exposure_s: f64) -> f64 {
+    /// Shortest mean period in s on `rig` without this limit.
+    fn without(self, rig: &Rig, exposures_s: &[f64]) -> f64 {
         let mut rig = rig.clone();
-        let mut exposure_s = exposure_s;
+        let mut exposures_s = exposures_s.to_vec();
         match self {
             Self::Settling => rig.projector.settle_s = 0.0,
-            Self::Exposure => exposure_s = 0.0,
+            Self::Exposure => exposures_s.fill(0.0),
             Self::Readout => rig.camera.readout_s = 0.0,
             Self::PatternRate => rig.projector.min_period_s = 0.0,
         }
-        rig.step_period_s(exposure_s)
+        mean(&periods_s(&rig, &exposures_s))
     }
+}
+
+fn mean(times_s: &[f64]) -> f64 {
+    times_s.iter().sum::<f64>() / times_s.len() as f64
 }
 
 /// What one limit costs.
@@ -57,7 +62,7 @@ impl Limit {
 pub struct Cost {
     /// The limit.
     pub limit: Limit,
-    /// Period of a step without it, in s.
+    /// Mean period of a step without it, in s.
     pub period_without_s: f64,
     /// Time of the whole plan without it, in s.
     pub instrument_without_s: f64,
@@ -66,7 +71,7 @@ pub struct Cost {
 /// Predicted time of a measurement.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Pace {
-    /// Time from one exposure to the next, in s.
+    /// Mean time from one exposure to the next, in s.
     pub period_s: f64,
     /// Exposures per second.
     pub rate_hz: f64,
@@ -90,11 +95,14 @@ impl Pace {
     /// The pace of `plan` on `rig`.
     #[must_use]
     pub fn new(plan: &Plan, directions: &Directions, rig: &Rig) -> Self {
-        let period_s = plan.timing.period_s;
+        let exposures_s = plan.exposures_s();
+        let periods: Vec<f64> = plan.timings().iter().map(|timing| timing.period_s).collect();
+        let period_s = mean(&periods);
         let exposures = plan.len() as f64;
+        let each = plan.brackets();
         let mut costs: Vec<Cost> = Limit::ALL
             .into_iter()
-            .map(|limit| (limit, limit.without(rig, plan.exposure_s)))
+            .map(|limit| (limit, limit.without(rig, &exposures_s)))
             .filter(|(_, without_s)| *without_s < period_s * (1.0 - 1e-6))
             .map(|(limit, period_without_s)| Cost {
                 limit,
@@ -107,10 +115,10 @@ impl Pace {
             period_s,
             rate_hz: 1.0 / period_s,
             instrument_s: exposures * period_s,
-            lit_s: plan.directions as f64 * period_s,
-            black_s: BLACK_EXPOSURES as f64 * period_s,
-            grid_s: directions.grid.len() as f64 * period_s,
-            exposing_share: plan.exposure_s / period_s,
+            lit_s: (plan.directions * each) as f64 * period_s,
+            black_s: (BLACK_EXPOSURES * each) as f64 * period_s,
+            grid_s: (directions.grid.len() * each) as f64 * period_s,
+            exposing_share: mean(&exposures_s) / period_s,
             loads: plan.len().div_ceil(plan.segment),
             costs,
         }
@@ -128,6 +136,7 @@ mod tests {
             grid: Grid::ThetaPhi { step_deg },
             image_size: 32,
             exposure_s: None,
+            brackets: crate::brackets::Brackets::One,
             sample: None,
             truth: None,
             noise: false,

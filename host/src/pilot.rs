@@ -1,4 +1,4 @@
-//! The pilot capture, which chooses the exposure time.
+//! The pilot capture, which chooses the exposure time, or those of several exposures.
 
 use crate::capture::{Captured, Instrument, Tally};
 use crate::evaluate::is_judged;
@@ -9,6 +9,10 @@ use crate::pattern::PatternMaker;
 use crate::plan::{Directions, PlanError, spot_deg};
 use crate::rig::Rig;
 use crate::schedule::Timing;
+
+mod brackets;
+
+pub use brackets::{Proposal, propose};
 
 /// Incident directions of the pilot capture that chooses the exposure time.
 const PILOT_DIRECTIONS: usize = 48;
@@ -25,6 +29,14 @@ pub(crate) const PILOT_TARGET: f64 = 0.85;
 /// # Errors
 /// [`MeasurementError`].
 pub fn pilot(rig: &Rig, grid: &Grid, instrument: &mut Instrument) -> Result<f64, MeasurementError> {
+    let patterns = patterns(rig, grid)?;
+    Ok(Tests::take(rig, &patterns, instrument)?
+        .longest_s
+        .min(rig.camera.exposure_s))
+}
+
+/// Lit pixels of some patterns that are spread over `grid`.
+fn patterns(rig: &Rig, grid: &Grid) -> Result<Vec<Vec<u32>>, MeasurementError> {
     let directions = Directions::new(rig, grid)?;
     let measurable: Vec<usize> = directions.measurable().collect();
     let maker = PatternMaker::new(
@@ -32,14 +44,11 @@ pub fn pilot(rig: &Rig, grid: &Grid, instrument: &mut Instrument) -> Result<f64,
         spot_deg(rig, grid),
         rig.projector.irradiance,
     );
-    let patterns: Vec<Vec<u32>> = spread(&directions, &measurable)
+    Ok(spread(&directions, &measurable)
         .into_iter()
         .map(|at| maker.lit_set(directions.grid.direction(measurable[at])))
         .map(|lit| lit.map_or_else(|_| Vec::new(), |lit| lit.pixels))
-        .collect();
-    Ok(Tests::take(rig, &patterns, instrument)?
-        .longest_s
-        .min(rig.camera.exposure_s))
+        .collect())
 }
 
 /// Places in `indices` (of directions) of about [`PILOT_DIRECTIONS`] that are spread over those that are judged.
@@ -76,7 +85,7 @@ impl Tests {
             let timing = Timing::new(rig, exposure_s).map_err(PlanError::from)?;
             let shots = instrument.take(
                 patterns.len(),
-                &timing,
+                &[timing],
                 |pattern, image| image.light(&patterns[pattern]),
                 &mut Tally::default(),
                 |_| {},

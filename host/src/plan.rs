@@ -2,25 +2,27 @@
 //!
 //! # Design
 //! A plan is derived from a [`Request`] and a rig, and written to `plan.toml`; every later stage, and a
-//! resumed measurement, reads that file. Exposures are in the order of their incident directions, after a
-//! few with a black pattern. They are taken in *segments*: one segment is one run of the controller, one
+//! resumed measurement, reads that file. Patterns are in the order of their incident directions, after a
+//! few black ones; each has one exposure, or several in a row (brackets), the shortest first, black ones too. They are
+//! taken in *segments*: one segment is one run of the controller, one
 //! load of the projector and one chunk of `raw.zarr`, and what a crash may cost.
 
 use serde::{Deserialize, Serialize};
 
+use crate::brackets::{Brackets, largest_ratio};
 use crate::incident::{Grid, IncidentError, IncidentSet};
 use crate::optics::{Unmeasurable, View};
 use crate::rig::{Rig, RigError, explain};
 use crate::schedule::{ScheduleError, Timing};
 
-/// Exposures with a black pattern at the start of a measurement: dark level and stray light.
+mod check;
+
+/// Black patterns at the start of a measurement: dark level and stray light of each exposure time.
 pub const BLACK_EXPOSURES: usize = 16;
 /// A segment holds about this many bytes of frames.
 const SEGMENT_BYTES: usize = 16 << 20;
 /// A segment is at most this long: the table of the controller and the memory of projectors.
 const SEGMENT_MAX: usize = 400;
-/// No step is longer: settling, delay, exposure and read-out at the ends of their ranges, rounded up.
-const LONGEST_PERIOD_S: f64 = 200.0;
 
 /// Version of the format of `plan.toml`.
 const FORMAT: u32 = 2;
@@ -50,6 +52,9 @@ pub struct Request {
     /// Exposure time in s; `None` lets a pilot capture choose it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure_s: Option<f64>,
+    /// Exposures of each pattern; a pilot capture chooses their times unless they are given here.
+    #[serde(default, skip_serializing_if = "Brackets::is_one")]
+    pub brackets: Brackets,
     /// What the virtual rig measures, as [`crate::sample::parse`] takes it; `None` for a real instrument.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sample: Option<String>,
@@ -73,16 +78,19 @@ pub struct Plan {
     pub rig: String,
     /// What was asked for.
     pub request: Request,
-    /// Exposure time in s.
+    /// Exposure time in s; of several the shortest.
     pub exposure_s: f64,
     /// Opening of the cone that one pattern lights, in degrees.
     pub spot_deg: f64,
-    /// Exposures per segment.
+    /// Exposures per segment, all of a pattern in the same one.
     pub segment: usize,
-    /// Times of one step.
+    /// Times of one step; of several exposures the first, which shows the pattern.
     pub timing: Timing,
     /// Indices of the incident directions that are measured are derived from rig and grid; this is how many.
     pub directions: usize,
+    /// The other exposures of each pattern, longer and longer, while it stays.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub longer: Vec<Timing>,
 }
 
 /// What one exposure is for.
@@ -114,6 +122,20 @@ pub enum PlanError {
     /// The image is too small or too large.
     #[error("image-size: expected a number of pixels from 8 to 4096, found {0}")]
     ImageSize(u32),
+    /// Two exposures of a pattern do not overlap.
+    #[error(
+        "brackets: expected neighbouring exposure times at most {largest:.0} times apart, or the signals between          saturate the one and drown in the noise of the other; found {shorter_ms} and {longer_ms} ms, {found:.0} times          (put a time between them, or let `--brackets auto` choose)"
+    )]
+    Apart {
+        /// The shorter in ms.
+        shorter_ms: f64,
+        /// The longer in ms.
+        longer_ms: f64,
+        /// Their ratio.
+        found: f64,
+        /// The largest ratio that the camera bridges.
+        largest: f64,
+    },
     /// The times do not fit together.
     #[error(transparent)]
     Schedule(#[from] ScheduleError),
@@ -189,6 +211,17 @@ impl Plan {
     /// # Errors
     /// [`PlanError`].
     pub fn new(request: Request, rig: &Rig, exposure_s: f64) -> Result<Self, PlanError> {
+        Self::bracketed(request, rig, &[exposure_s])
+    }
+
+    /// A plan for `request` on `rig` with exposures of `exposures_s` seconds of each pattern, one or several, ascending.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    ///
+    /// # Panics
+    /// If `exposures_s` is empty.
+    pub fn bracketed(request: Request, rig: &Rig, exposures_s: &[f64]) -> Result<Self, PlanError> {
         if !(8..=4096).contains(&request.image_size) {
             return Err(PlanError::ImageSize(request.image_size));
         }
@@ -203,34 +236,69 @@ impl Plan {
         }
         let pixels = request.image_size as usize * request.image_size as usize;
         let frame_bytes = pixels * rig.camera.channels as usize * 2;
-        let timing = Timing::new(rig, exposure_s)?;
+        let mut longer = Timing::series(rig, exposures_s)?;
+        let timing = longer.remove(0);
+        let largest = largest_ratio(rig);
+        for pair in exposures_s.windows(2) {
+            let found = pair[1] / pair[0];
+            if found > largest {
+                let [shorter_ms, longer_ms] = [pair[0], pair[1]].map(|s| (s * 1e6).round() * 1e-3);
+                return Err(PlanError::Apart {
+                    shorter_ms,
+                    longer_ms,
+                    found,
+                    largest,
+                });
+            }
+        }
         let spot_deg = spot_deg(rig, &request.grid);
         let segment = (SEGMENT_BYTES / frame_bytes).clamp(8, SEGMENT_MAX);
+        let segment = segment / exposures_s.len() * exposures_s.len();
         Ok(Self {
             format: FORMAT,
             rig: rig.name.clone(),
             request,
-            exposure_s,
+            exposure_s: timing.cam_width_s,
             spot_deg,
             segment,
             timing,
             directions: count,
+            longer,
         })
     }
 
-    /// All exposures in their order.
+    /// What the patterns are for, in their order.
     #[must_use]
-    pub fn exposures(&self, directions: &Directions) -> Vec<Exposure> {
+    pub fn patterns(&self, directions: &Directions) -> Vec<Exposure> {
         let black = std::iter::repeat_n(Exposure::Black, BLACK_EXPOSURES);
         black
             .chain(directions.measurable().map(Exposure::Incident))
             .collect()
     }
 
+    /// Exposures of each pattern.
+    #[must_use]
+    pub const fn brackets(&self) -> usize {
+        1 + self.longer.len()
+    }
+
+    /// The steps of one pattern.
+    #[must_use]
+    pub fn timings(&self) -> Vec<Timing> {
+        let longer = self.longer.iter().copied();
+        std::iter::once(self.timing).chain(longer).collect()
+    }
+
+    /// Exposure times in s of each pattern, ascending.
+    #[must_use]
+    pub fn exposures_s(&self) -> Vec<f64> {
+        self.timings().iter().map(|timing| timing.cam_width_s).collect()
+    }
+
     /// Number of exposures.
     #[must_use]
     pub const fn len(&self) -> usize {
-        BLACK_EXPOSURES + self.directions
+        (BLACK_EXPOSURES + self.directions) * self.brackets()
     }
 
     /// Never: there are always black exposures.
@@ -242,7 +310,8 @@ impl Plan {
     /// Time that the exposures take, in s, without loading.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
-        self.len() as f64 * self.timing.period_s
+        let cycle_s: f64 = self.timings().iter().map(|timing| timing.period_s).sum();
+        (BLACK_EXPOSURES + self.directions) as f64 * cycle_s
     }
 
     /// The plan as TOML.
@@ -288,72 +357,19 @@ impl Plan {
         Ok(plan)
     }
 
-    /// The request that measures the same again, with this plan's exposure time.
+    /// The request that measures the same again, with this plan's exposure times.
     #[must_use]
     pub fn replayed(self) -> Request {
+        let (exposure_s, brackets) = if self.longer.is_empty() {
+            (Some(self.exposure_s), Brackets::One)
+        } else {
+            let times_s = self.exposures_s().into_iter();
+            (None, Brackets::TimesMs(times_s.map(|s| s * 1e3).collect()))
+        };
         Request {
-            exposure_s: Some(self.exposure_s),
+            exposure_s,
+            brackets,
             ..self.request
         }
-    }
-
-    /// Refuses numbers that no plan of this program has; `path` is where it was read.
-    ///
-    /// # Errors
-    /// [`PlanError::File`] with the first field that is wrong.
-    pub fn check(&self, path: &std::path::Path) -> Result<(), PlanError> {
-        let fail = |field: &str, expected: &str, found: &dyn std::fmt::Display| PlanError::File {
-            path: path.display().to_string(),
-            reason: format!("{field}: expected {expected}, found {found}"),
-        };
-        let timing = &self.timing;
-        let ranges = [
-            ("exposure_s", self.exposure_s, 1e-6, 60.0, "1e-6 to 60 seconds"),
-            ("spot_deg", self.spot_deg, 1e-3, 90.0, "0.001 to 90 degrees"),
-            (
-                "timing.proj_width_s",
-                timing.proj_width_s,
-                1e-7,
-                60.0,
-                "1e-7 to 60 seconds",
-            ),
-            ("timing.cam_at_s", timing.cam_at_s, 0.0, 60.0, "0 to 60 seconds"),
-            (
-                "timing.cam_width_s",
-                timing.cam_width_s,
-                1e-6,
-                60.0,
-                "1e-6 to 60 seconds",
-            ),
-            (
-                "timing.period_s",
-                timing.period_s,
-                1e-6,
-                LONGEST_PERIOD_S,
-                "1e-6 to 200 seconds",
-            ),
-        ];
-        for (field, found, low, high, expected) in ranges {
-            if !(low..=high).contains(&found) {
-                return Err(fail(field, expected, &found));
-            }
-        }
-        if !(1..=SEGMENT_MAX).contains(&self.segment) {
-            return Err(fail(
-                "segment",
-                &format!("1 to {SEGMENT_MAX} exposures"),
-                &self.segment,
-            ));
-        }
-        // The one stands in the records, the other in the schedule.
-        if timing.cam_width_s.total_cmp(&self.exposure_s).is_ne() {
-            let expected = format!("exposure_s = {}", self.exposure_s);
-            return Err(fail("timing.cam_width_s", &expected, &timing.cam_width_s));
-        }
-        if timing.cam_at_s + timing.cam_width_s > timing.period_s {
-            let expected = "at least timing.cam_at_s + timing.cam_width_s";
-            return Err(fail("timing.period_s", expected, &timing.period_s));
-        }
-        Ok(())
     }
 }

@@ -46,8 +46,10 @@ pub struct Summary {
     pub incident_directions: usize,
     /// Exposures taken, those with a black pattern included.
     pub exposures: usize,
-    /// Exposure time in s.
+    /// Exposure time in s, of several the shortest.
     pub exposure_s: f64,
+    /// Exposure times in s of each pattern, ascending.
+    pub exposures_s: Vec<f64>,
     /// Time that the instrument needs for the exposures, in s.
     pub instrument_s: f64,
     /// What happened on the way.
@@ -125,9 +127,10 @@ fn spheres(brdf: &Brdf, sample: &dyn Sample) -> Result<RgbImage, StoreError> {
 fn frames(measurement: &Measurement) -> Result<RgbImage, StoreError> {
     let raw = RawStore::open(&measurement.path("raw.zarr"))?;
     let layout = *raw.layout();
-    let exposures = measurement.plan.exposures(&measurement.directions);
-    let lit: Vec<usize> = (0..exposures.len())
-        .filter(|&i| exposures[i] != Exposure::Black)
+    let patterns = measurement.plan.patterns(&measurement.directions);
+    let brackets = measurement.plan.brackets();
+    let lit: Vec<usize> = (0..patterns.len() * brackets)
+        .filter(|&i| patterns[i / brackets] != Exposure::Black)
         .collect();
     let (width, height, channels) = (layout.width, layout.height, layout.channels);
     let mut image = RgbImage::new((width * FRAMES) as u32, height as u32);
@@ -169,9 +172,9 @@ pub fn lines(summary: &Summary) -> Vec<(&'static str, String)> {
         (
             "exposures",
             format!(
-                "{} of {:.3} ms, {} px; {} on the instrument",
+                "{} of {} ms, {} px; {} on the instrument",
                 summary.exposures,
-                summary.exposure_s * 1e3,
+                milliseconds(&summary.exposures_s),
                 summary.image_size,
                 duration(summary.instrument_s)
             ),
@@ -193,6 +196,7 @@ pub fn lines(summary: &Summary) -> Vec<(&'static str, String)> {
                 summary.assembled.measured, summary.assembled.saturated
             ),
         ),
+        ("dynamic range", dynamic_range(summary.assembled.dynamic_range)),
     ];
     lines.extend(summary.adaptive.as_ref().map(adaptive_line));
     lines.extend(evaluation_lines(&summary.evaluation));
@@ -290,6 +294,19 @@ fn percent(share: f64) -> String {
     } else {
         format!("{:.2} %", share * 100.0)
     }
+}
+
+/// Times in s as milliseconds for people, without the unit.
+#[must_use]
+pub fn milliseconds(times_s: &[f64]) -> String {
+    let times: Vec<String> = times_s.iter().map(|s| format!("{:.3}", s * 1e3)).collect();
+    times.join(", ")
+}
+
+/// A dynamic range (see [`crate::assemble::dynamic_range`]) for people.
+#[must_use]
+pub fn dynamic_range(ratio: f64) -> String {
+    format!("{ratio:.0} : 1, from saturation to the noise without light")
 }
 
 /// A duration in s for people.

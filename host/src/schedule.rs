@@ -22,6 +22,23 @@ pub struct Timing {
     pub period_s: f64,
 }
 
+/// From one trigger to the next in s, for exposures of `exposures_s` seconds of one pattern on `rig`. One exposure: as
+/// short as the rig allows. Of several the first waits for the pattern, which then stays, and each waits until the one
+/// before is read out, because a long exposure may still be read when a short one after it is over.
+pub fn periods_s(rig: &Rig, exposures_s: &[f64]) -> Vec<f64> {
+    if let [exposure_s] = exposures_s {
+        return vec![rig.step_period_s(*exposure_s)];
+    }
+    let mut periods: Vec<f64> = exposures_s
+        .iter()
+        .map(|exposure_s| rig.camera.exposure_delay_s + exposure_s + rig.camera.readout_s)
+        .collect();
+    if let Some(first) = periods.first_mut() {
+        *first = (*first + rig.projector.settle_s).max(rig.projector.min_period_s);
+    }
+    periods
+}
+
 /// What bounds the pace of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -60,6 +77,42 @@ impl Timing {
         })
     }
 
+    /// The steps of exposures of `exposures_s` seconds of one pattern: the first shows it, and it stays for the others.
+    /// So the projector needs no more memory, and no more time to settle, than for one exposure.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn series(rig: &Rig, exposures_s: &[f64]) -> Result<Vec<Self>, ScheduleError> {
+        let steps = exposures_s.iter().zip(periods_s(rig, exposures_s)).enumerate();
+        steps
+            .map(|(at, (&exposure_s, period_s))| {
+                let shown = Self::new(rig, exposure_s)?;
+                Ok(match at {
+                    0 => Self { period_s, ..shown },
+                    _ => Self {
+                        proj_width_s: 0.0,
+                        cam_at_s: 0.0,
+                        cam_width_s: exposure_s,
+                        period_s,
+                    },
+                })
+            })
+            .collect()
+    }
+
+    /// This step with the pattern shown anew, as in `first`, the step of a series that shows it: for a repetition that
+    /// begins with this exposure.
+    #[must_use]
+    pub fn shown(&self, first: &Self) -> Self {
+        let settling_s = first.cam_at_s - self.cam_at_s;
+        Self {
+            proj_width_s: first.proj_width_s,
+            cam_at_s: first.cam_at_s,
+            period_s: (self.period_s + settling_s).max(first.period_s),
+            ..*self
+        }
+    }
+
     /// What bounds the pace on `rig`.
     #[must_use]
     pub fn bound(&self, rig: &Rig) -> Bound {
@@ -86,12 +139,15 @@ impl Timing {
     /// A run of `exposures` such steps.
     #[must_use]
     pub fn program(exposures: u32) -> Program {
+        Self::table(1, exposures)
+    }
+
+    /// A run of a table of `steps` steps, `cycles` times.
+    #[must_use]
+    pub fn table(steps: u32, cycles: u32) -> Program {
         Program {
             dead_man: Micros::DEFAULT_DEAD_MAN,
-            ..Program::new(Extent::Table {
-                steps: 1,
-                cycles: exposures,
-            })
+            ..Program::new(Extent::Table { steps, cycles })
         }
     }
 }

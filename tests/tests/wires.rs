@@ -47,6 +47,7 @@ fn request() -> Request {
         grid: Grid::ThetaPhi { step_deg: 15.0 },
         image_size: 32,
         exposure_s: None,
+        brackets: rcg::brackets::Brackets::One,
         sample: Some("ward:brass".to_owned()),
         truth: None,
         noise: true,

@@ -10,6 +10,7 @@ use super::journal::{AdaptiveError, Asked, Journal, differs};
 use super::predict::{Image, judged_cells, leave_one_out};
 use super::{BATCH, Goal, Stop};
 use crate::assemble::FrameAssembler;
+use crate::brackets::Brackets;
 use crate::capture::{Instrument, Tally};
 use crate::direction::{angle_between, to_angles};
 use crate::disk::Disk;
@@ -55,12 +56,12 @@ struct Loop<'a> {
     rig: &'a Rig,
     maker: PatternMaker,
     timing: Timing,
-    exposure_s: f64,
     disk: Disk,
 }
 
 /// Measures `request` on `rig` (as loaded) adaptively in `out`, which is new or empty, or with `resume` one in which this
-/// was begun. Returns the measurement, all of its frames captured, and how it went. The grid of the request has no part.
+/// was begun. Returns the measurement, all of its frames captured, and how it went. The grid of the request has no part,
+/// nor have its brackets: one exposure of each pattern is taken.
 ///
 /// # Errors
 /// [`AdaptiveError`].
@@ -78,6 +79,7 @@ pub fn measure(
     };
     let request = Request {
         grid: pilot_grid.clone(),
+        brackets: Brackets::One,
         ..request.clone()
     };
     crate::sample::parse(
@@ -134,7 +136,6 @@ pub fn measure(
         timing: Timing::new(&scaled, exposure_s)
             .map_err(PlanError::from)
             .map_err(MeasurementError::from)?,
-        exposure_s,
         disk: Disk::new(request.image_size as usize),
     };
     let mut tally = Tally::default();
@@ -302,8 +303,7 @@ impl Loop<'_> {
     ) -> Result<(), AdaptiveError> {
         let taken = take_segment(
             instrument,
-            &self.timing,
-            self.exposure_s,
+            std::slice::from_ref(&self.timing),
             exposures,
             lit,
             tally,

@@ -15,7 +15,7 @@ use crate::store::{BrdfRows, Segment};
 
 /// Turns single frames into luminance on the disk, as assembly would.
 pub(crate) struct FrameAssembler {
-    radiometry: Radiometry,
+    radiometry: [Radiometry; 1],
     resampling: Resampling,
     channels: usize,
     disk: Disk,
@@ -28,7 +28,13 @@ impl FrameAssembler {
     /// A sentence if there are no black exposures.
     pub(crate) fn new(rig: &Rig, black: &Segment, disk: Disk) -> Result<Self, String> {
         Ok(Self {
-            radiometry: Radiometry::new(rig, black, rig.frame_format().len())?,
+            radiometry: [Radiometry::new(
+                rig,
+                None,
+                std::slice::from_ref(black),
+                black.records.first().map_or(0.0, |record| record.exposure_s),
+                rig.frame_format().len(),
+            )?],
             resampling: Resampling::new(&View::camera(rig), disk),
             channels: rig.frame_format().channels,
             disk,
@@ -38,7 +44,7 @@ impl FrameAssembler {
     /// For each frame of `segment`: the luminance of f in sr⁻¹ per cell (NaN where there is none), and the mean of the
     /// variance of f by noise.
     pub(crate) fn luminance(&self, segment: &Segment) -> Vec<(Vec<f32>, f64)> {
-        let frames = segment.frames.par_chunks_exact(self.radiometry.dark.len());
+        let frames = segment.frames.par_chunks_exact(self.radiometry[0].dark.len());
         segment
             .records
             .par_iter()

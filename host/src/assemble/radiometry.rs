@@ -1,19 +1,29 @@
-//! From the digital numbers of one frame to f on the disk.
+//! From the digital numbers of one pattern's frames to f on the disk.
 
 use glam::Vec4;
 use half::f16;
 use half::slice::HalfFloatSliceExt as _;
 
+use super::merge::{Merge, Merged, lanes};
+use crate::calibrate::photometry::CameraFound;
 use crate::provenance::Provenance;
-use crate::resample::Resampling;
+use crate::resample::{Resampling, Taps};
 use crate::rig::Rig;
 use crate::store::{BrdfRows, Segment};
 
-/// Numbers that turn a frame into f, the same for all frames.
+/// Numbers that turn a frame into f, the same for all frames of one exposure time.
 pub(super) struct Radiometry {
-    /// Mean of the black frames, [pixel, channel].
+    /// Exposure time in s.
+    pub(super) exposure_s: f64,
+    /// What each digital number would be if the camera were linear; nothing if it is.
+    pub(super) linear: Option<Vec<f32>>,
+    /// Mean of the black frames, [pixel, channel], linear.
     pub(super) dark: Vec<f32>,
-    /// Variance of a dark-corrected number without light, in DN².
+    /// Digital number without any charge.
+    pub(super) level: f32,
+    /// 1 + 1/number of black frames: whose mean's variance counts too.
+    pub(super) means: f32,
+    /// Variance of a dark-corrected number by reading out and rounding, in DN².
     pub(super) dark_variance: f32,
     /// Variance per DN of signal, in DN.
     pub(super) shot_per_dn: f32,
@@ -23,33 +33,81 @@ pub(super) struct Radiometry {
 }
 
 impl Radiometry {
-    pub(super) fn new(rig: &Rig, segment: &Segment, pixels: usize) -> Result<Self, String> {
-        let gain = rig.gain_e_per_dn();
-        let mut sum = vec![0_u64; pixels];
+    /// From the black exposures of `exposure_s` seconds in `segments`; `camera` is what calibration found, if it did.
+    pub(super) fn new(
+        rig: &Rig,
+        camera: Option<&CameraFound>,
+        segments: &[Segment],
+        exposure_s: f64,
+        pixels: usize,
+    ) -> Result<Self, String> {
+        let gain = camera.map_or_else(|| rig.gain_e_per_dn(), |camera| camera.gain_e_per_dn);
+        let read_noise_e = camera.map_or(rig.camera.read_noise_e, |camera| camera.read_noise_e);
+        let level = camera.map_or(rig.camera.dark_dn, |camera| camera.dark_dn);
+        let saturation = rig.saturation_dn();
+        let linear: Option<Vec<f32>> = camera.map(|camera| {
+            let range = f64::from(saturation) - level;
+            let of = |dn: u16| {
+                let signal = f64::from(dn) - level;
+                (level + signal * (1.0 + camera.nonlinearity * signal / range)) as f32
+            };
+            (0..=saturation).map(of).collect()
+        });
+        let mut sum = vec![0_f64; pixels];
         let mut count = 0_u32;
-        for (record, frame) in segment.records.iter().zip(segment.frames.chunks_exact(pixels)) {
-            if record.incident < 0 {
-                count += 1;
-                for (sum, &dn) in sum.iter_mut().zip(frame) {
-                    *sum += u64::from(dn);
+        for segment in segments {
+            for (record, frame) in segment.records.iter().zip(segment.frames.chunks_exact(pixels)) {
+                if record.incident < 0 && record.exposure_s.total_cmp(&exposure_s).is_eq() {
+                    count += 1;
+                    for (sum, &dn) in sum.iter_mut().zip(frame) {
+                        *sum += f64::from(
+                            linear
+                                .as_ref()
+                                .map_or(f32::from(dn), |linear| linear[usize::from(dn)]),
+                        );
+                    }
                 }
             }
         }
         if count == 0 {
-            return Err("expected black exposures in the first segment, found none".to_owned());
+            return Err(format!(
+                "expected black exposures of {} ms in the first segments, found none",
+                exposure_s * 1e3
+            ));
         }
-        let read_dn = rig.camera.read_noise_e / gain;
+        let read_dn = read_noise_e / gain;
         let one = read_dn * read_dn + 1.0 / 12.0;
+        let means = 1.0 + 1.0 / f64::from(count);
         Ok(Self {
+            exposure_s,
+            linear,
             dark: sum
                 .into_iter()
-                .map(|sum| (sum as f64 / f64::from(count)) as f32)
+                .map(|sum| (sum / f64::from(count)) as f32)
                 .collect(),
-            dark_variance: (one * (1.0 + 1.0 / f64::from(count))) as f32,
+            level: level as f32,
+            means: means as f32,
+            dark_variance: (one * means) as f32,
             shot_per_dn: (1.0 / gain) as f32,
-            scale: gain / rig.sensitivity_e(),
-            saturation: rig.saturation_dn(),
+            scale: rig.gain_e_per_dn() / rig.sensitivity_e(),
+            saturation,
         })
+    }
+
+    /// The digital number as a linear camera would give it.
+    #[inline]
+    pub(super) fn linear(&self, dn: u16) -> f32 {
+        match &self.linear {
+            None => f32::from(dn),
+            Some(linear) => linear[usize::from(dn.min(self.saturation))],
+        }
+    }
+
+    /// Variance by the shot noise of what a black frame holds, dark current and stray light, in DN²; `dark` are its
+    /// numbers.
+    #[inline]
+    pub(super) fn dark_shot_variance(&self, dark: Vec4) -> Vec4 {
+        (dark - Vec4::splat(self.level)).max(Vec4::ZERO) * (self.shot_per_dn * self.means)
     }
 }
 
@@ -58,20 +116,30 @@ impl Radiometry {
 pub(super) struct Work {
     /// Dark-corrected signal of each pixel in DN, its channels in the lanes; NaN where it saturated.
     pub(super) signal: Vec<Vec4>,
+    /// The same from several exposures.
+    pub(super) merged: Merged,
     /// Standard uncertainties of a row, before they are halved in width.
     pub(super) sigma: Vec<f32>,
     pub(super) rows: BrdfRows,
 }
 
-/// One frame onto the disk: writes f, sigma and provenance of one incident direction, at the cells that have
-/// taps. Returns how many of them were measured and how many saturated.
+/// Where f, sigma and provenance of one incident direction go.
+pub(super) struct Out<'a> {
+    pub(super) f: &'a mut [f32],
+    pub(super) sigma: &'a mut [f16],
+    pub(super) provenance: &'a mut [u8],
+    /// Standard uncertainties before they are halved in width.
+    pub(super) wide_sigma: &'a mut [f32],
+}
+
+/// One frame onto the disk. Returns how many cells were measured and how many saturated.
 pub(super) fn project<const CHANNELS: usize>(
     frame: &[u16],
-    factor: f32,
+    irradiance: f64,
     radiometry: &Radiometry,
     resampling: &Resampling,
-    (signal, sigma): (&mut Vec<Vec4>, &mut [f32]),
-    (out_f, out_sigma, out_provenance): (&mut [f32], &mut [f16], &mut [u8]),
+    signal: &mut Vec<Vec4>,
+    out: &mut Out<'_>,
 ) -> (u64, u64) {
     signal.clear();
     signal.extend(
@@ -86,12 +154,72 @@ pub(super) fn project<const CHANNELS: usize>(
                     lanes[channel] = if saturated {
                         f32::NAN
                     } else {
-                        f32::from(dn[channel]) - dark[channel]
+                        radiometry.linear(dn[channel]) - dark[channel]
                     };
                 }
                 Vec4::from_array(lanes)
             }),
     );
+    let factor = (radiometry.scale / (radiometry.exposure_s * irradiance)) as f32;
+    let variance = |pixel: usize, signal: Vec4| {
+        let dark = lanes::<CHANNELS, f32>(&radiometry.dark[pixel * CHANNELS..]);
+        let shot = signal.max(Vec4::ZERO) * radiometry.shot_per_dn;
+        shot + radiometry.dark_shot_variance(dark) + radiometry.dark_variance
+    };
+    resample::<CHANNELS>(
+        signal,
+        variance,
+        |_| Provenance::Measured,
+        factor,
+        resampling,
+        out,
+    )
+}
+
+/// The frames of one pattern, of exposure times as in `radiometry`, merged and onto the disk. Returns as
+/// [`project`] does.
+pub(super) fn project_merged<const CHANNELS: usize>(
+    frames: &[u16],
+    irradiance: f64,
+    radiometry: &[Radiometry],
+    resampling: &Resampling,
+    merged: &mut Merged,
+    out: &mut Out<'_>,
+) -> (u64, u64) {
+    Merge::new(radiometry).frames::<CHANNELS>(frames, merged);
+    let Merged {
+        signal,
+        variance,
+        several,
+    } = merged;
+    let factor = (radiometry[0].scale / (radiometry[0].exposure_s * irradiance)) as f32;
+    let provenance = |taps: &Taps| {
+        if taps.pixel.iter().any(|&pixel| several[pixel as usize]) {
+            Provenance::Merged
+        } else {
+            Provenance::Measured
+        }
+    };
+    resample::<CHANNELS>(
+        signal,
+        |pixel, _| variance[pixel],
+        provenance,
+        factor,
+        resampling,
+        out,
+    )
+}
+
+/// Writes f, sigma and provenance at the cells that have taps, from the signal of the pixels and its variance, given the
+/// pixel and its signal. `factor` is f per signal. Returns as [`project`] does.
+fn resample<const CHANNELS: usize>(
+    signal: &[Vec4],
+    variance_of: impl Fn(usize, Vec4) -> Vec4,
+    provenance_of: impl Fn(&Taps) -> Provenance,
+    factor: f32,
+    resampling: &Resampling,
+    out: &mut Out<'_>,
+) -> (u64, u64) {
     let (mut measured, mut saturated) = (0, 0);
     for taps in &resampling.taps {
         let cell = taps.cell as usize;
@@ -99,9 +227,8 @@ pub(super) fn project<const CHANNELS: usize>(
         let mut variance = Vec4::ZERO;
         for (&pixel, &weight) in taps.pixel.iter().zip(&taps.weight) {
             let signal = signal[pixel as usize];
-            let shot = signal.max(Vec4::ZERO) * radiometry.shot_per_dn;
             sum += signal * weight;
-            variance += (shot + radiometry.dark_variance) * (weight * weight);
+            variance += variance_of(pixel as usize, signal) * (weight * weight);
         }
         let clear = !sum.is_nan();
         let (f, uncertainty) = if clear {
@@ -112,16 +239,16 @@ pub(super) fn project<const CHANNELS: usize>(
             (Vec4::ZERO, Vec4::ZERO)
         };
         let at = cell * CHANNELS;
-        out_f[at..at + CHANNELS].copy_from_slice(&f.to_array()[..CHANNELS]);
-        sigma[at..at + CHANNELS].copy_from_slice(&uncertainty.to_array()[..CHANNELS]);
-        out_provenance[cell] = if clear {
-            Provenance::Measured.code()
+        out.f[at..at + CHANNELS].copy_from_slice(&f.to_array()[..CHANNELS]);
+        out.wide_sigma[at..at + CHANNELS].copy_from_slice(&uncertainty.to_array()[..CHANNELS]);
+        out.provenance[cell] = if clear {
+            provenance_of(taps).code()
         } else {
             Provenance::Missing.code()
         };
         measured += u64::from(clear);
         saturated += u64::from(!clear);
     }
-    out_sigma.convert_from_f32_slice(sigma);
+    out.sigma.convert_from_f32_slice(out.wide_sigma);
     (measured, saturated)
 }

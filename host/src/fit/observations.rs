@@ -65,6 +65,7 @@ impl Observations {
         let light = spot_rad(brdf.spot_deg());
         let channels = brdf.channels();
         let row = brdf.disk().len();
+        let seen = [Provenance::Measured.code(), Provenance::Merged.code()];
         let mut all = Vec::new();
         for chunk in 0..brdf.chunks() {
             let Some(rows) = brdf.chunk(chunk)? else { continue };
@@ -77,7 +78,7 @@ impl Observations {
                     .iter()
                     .skip(index * 7 % stride)
                     .step_by(stride)
-                    .filter(|(cell, ..)| rows.provenance[place * row + cell] == Provenance::Measured.code())
+                    .filter(|(cell, ..)| seen.contains(&rows.provenance[place * row + cell]))
                     .map(|&(cell, wo, pixel)| {
                         let at = (place * row + cell) * channels;
                         let mut observation = Observation {

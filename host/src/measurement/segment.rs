@@ -7,29 +7,30 @@ use crate::plan::Exposure;
 use crate::schedule::Timing;
 use crate::store::{ExposureRecord, Segment};
 
-/// Takes one segment: an exposure of `exposure_s` with each pattern of `lit`, with their records.
+/// Takes one segment: the exposures of `timings` with each pattern of `lit`, with their records.
 pub(crate) fn take_segment(
     instrument: &mut Instrument,
-    timing: &Timing,
-    exposure_s: f64,
-    exposures: &[Exposure],
+    timings: &[Timing],
+    patterns: &[Exposure],
     lit: &[Option<LitSet>],
     tally: &mut Tally,
     progress: &mut dyn FnMut(usize),
 ) -> Result<Segment, MeasurementError> {
-    let captured = instrument.take_lit(lit, timing, tally, progress)?;
+    let captured = instrument.take_lit(lit, timings, tally, progress)?;
     let mut segment = Segment {
         frames: Vec::new(),
-        records: Vec::with_capacity(exposures.len()),
+        records: Vec::with_capacity(captured.len()),
     };
     let length: usize = captured.iter().map(|shot| shot.dn.len()).sum();
     segment.frames.reserve_exact(length);
-    for ((exposure, lit), shot) in exposures.iter().zip(lit).zip(captured) {
+    let lit = patterns.iter().zip(lit);
+    let each = lit.flat_map(|pattern| timings.iter().map(move |timing| (pattern, timing)));
+    for (((exposure, lit), timing), shot) in each.zip(captured) {
         segment.frames.extend_from_slice(&shot.dn);
         segment.records.push(ExposureRecord {
             incident: exposure.code(),
             kind: u8::from(*exposure == Exposure::Black),
-            exposure_s,
+            exposure_s: timing.cam_width_s,
             trigger_tick: shot.ticks[0].0,
             strobe_on_tick: shot.ticks[1].0,
             strobe_off_tick: shot.ticks[2].0,

@@ -123,6 +123,7 @@ pub fn paper(
             grid: Grid::ThetaPhi { step_deg },
             image_size,
             exposure_s: None,
+            brackets: crate::brackets::Brackets::One,
             sample: Some(sample.to_owned()),
             truth: None,
             noise: true,

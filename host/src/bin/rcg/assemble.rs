@@ -20,10 +20,11 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
     let assembled = rcg::measure::assemble_measurement(&measurement, output)?;
     output.print(&assembled, || {
         format!(
-            "{} incident directions, {} samples measured, {} saturated: {}\n",
+            "{} incident directions, {} samples measured, {} saturated, dynamic range {:.0} : 1: {}\n",
             assembled.directions,
             assembled.measured,
             assembled.saturated,
+            assembled.dynamic_range,
             measurement.path("brdf.zarr").display()
         )
     })

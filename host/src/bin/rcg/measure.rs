@@ -24,7 +24,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     request: RequestArgs,
     /// Choose the incident directions on the way, where the predicted error is largest, until --target or --budget
-    #[arg(long, conflicts_with_all = ["grid", "step", "replay"])]
+    #[arg(long, conflicts_with_all = ["grid", "step", "replay", "brackets"])]
     adaptive: bool,
     /// With --adaptive: stop at this predicted PSNR of f·cosθi at exposure 1, clipped to 1
     #[arg(long, value_name = "dB", requires = "adaptive", allow_hyphen_values = true)]

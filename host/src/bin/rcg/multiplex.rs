@@ -69,6 +69,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         grid: args.grid.grid(None, 3.0)?,
         image_size: args.image_size,
         exposure_s: None,
+        brackets: rcg::brackets::Brackets::One,
         sample: Some(args.sample.clone()),
         truth: None,
         noise: true,

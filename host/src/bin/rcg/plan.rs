@@ -2,11 +2,12 @@
 
 use std::path::PathBuf;
 
-use rcg::measure::prepare;
+use rcg::assemble::dynamic_range;
+use rcg::measure::{planned, prepare};
 use rcg::measurement::MeasurementError;
 use rcg::pace::Pace;
 use rcg::plan::{Directions, Plan, PlanError};
-use rcg::report::duration;
+use rcg::report::{duration, milliseconds};
 use rcg::rig::Rig;
 use rcg::schedule::Bound;
 use serde_json::{Value, json};
@@ -32,6 +33,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let request = args.request.request(None)?;
     let plan = if let Some(out) = &args.out {
         prepare(out, &rig, request, &args.mischief.setup(), output)?.plan
+    } else if !request.brackets.is_one() {
+        planned(&rig, request, &args.mischief.setup(), output)?.1
     } else {
         let exposure_s = request.exposure_s.unwrap_or(rig.camera.exposure_s);
         request.sample.as_deref().map(rcg::sample::parse).transpose()?;
@@ -51,6 +54,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         "grid": plan.request.grid.kind(),
         "grid_directions": directions.grid.len(),
         "exposure_s": plan.exposure_s,
+        "exposures_s": plan.exposures_s(),
+        "dynamic_range": dynamic_range(&rig, &plan.exposures_s()),
         "bound_by": plan.timing.bound(&rig),
         "segment_exposures": plan.segment,
         "out": args.out,
@@ -75,12 +80,16 @@ fn lines(plan: &Plan, directions: &Directions, pace: &Pace, rig: &Rig) -> Vec<(&
         (
             "exposures",
             format!(
-                "{} of {} every {}, {:.0} per second",
+                "{} of {} ms every {}, {:.0} per second",
                 plan.len(),
-                duration(plan.exposure_s),
+                milliseconds(&plan.exposures_s()),
                 duration(pace.period_s),
                 pace.rate_hz
             ),
+        ),
+        (
+            "dynamic range",
+            rcg::report::dynamic_range(dynamic_range(rig, &plan.exposures_s())),
         ),
         (
             "time",

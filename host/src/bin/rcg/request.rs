@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use rcg::brackets::Brackets;
 use rcg::incident::Grid;
 use rcg::measure::DEFAULT_SAMPLE;
 use rcg::plan::{PlanError, Request};
@@ -60,6 +61,15 @@ pub(crate) struct RequestArgs {
     /// Exposure time in milliseconds [default: found by a pilot capture]
     #[arg(long, value_name = "MS", allow_negative_numbers = true)]
     exposure_ms: Option<f64>,
+    /// Exposures of each pattern, merged for high dynamic range: as many as a pilot capture proposes (auto), so many of
+    /// its choice, or these times in milliseconds [default: 1]
+    #[arg(
+        long,
+        value_name = "auto|N|MS,MS,...",
+        conflicts_with = "exposure_ms",
+        allow_hyphen_values = true
+    )]
+    brackets: Option<Brackets>,
     /// How the virtual rig really is: a file that `rcg truth` writes [default: as the rig file says]
     #[arg(long, value_name = "FILE")]
     truth: Option<String>,
@@ -80,10 +90,16 @@ impl RequestArgs {
             image_size: self
                 .image_size
                 .unwrap_or_else(|| before.map_or(96, |before| before.image_size)),
-            exposure_s: self
-                .exposure_ms
-                .map(|ms| ms * 1e-3)
-                .or_else(|| before.and_then(|b| b.exposure_s)),
+            exposure_s: match (self.exposure_ms, &self.brackets) {
+                (Some(ms), _) => Some(ms * 1e-3),
+                (None, Some(brackets)) if !brackets.is_one() => None,
+                (None, _) => before.and_then(|b| b.exposure_s),
+            },
+            brackets: match (&self.brackets, self.exposure_ms) {
+                (Some(brackets), _) => brackets.clone(),
+                (None, Some(_)) => Brackets::One,
+                (None, None) => before.map_or(Brackets::One, |b| b.brackets.clone()),
+            },
             sample: self.sample.clone().or(sample),
             truth: self
                 .truth

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::Map;
 
+use crate::brackets::Brackets;
 use crate::calibrate::{CalibrateError, read_json, segment_of};
 use crate::capture::Tally;
 use crate::direction::from_degrees;
@@ -126,6 +127,7 @@ pub fn capture(
         grid: Grid::ThetaPhi { step_deg: 15.0 },
         image_size: request.image_size,
         exposure_s: None,
+        brackets: Brackets::default(),
         sample: None,
         truth: request.truth.clone(),
         noise: request.noise,
@@ -159,7 +161,7 @@ pub fn capture(
         let timing = Timing::new(&rig, exposure_s).map_err(plan::PlanError::from)?;
         let count = raw.segment_range(index).len();
         let report = |taken: usize| progress.reach(done + taken);
-        let shots = instrument.take(count, &timing, draw, &mut Tally::default(), report)?;
+        let shots = instrument.take(count, &[timing], draw, &mut Tally::default(), report)?;
         raw.write_segment(index, &segment_of(shots, index as u8, exposure_s))?;
         done += count;
     }

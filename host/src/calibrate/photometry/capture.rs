@@ -20,6 +20,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use serde_json::Map;
 
+use crate::brackets::Brackets;
 use crate::calibrate::{CalibrateError, RIG, read_json, segment_of};
 use crate::capture::{Instrument, Tally};
 use crate::incident::Grid;
@@ -175,6 +176,7 @@ pub fn capture(
         grid: Grid::ThetaPhi { step_deg: STEP_DEG },
         image_size: request.image_size,
         exposure_s: None,
+        brackets: Brackets::default(),
         sample: None,
         truth: request.truth.clone(),
         noise: request.noise,
@@ -241,7 +243,7 @@ pub fn capture(
         let timing = Timing::new(&rig, exposure_s).map_err(plan::PlanError::from)?;
         let shots = instrument.take(
             SEGMENT,
-            &timing,
+            &[timing],
             |exposure, image| match shows {
                 Shows::Series(_) if exposure < SEGMENT / 2 => image.light(&lit(series)),
                 Shows::Levels => {

@@ -1,0 +1,111 @@
+//! Whether the numbers of a plan file are those of a plan.
+
+use super::{Plan, PlanError, SEGMENT_MAX};
+use crate::brackets::MOST;
+
+/// No step is longer: settling, delay, exposure and read-out at the ends of their ranges, rounded up.
+const LONGEST_PERIOD_S: f64 = 200.0;
+
+impl Plan {
+    /// Refuses numbers that no plan of this program has; `path` is where it was read.
+    ///
+    /// # Errors
+    /// [`PlanError::File`] with the first field that is wrong.
+    pub fn check(&self, path: &std::path::Path) -> Result<(), PlanError> {
+        let fail = |field: &str, expected: &str, found: &dyn std::fmt::Display| PlanError::File {
+            path: path.display().to_string(),
+            reason: format!("{field}: expected {expected}, found {found}"),
+        };
+        let timing = &self.timing;
+        let ranges = [
+            ("exposure_s", self.exposure_s, 1e-6, 60.0, "1e-6 to 60 seconds"),
+            ("spot_deg", self.spot_deg, 1e-3, 90.0, "0.001 to 90 degrees"),
+            (
+                "timing.proj_width_s",
+                timing.proj_width_s,
+                1e-7,
+                60.0,
+                "1e-7 to 60 seconds",
+            ),
+            ("timing.cam_at_s", timing.cam_at_s, 0.0, 60.0, "0 to 60 seconds"),
+            (
+                "timing.cam_width_s",
+                timing.cam_width_s,
+                1e-6,
+                60.0,
+                "1e-6 to 60 seconds",
+            ),
+            (
+                "timing.period_s",
+                timing.period_s,
+                1e-6,
+                LONGEST_PERIOD_S,
+                "1e-6 to 200 seconds",
+            ),
+        ];
+        for (field, found, low, high, expected) in ranges {
+            if !(low..=high).contains(&found) {
+                return Err(fail(field, expected, &found));
+            }
+        }
+        if !(1..=SEGMENT_MAX).contains(&self.segment) {
+            return Err(fail(
+                "segment",
+                &format!("1 to {SEGMENT_MAX} exposures"),
+                &self.segment,
+            ));
+        }
+        // The one stands in the records, the other in the schedule.
+        if timing.cam_width_s.total_cmp(&self.exposure_s).is_ne() {
+            let expected = format!("exposure_s = {}", self.exposure_s);
+            return Err(fail("timing.cam_width_s", &expected, &timing.cam_width_s));
+        }
+        if timing.cam_at_s + timing.cam_width_s > timing.period_s {
+            let expected = "at least timing.cam_at_s + timing.cam_width_s";
+            return Err(fail("timing.period_s", expected, &timing.period_s));
+        }
+        if self.longer.len() >= MOST {
+            let expected = format!("at most {} exposures", MOST - 1);
+            return Err(fail("longer", &expected, &self.longer.len()));
+        }
+        if !self.segment.is_multiple_of(self.brackets()) {
+            let expected = format!("a multiple of the {} exposures of a pattern", self.brackets());
+            return Err(fail("segment", &expected, &self.segment));
+        }
+        let mut shorter_s = self.exposure_s;
+        for timing in &self.longer {
+            let from_s = timing.cam_at_s + timing.cam_width_s;
+            let wrong = [
+                (
+                    timing.proj_width_s.total_cmp(&0.0).is_ne(),
+                    "proj_width_s",
+                    "0: the pattern stays",
+                    timing.proj_width_s,
+                ),
+                (
+                    !(0.0..=60.0).contains(&timing.cam_at_s),
+                    "cam_at_s",
+                    "0 to 60 seconds",
+                    timing.cam_at_s,
+                ),
+                (
+                    !(shorter_s < timing.cam_width_s && timing.cam_width_s <= 60.0),
+                    "cam_width_s",
+                    "more than the exposure before, at most 60 seconds",
+                    timing.cam_width_s,
+                ),
+                (
+                    !(from_s..=LONGEST_PERIOD_S).contains(&timing.period_s),
+                    "period_s",
+                    "cam_at_s + cam_width_s to 200 seconds",
+                    timing.period_s,
+                ),
+            ];
+            if let Some((_, field, expected, found)) = wrong.iter().find(|wrong| wrong.0) {
+                return Err(fail(&format!("longer.{field}"), expected, found));
+            }
+            shorter_s = timing.cam_width_s;
+        }
+        Ok(())
+    }
+}
