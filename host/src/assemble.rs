@@ -42,7 +42,8 @@ mod luminance;
 mod merge;
 mod radiometry;
 
-use coordinates::{attributes, coordinates, interpolation_errors};
+use coordinates::attributes;
+pub(crate) use coordinates::{coordinates, interpolation_errors};
 use correction::Correction;
 use radiometry::{Out, Radiometry, Work, project, project_merged};
 
@@ -144,7 +145,13 @@ pub fn assemble(
     let writer = BrdfWriter::create(
         target,
         brdf_layout,
-        &coordinates(directions, disk, &resampling),
+        &coordinates(
+            grid,
+            &directions.reasons,
+            disk,
+            &resampling.reasons,
+            &resampling.pixel_sr,
+        ),
         attributes(rig, plan),
         true,
     )?;

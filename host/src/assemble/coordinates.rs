@@ -4,16 +4,15 @@ use serde_json::{Map, Value, json};
 
 use crate::brdf::ERRORS;
 use crate::disk::Disk;
-use crate::incident::Grid;
+use crate::incident::{Grid, IncidentSet};
 use crate::interpolation::{BRANCHES, Errors, REGIONS};
 use crate::optics::Unmeasurable;
-use crate::plan::{Directions, Plan};
-use crate::resample::Resampling;
+use crate::plan::Plan;
 use crate::rig::Rig;
 use crate::store::{SmallArray, SmallData};
 
 /// The errors of the rules of interpolation, zeros if they are not known.
-pub(super) fn interpolation_errors(errors: Option<&Errors>) -> SmallArray<'static> {
+pub(crate) fn interpolation_errors(errors: Option<&Errors>) -> SmallArray<'static> {
     let shape = vec![REGIONS, BRANCHES];
     let values = errors.map_or_else(
         || vec![0.0; REGIONS * BRANCHES],
@@ -30,13 +29,15 @@ pub(super) fn interpolation_errors(errors: Option<&Errors>) -> SmallArray<'stati
     }
 }
 
-/// The coordinates of `brdf.zarr`: directions, why some of them cannot be had, and what interpolation costs.
-pub(super) fn coordinates(
-    directions: &Directions,
+/// The coordinates of `brdf.zarr`: directions, why some of them cannot be had (`incident`, `outgoing`), the solid angle in
+/// sr of the pixel of each cell, and what interpolation costs.
+pub(crate) fn coordinates(
+    grid: &IncidentSet,
+    incident: &[Option<Unmeasurable>],
     disk: Disk,
-    resampling: &Resampling,
+    outgoing: &[Option<Unmeasurable>],
+    pixel_sr: &[f64],
 ) -> [SmallArray<'static>; 6] {
-    let grid = &directions.grid;
     let angle = |pick: fn((f64, f64)) -> f64| (0..grid.len()).map(|i| pick(grid.angles_deg(i))).collect();
     let codes = |reasons: &[Option<Unmeasurable>]| {
         reasons
@@ -74,7 +75,7 @@ pub(super) fn coordinates(
             "incident_reason",
             &["incident"],
             vec![grid.len()],
-            SmallData::U8(codes(&directions.reasons)),
+            SmallData::U8(codes(incident)),
             "1",
             "why the incident direction cannot be lit; 0 = it can",
         ),
@@ -82,7 +83,7 @@ pub(super) fn coordinates(
             "outgoing_reason",
             &["y", "x"],
             vec![disk.size(), disk.size()],
-            SmallData::U8(codes(&resampling.reasons)),
+            SmallData::U8(codes(outgoing)),
             "1",
             "why the outgoing direction cannot be seen; 0 = it can",
         ),
@@ -90,7 +91,7 @@ pub(super) fn coordinates(
             "outgoing_pixel",
             &["y", "x"],
             vec![disk.size(), disk.size()],
-            SmallData::F64(resampling.pixel_sr.clone()),
+            SmallData::F64(pixel_sr.to_vec()),
             "sr",
             "solid angle of the camera pixel that sees the outgoing direction",
         ),

@@ -11,7 +11,7 @@ use crate::interpolation::{
     Blend, Captures, Cells, Errors, Image, ImageOf, Interpolation, Lookup, learn, look_up,
 };
 use crate::optics::Unmeasurable;
-use crate::store::StoreError;
+use crate::store::{BrdfRows, StoreError};
 
 /// Pairs that are answered together: each takes some 200 bytes meanwhile.
 const BATCH: usize = 1 << 20;
@@ -98,6 +98,72 @@ impl Captures for Brdf {
         wanted: &[bool],
         each: &mut dyn FnMut(Range<usize>, ImageOf<'_>),
     ) -> Result<(), StoreError> {
+        self.scan_rows(wanted, &|rows| (rows.f, rows.provenance), each)
+    }
+}
+
+/// The standard uncertainties of a file in place of its values: linear interpolation of them is that of fully correlated
+/// errors, the largest it can be.
+struct Sigmas<'a>(&'a Brdf);
+
+impl Captures for Sigmas<'_> {
+    fn set(&self) -> &IncidentSet {
+        &self.0.grid
+    }
+
+    fn cells(&self) -> &Cells {
+        &self.0.cells
+    }
+
+    fn is_captured(&self, row: usize) -> bool {
+        self.0.is_captured(row)
+    }
+
+    fn scan(
+        &self,
+        wanted: &[bool],
+        each: &mut dyn FnMut(Range<usize>, ImageOf<'_>),
+    ) -> Result<(), StoreError> {
+        let sigmas = |rows: BrdfRows| {
+            let sigma = rows.sigma.iter().map(|sigma| sigma.to_f32()).collect();
+            (sigma, rows.provenance)
+        };
+        self.0.scan_rows(wanted, &sigmas, each)
+    }
+}
+
+impl Brdf {
+    /// f and its standard uncertainty in sr⁻¹ for pairs of unit vectors (incident, outgoing), found by direct
+    /// interpolation; `None` where there is no value.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub(crate) fn with_sigma(
+        &self,
+        pairs: &[(DVec3, DVec3)],
+    ) -> Result<Vec<Option<[[f32; 3]; 2]>>, StoreError> {
+        let blend = Blend::new(Interpolation::Direct, None);
+        let is_above = |(wi, wo): &(DVec3, DVec3)| wi.z > 0.0 && wo.z > 0.0;
+        let above: Vec<_> = pairs.iter().filter(|pair| is_above(pair)).copied().collect();
+        let values = look_up(self, &blend, &above)?;
+        let sigmas = look_up(&Sigmas(self), &blend, &above)?;
+        let mut found = values.into_iter().zip(sigmas);
+        Ok(pairs
+            .iter()
+            .map(|pair| {
+                let (value, sigma) = is_above(pair).then(|| found.next()).flatten()?;
+                Some([value.value()?, sigma.value()?])
+            })
+            .collect())
+    }
+
+    /// [`Captures::scan`] of what `pick` takes from the rows: values [cell, channel] and provenance.
+    fn scan_rows(
+        &self,
+        wanted: &[bool],
+        pick: &(dyn Fn(BrdfRows) -> (Vec<f32>, Vec<u8>) + Sync),
+        each: &mut dyn FnMut(Range<usize>, ImageOf<'_>),
+    ) -> Result<(), StoreError> {
         let (cells, channels) = (self.disk.len(), self.channels());
         let needed: Vec<usize> = (0..self.chunks())
             .filter(|&chunk| {
@@ -110,17 +176,17 @@ impl Captures for Brdf {
         for group in needed.chunks(at_once) {
             let held: Vec<_> = group
                 .par_iter()
-                .map(|&chunk| Ok((chunk, self.chunk(chunk)?)))
+                .map(|&chunk| Ok((chunk, self.chunk(chunk)?.map(pick))))
                 .collect::<Result<_, StoreError>>()?;
             let image = |row: usize| {
                 let place = held
                     .binary_search_by_key(&(row / chunk_rows), |held| held.0)
                     .ok()?;
-                let rows = held[place].1.as_ref().filter(|_| self.is_captured(row))?;
+                let (values, provenance) = held[place].1.as_ref().filter(|_| self.is_captured(row))?;
                 let row = row % chunk_rows;
                 Some(Image {
-                    f: &rows.f[row * cells * channels..][..cells * channels],
-                    provenance: Some(&rows.provenance[row * cells..][..cells]),
+                    f: &values[row * cells * channels..][..cells * channels],
+                    provenance: Some(&provenance[row * cells..][..cells]),
                     channels,
                 })
             };

@@ -29,7 +29,7 @@ impl Model {
     }
 
     /// The model with the same numbers in all channels.
-    pub(super) fn sample(self, [alpha_x, alpha_y]: [f64; 2], rho_d: f64, strength: f64) -> Box<dyn Sample> {
+    pub(crate) fn sample(self, [alpha_x, alpha_y]: [f64; 2], rho_d: f64, strength: f64) -> Box<dyn Sample> {
         match self {
             Self::Ward => Box::new(Ward {
                 rho_d,

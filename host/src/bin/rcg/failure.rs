@@ -8,6 +8,7 @@ use rcg::brdf::BrdfError;
 use rcg::calibrate::CalibrateError;
 use rcg::chart::ChartError;
 use rcg::device::DeviceError;
+use rcg::fill::FillError;
 use rcg::fit::FitError;
 use rcg::link::LinkError;
 use rcg::measure::MeasureError;
@@ -123,6 +124,17 @@ impl Blame for CalibrateError {
             Self::Store(error) => error.is_input(),
             Self::Picture(_) => false,
             Self::Rig(_) | Self::Content { .. } | Self::OtherRig { .. } | Self::Views { .. } => true,
+        }
+    }
+}
+
+impl Blame for FillError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Brdf(error) => error.is_input(),
+            Self::Store(error) => error.is_input(),
+            Self::Fit(error) => error.is_input(),
+            Self::Differs { .. } | Self::NoOverlap { .. } => true,
         }
     }
 }

@@ -10,6 +10,7 @@ mod capture;
 mod controller;
 mod evaluate;
 mod failure;
+mod fill;
 mod fit;
 mod map;
 mod measure;
@@ -78,6 +79,7 @@ enum Command {
     /// Judge a BRDF by itself and against a known sample
     Evaluate(evaluate::Args),
     Fit(fit::Args),
+    Fill(fill::Args),
     Render(render::Args),
     Plot(plot::Args),
     Study(study::Args),
@@ -104,6 +106,7 @@ fn main() -> ExitCode {
         Command::Map(args) => map::run(args, &cli.rig, &output),
         Command::Value(args) => value::run(args, &output),
         Command::Evaluate(args) => evaluate::run(args, &output),
+        Command::Fill(args) => fill::run(args, &output),
         Command::Fit(args) => fit::run(args, &output),
         Command::Render(args) => render::run(args, &output),
         Command::Plot(args) => plot::run(args, &output),

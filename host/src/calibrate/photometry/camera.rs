@@ -10,7 +10,6 @@
 //! by one number β: of a signal s it shows s·(1 − β·s/range), and s'·(1 + β·s'/range) brings it back to first order. All
 //! pixels together determine β by least squares, each with a rate of its own.
 
-use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 /// Bins of the photon-transfer curve.
@@ -178,22 +177,4 @@ fn linearity(series: &[Times], dark_dn: f64, range: f64, gain: f64) -> (f64, f64
         }
     }
     (beta, worst)
-}
-
-/// Solves the normal equations of weighted least squares for rows (values, target, weight); also the inverse of the normal
-/// matrix, which is the covariance if weights are inverse variances. `None` if they are singular.
-pub(super) fn least_squares(
-    unknowns: usize,
-    rows: impl Iterator<Item = (Vec<f64>, f64, f64)>,
-) -> Option<(DVector<f64>, DMatrix<f64>)> {
-    let mut normal = DMatrix::zeros(unknowns, unknowns);
-    let mut right = DVector::zeros(unknowns);
-    for (row, target, weight) in rows {
-        let row = DVector::from_vec(row);
-        normal.syger(weight, &row, &row, 1.0);
-        right.axpy(weight * target, &row, 1.0);
-    }
-    normal.fill_upper_triangle_with_lower_triangle();
-    let inverse = normal.cholesky()?.inverse();
-    Some((&inverse * right, inverse))
 }

@@ -11,10 +11,10 @@
 use glam::DVec3;
 
 use super::Linear;
-use super::camera::least_squares;
 use super::capture::{Views, maker};
 use super::field::{SmoothField, TERMS, terms};
 use crate::calibrate::CalibrateError;
+use crate::linear_fit::least_squares;
 use crate::optics::{DirectionMap, View};
 use crate::plan::Directions;
 use crate::rig::Rig;

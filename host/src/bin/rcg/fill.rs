@@ -1,0 +1,68 @@
+//! `rcg fill`
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use rcg::fill::{Filled, fill};
+use rcg::measurement::Measurement;
+
+use crate::Done;
+use crate::output::Output;
+
+/// Fill what a capture does not reach: from captures at other tilts, from reciprocity, from neighbours, from a model.
+///
+/// Further captures are of the same sample, tilted otherwise in the mirror (rig files with another sample.tilt_deg or
+/// azimuth_deg), with the same grid and image size; their scale and what their tilts were not quite are found in the
+/// overlap. What is left comes from the exchanged pair of directions, across the wire from both its sides, and from a fitted
+/// GGX with a Lambert base. Every value says where it comes from.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// A brdf.zarr or the directory of a measurement, then those of further captures
+    #[arg(value_name = "BRDF", required = true)]
+    brdfs: Vec<PathBuf>,
+    /// The brdf.zarr to write
+    #[arg(long, value_name = "OUT")]
+    out: PathBuf,
+}
+
+pub(crate) fn run(args: &Args, output: &Output) -> Done {
+    let mut paths = args.brdfs.iter().map(|path| {
+        if Measurement::exists(path) {
+            path.join("brdf.zarr")
+        } else {
+            path.clone()
+        }
+    });
+    let first = paths.next().expect("invariant: at least one is required");
+    let filled = fill(&first, &paths.collect::<Vec<_>>(), &args.out, output)?;
+    output.print(&filled, || text(&filled))
+}
+
+fn text(filled: &Filled) -> String {
+    let mut text = String::new();
+    for one in &filled.alignments {
+        let [x, y, z] = one.turn_deg;
+        let [ux, uy, uz] = one.turn_uncertainty_deg;
+        writeln!(
+            text,
+            "{}: scale {:.4} ± {:.4}, turned by {x:.3} ± {ux:.3}°, {y:.3} ± {uy:.3}°, {z:.3} ± {uz:.3}° about x, y, z \
+             (k = 1; {} common pairs)",
+            one.path, one.scale, one.scale_uncertainty, one.overlap
+        )
+        .expect("strings take everything");
+    }
+    if let Some(model) = &filled.model {
+        let parameters: Vec<String> = model
+            .parameters
+            .iter()
+            .map(|p| format!("{} {:.4} ± {:.4}", p.name, p.value, p.standard_uncertainty))
+            .collect();
+        writeln!(text, "model: ggx, {}", parameters.join(", ")).expect("strings take everything");
+    }
+    writeln!(text, "pairs of directions with θ ≤ 85°:").expect("strings take everything");
+    for share in filled.shares.iter().filter(|share| share.share > 0.0) {
+        writeln!(text, "{:<14} {:6.2} %", share.provenance, 100.0 * share.share)
+            .expect("strings take everything");
+    }
+    text
+}

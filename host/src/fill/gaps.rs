@@ -1,0 +1,322 @@
+//! What no capture has: from the exchanged pair, from the sides of the wire, from a model.
+
+use std::path::Path;
+
+use glam::DVec3;
+use half::f16;
+
+use super::{FillError, facts, finish, writer_like};
+use crate::brdf::Brdf;
+use crate::fit::{Fit, FitError, Model};
+use crate::optics::Unmeasurable;
+use crate::progress::Progress;
+use crate::provenance::Provenance;
+use crate::sample::Sample;
+use crate::store::{BrdfRows, StoreError};
+
+/// Cells beyond an occluded one where its neighbours are looked for.
+const REACH: usize = 8;
+/// Incident directions beyond an occluded one, degrees, where its neighbours are looked for.
+const REACH_DEG: f64 = 12.0;
+/// Relative uncertainty of the model where the fit says nothing.
+const MODEL: f32 = 0.3;
+
+/// Fills what `brdf` lacks into the file at `path`; the model, if one was needed and found.
+pub(super) fn fill(brdf: &Brdf, path: &Path, progress: &dyn Progress) -> Result<Option<Fit>, FillError> {
+    let modelled = Modelled::of(brdf)?;
+    let above = |w: Option<DVec3>| w.is_some_and(|w| w.z > 0.0);
+    let incident = vec![None; brdf.grid().len()];
+    let outgoing: Vec<Option<Unmeasurable>> = (0..brdf.disk().len())
+        .map(|cell| (!above(brdf.disk().direction(cell))).then_some(Unmeasurable::BelowHorizon))
+        .collect();
+    let text = "reciprocal, interpolated across the wire, modelled as ggx with lambert base, in this order";
+    let writer = writer_like(brdf, path, &incident, &outgoing, facts(text, &[]))?;
+    progress.begin("fill", brdf.chunks(), "chunks");
+    for chunk in 0..brdf.chunks() {
+        let mut image = Rows::read(brdf, chunk)?;
+        image.exchange(brdf)?;
+        image.bridge_cells(brdf);
+        image.bridge_rows(brdf)?;
+        image.model(brdf, &modelled);
+        writer.write_chunk(chunk, &image.rows)?;
+        progress.reach(chunk + 1);
+    }
+    progress.end();
+    finish(writer)?;
+    Ok(modelled.fit)
+}
+
+/// The rows of one chunk on their way.
+struct Rows {
+    first: usize,
+    cells: usize,
+    channels: usize,
+    rows: BrdfRows,
+    /// Directions of the cells, above the horizon.
+    directions: Vec<Option<DVec3>>,
+}
+
+impl Rows {
+    fn read(brdf: &Brdf, chunk: usize) -> Result<Self, StoreError> {
+        let (cells, channels, range) = (brdf.disk().len(), brdf.channels(), brdf.chunk_range(chunk));
+        let mut rows = brdf.chunk(chunk)?.unwrap_or_else(|| BrdfRows {
+            f: vec![0.0; range.len() * cells * channels],
+            sigma: vec![f16::ZERO; range.len() * cells * channels],
+            provenance: vec![Provenance::Missing.code(); range.len() * cells],
+        });
+        for (place, index) in range.clone().enumerate() {
+            if brdf.incident_reason(index).is_some() {
+                rows.provenance[place * cells..(place + 1) * cells].fill(Provenance::Missing.code());
+            }
+        }
+        Ok(Self {
+            first: range.start,
+            cells,
+            channels,
+            rows,
+            directions: (0..cells)
+                .map(|cell| brdf.disk().direction(cell).filter(|w| w.z > 0.0))
+                .collect(),
+        })
+    }
+
+    fn is_missing(&self, sample: usize) -> bool {
+        self.rows.provenance[sample] == Provenance::Missing.code()
+    }
+
+    /// Missing samples above the horizon with their directions.
+    fn missing(&self, brdf: &Brdf) -> Vec<(usize, DVec3, DVec3)> {
+        (0..self.rows.provenance.len())
+            .filter(|&sample| self.is_missing(sample))
+            .filter_map(|sample| {
+                let wo = self.directions[sample % self.cells]?;
+                Some((
+                    sample,
+                    brdf.grid().direction(self.first + sample / self.cells),
+                    wo,
+                ))
+            })
+            .collect()
+    }
+
+    fn put(&mut self, sample: usize, f: [f32; 3], sigma: [f32; 3], provenance: Provenance) {
+        for channel in 0..self.channels {
+            let at = sample * self.channels + channel;
+            self.rows.f[at] = f[channel].max(0.0);
+            self.rows.sigma[at] = f16::from_f32(sigma[channel].min(65_504.0));
+        }
+        self.rows.provenance[sample] = provenance.code();
+    }
+
+    fn get(&self, sample: usize) -> ([f32; 3], [f32; 3]) {
+        let at = |channel: usize| sample * self.channels + channel.min(self.channels - 1);
+        (
+            std::array::from_fn(|channel| self.rows.f[at(channel)]),
+            std::array::from_fn(|channel| self.rows.sigma[at(channel)].to_f32()),
+        )
+    }
+
+    /// Helmholtz reciprocity: f(ω_i, ω_o) = f(ω_o, ω_i).
+    fn exchange(&mut self, brdf: &Brdf) -> Result<(), StoreError> {
+        let missing = self.missing(brdf);
+        let pairs: Vec<(DVec3, DVec3)> = missing.iter().map(|&(_, wi, wo)| (wo, wi)).collect();
+        for ((sample, ..), found) in missing.iter().zip(brdf.with_sigma(&pairs)?) {
+            if let Some([f, sigma]) = found {
+                self.put(*sample, f, sigma, Provenance::Reciprocal);
+            }
+        }
+        Ok(())
+    }
+
+    /// Occluded cells from those on both sides, along the line on which the two are nearest.
+    fn bridge_cells(&mut self, brdf: &Brdf) {
+        let size = brdf.disk().size();
+        let before = self.rows.provenance.clone();
+        for sample in 0..before.len() {
+            let cell = sample % self.cells;
+            let is_hidden = brdf.outgoing_reason(cell) == Some(Unmeasurable::Occluded);
+            if before[sample] != Provenance::Missing.code() || !is_hidden || self.directions[cell].is_none() {
+                continue;
+            }
+            let (x, y, row) = ((cell % size) as i64, (cell / size) as i64, sample - cell);
+            let nearest = |dx: i64, dy: i64| {
+                (1..=REACH as i64).find_map(|step| {
+                    let (x, y) = (x + dx * step, y + dy * step);
+                    let inside = (0..size as i64).contains(&x) && (0..size as i64).contains(&y);
+                    let there = inside.then(|| row + (y * size as i64 + x) as usize)?;
+                    let far = step as f32 * if dx != 0 && dy != 0 { 2_f32.sqrt() } else { 1.0 };
+                    (before[there] != Provenance::Missing.code()).then_some((there, far))
+                })
+            };
+            let lines = [(1, 0), (0, 1), (1, 1), (1, -1)];
+            let sides = lines
+                .into_iter()
+                .filter_map(|(dx, dy)| Some((nearest(dx, dy)?, nearest(-dx, -dy)?)));
+            let best = sides.min_by(|a, b| (a.0.1 + a.1.1).total_cmp(&(b.0.1 + b.1.1)));
+            if let Some(((a, da), (b, db))) = best {
+                let ((fa, sa), (fb, sb)) = (self.get(a), self.get(b));
+                let (f, sigma) = between((fa, sa, da), (fb, sb, db));
+                self.put(sample, f, sigma, Provenance::Interpolated);
+            }
+        }
+    }
+
+    /// Images of occluded incident directions from those on both sides.
+    fn bridge_rows(&mut self, brdf: &Brdf) -> Result<(), StoreError> {
+        for place in 0..self.rows.provenance.len() / self.cells {
+            let index = self.first + place;
+            if brdf.incident_reason(index) != Some(Unmeasurable::Occluded) {
+                continue;
+            }
+            let w = brdf.grid().direction(index);
+            let Some([(a, da), (b, db)]) = sides(brdf, w) else {
+                continue;
+            };
+            let row = place * self.cells;
+            let missing: Vec<(usize, DVec3)> = (0..self.cells)
+                .filter(|&cell| self.is_missing(row + cell))
+                .filter_map(|cell| Some((row + cell, self.directions[cell]?)))
+                .collect();
+            let pairs: Vec<(DVec3, DVec3)> = missing.iter().flat_map(|&(_, wo)| [(a, wo), (b, wo)]).collect();
+            let found = brdf.with_sigma(&pairs)?;
+            for ((sample, _), found) in missing.iter().zip(found.chunks_exact(2)) {
+                if let [Some([fa, sa]), Some([fb, sb])] = *found {
+                    let (f, sigma) = between((fa, sa, da as f32), (fb, sb, db as f32));
+                    self.put(*sample, f, sigma, Provenance::Interpolated);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// What is left from the model.
+    fn model(&mut self, brdf: &Brdf, modelled: &Modelled) {
+        for (sample, wi, wo) in self.missing(brdf) {
+            let f = modelled.f(wi, wo);
+            let relative = modelled.relative(wi, wo);
+            self.put(sample, f, f.map(|f| relative * f), Provenance::Modelled);
+        }
+    }
+}
+
+/// Linear interpolation between two values with their uncertainties, at these distances; the uncertainty takes in half of
+/// what the two disagree by.
+fn between(
+    (fa, sa, da): ([f32; 3], [f32; 3], f32),
+    (fb, sb, db): ([f32; 3], [f32; 3], f32),
+) -> ([f32; 3], [f32; 3]) {
+    let share = da / (da + db);
+    let f = std::array::from_fn(|c| fa[c] + share * (fb[c] - fa[c]));
+    let sigma = std::array::from_fn(|c| {
+        let own = ((1.0 - share) * sa[c]).hypot(share * sb[c]);
+        own.hypot(0.5 * (fa[c] - fb[c]))
+    });
+    (f, sigma)
+}
+
+/// The nearest captured incident directions on both sides of `w` in azimuth, and how far they are.
+fn sides(brdf: &Brdf, w: DVec3) -> Option<[(DVec3, f64); 2]> {
+    let mut nearest: [Option<(DVec3, f64)>; 2] = [None; 2];
+    for index in (0..brdf.grid().len()).filter(|&index| brdf.incident_reason(index).is_none()) {
+        let there = brdf.grid().direction(index);
+        let far = there.angle_between(w);
+        // Positive to the left of w, seen from above.
+        let side = usize::from(w.x * there.y - w.y * there.x > 0.0);
+        let is_nearer = nearest[side].is_none_or(|(_, least)| far < least);
+        if far < REACH_DEG.to_radians() && is_nearer {
+            nearest[side] = Some((there, far));
+        }
+    }
+    Some([nearest[0]?, nearest[1]?])
+}
+
+/// The model for what nobody saw.
+struct Modelled {
+    fit: Option<Fit>,
+    /// Of each channel; a single one stands for all.
+    samples: Vec<Box<dyn Sample>>,
+    /// f in sr⁻¹ of each channel where there is no lobe.
+    lambert: [f32; 3],
+}
+
+impl Modelled {
+    fn of(brdf: &Brdf) -> Result<Self, FillError> {
+        match Fit::of_brdf(Model::Ggx, brdf) {
+            Ok(fit) => {
+                let value = |name: &str| {
+                    fit.parameters
+                        .iter()
+                        .find(|p| p.name == name)
+                        .map_or(0.0, |p| p.value)
+                };
+                let alpha = [value("ax"), value("ay")];
+                let endings: &[&str] = if brdf.channels() == 1 {
+                    &[""]
+                } else {
+                    &["_r", "_g", "_b"]
+                };
+                let samples = endings
+                    .iter()
+                    .map(|end| {
+                        let (diffuse, strength) = (value(&format!("rd{end}")), value(&format!("f0{end}")));
+                        Model::Ggx.sample(alpha, diffuse.max(0.0), strength.clamp(0.0, 1.0))
+                    })
+                    .collect();
+                Ok(Self {
+                    fit: Some(fit),
+                    samples,
+                    lambert: [0.0; 3],
+                })
+            }
+            // A diffuse material has no lobe, and too few samples say no more than their mean.
+            Err(FitError::NoLobe { .. } | FitError::TooFew { .. }) => Ok(Self {
+                fit: None,
+                samples: Vec::new(),
+                lambert: mean(brdf)?,
+            }),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    fn f(&self, wi: DVec3, wo: DVec3) -> [f32; 3] {
+        if self.samples.is_empty() {
+            return self.lambert;
+        }
+        std::array::from_fn(|channel| {
+            let sample = &self.samples[channel.min(self.samples.len() - 1)];
+            sample.f(wi, wo)[channel] as f32
+        })
+    }
+
+    /// Relative uncertainty: what the residuals of the fit are at that half vector.
+    fn relative(&self, wi: DVec3, wo: DVec3) -> f32 {
+        let theta_deg = (wi + wo).normalize().z.clamp(-1.0, 1.0).acos().to_degrees();
+        let residuals = self.fit.as_ref().map_or(&[][..], |fit| &fit.residuals);
+        residuals
+            .iter()
+            .min_by(|a, b| {
+                (a.half_theta_deg - theta_deg)
+                    .abs()
+                    .total_cmp(&(b.half_theta_deg - theta_deg).abs())
+            })
+            .map_or(MODEL, |residual| (residual.rms_percent / 100.0) as f32)
+    }
+}
+
+/// Mean f of each channel over all samples.
+fn mean(brdf: &Brdf) -> Result<[f32; 3], StoreError> {
+    let channels = brdf.channels();
+    let (mut sums, mut count) = ([0.0_f64; 3], 0_u64);
+    for chunk in 0..brdf.chunks() {
+        let Some(rows) = brdf.chunk(chunk)? else { continue };
+        for (sample, code) in rows.provenance.iter().enumerate() {
+            if *code != Provenance::Missing.code() {
+                count += 1;
+                for (channel, sum) in sums.iter_mut().enumerate() {
+                    *sum += f64::from(rows.f[sample * channels + channel.min(channels - 1)]);
+                }
+            }
+        }
+    }
+    Ok(sums.map(|sum| (sum / count.max(1) as f64) as f32))
+}

@@ -1,0 +1,296 @@
+//! The merge of captures of one sample at several tilts.
+//!
+//! # Design
+//! Of each further capture a scale (lamp, exposure) and a small turn (the tilt was not quite what its rig says) are found
+//! against the first one, in pairs of directions that both have measured: the logarithm of the ratio is ln scale plus the
+//! slope of ln f over a turn of both directions, linear least squares in four unknowns, solved again with the turn found
+//! until it stands. The turn has a prior of [`TURN_DEG`] about zero: a Lambertian sample cannot show it. Residuals beyond
+//! three times the usual take no part.
+//!
+//! Then every sample is the mean of what the captures say, weighted by inverse variance; a turn is applied by looking up
+//! the turned pair.
+
+use std::path::Path;
+
+use glam::{DQuat, DVec3};
+use half::f16;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use serde::Serialize;
+
+use super::{FillError, facts, finish, writer_like};
+use crate::brdf::Brdf;
+use crate::direction::from_angles;
+use crate::linear_fit::least_squares;
+use crate::optics::Unmeasurable;
+use crate::progress::Progress;
+use crate::provenance::Provenance;
+use crate::store::{BrdfRows, StoreError};
+
+/// Standard deviation of a turn about each axis before anything is seen, degrees.
+const TURN_DEG: f64 = 0.5;
+/// Pairs of directions at which captures are compared.
+const PAIRS: usize = 20_000;
+/// Fewest that both must have.
+const FEWEST: usize = 200;
+/// Turn over which slopes are differenced, degrees.
+const STEP_DEG: f64 = 0.5;
+/// Relative uncertainty that every sample has beside its own: interpolation.
+const LEAST: f64 = 5e-3;
+/// Rounds of turning and solving.
+const ROUNDS: usize = 4;
+/// Turns below this many times their uncertainty are not applied.
+const CLEAR: f64 = 2.0;
+
+/// How a further capture stands to the first.
+#[derive(Clone, Debug, Serialize)]
+pub struct Alignment {
+    /// The file.
+    pub path: String,
+    /// What its f is to be multiplied with.
+    pub scale: f64,
+    /// Standard uncertainty (k = 1) of it.
+    pub scale_uncertainty: f64,
+    /// Turn about the sample's x, y and z that its directions need, degrees.
+    pub turn_deg: [f64; 3],
+    /// Standard uncertainty (k = 1) of each.
+    pub turn_uncertainty_deg: [f64; 3],
+    /// Pairs of directions that both have.
+    pub overlap: usize,
+    #[serde(skip)]
+    turn: DQuat,
+}
+
+/// Merges `others` into `base`, at `path`.
+pub(super) fn merge(
+    base: &Brdf,
+    others: &[Brdf],
+    path: &Path,
+    progress: &dyn Progress,
+) -> Result<Vec<Alignment>, FillError> {
+    let alignments = others
+        .iter()
+        .map(|other| align(base, other))
+        .collect::<Result<Vec<_>, _>>()?;
+    let all = || std::iter::once(base).chain(others);
+    let reason =
+        |of: &dyn Fn(&Brdf) -> Option<Unmeasurable>| all().map(of).min_by_key(Option::is_some).flatten();
+    let incident: Vec<_> = (0..base.grid().len())
+        .map(|index| reason(&|brdf| brdf.incident_reason(index)))
+        .collect();
+    let outgoing: Vec<_> = (0..base.disk().len())
+        .map(|cell| reason(&|brdf| brdf.outgoing_reason(cell)))
+        .collect();
+    let names: Vec<String> = others
+        .iter()
+        .map(|other| other.path().display().to_string())
+        .collect();
+    let writer = writer_like(base, path, &incident, &outgoing, facts("merged", &names))?;
+    progress.begin("merge", base.chunks(), "chunks");
+    for chunk in 0..base.chunks() {
+        if let Some(rows) = merged_chunk(base, others, &alignments, chunk)? {
+            writer.write_chunk(chunk, &rows)?;
+        }
+        progress.reach(chunk + 1);
+    }
+    progress.end();
+    finish(writer)?;
+    Ok(alignments)
+}
+
+/// Scale and turn of `other` against `base`.
+fn align(base: &Brdf, other: &Brdf) -> Result<Alignment, FillError> {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(0);
+    let mut draw = || {
+        let z: f64 = rng.random_range(75_f64.to_radians().cos()..1.0);
+        from_angles(z.acos(), rng.random_range(0.0..std::f64::consts::TAU))
+    };
+    let pairs: Vec<(DVec3, DVec3)> = (0..PAIRS).map(|_| (draw(), draw())).collect();
+    let there = base.with_sigma(&pairs)?;
+    let turned = |turn: DQuat| -> Result<Vec<Option<[[f32; 3]; 2]>>, StoreError> {
+        other.with_sigma(
+            &pairs
+                .iter()
+                .map(|(wi, wo)| (turn * *wi, turn * *wo))
+                .collect::<Vec<_>>(),
+        )
+    };
+    let log = |values: &Option<[[f32; 3]; 2]>| -> Option<(f64, f64)> {
+        let [f, sigma] = (*values)?;
+        let mean = |of: [f32; 3]| f64::from(of.iter().sum::<f32>()) / 3.0;
+        let f = mean(f);
+        (f > 0.0).then(|| (f.ln(), (mean(sigma) / f).powi(2)))
+    };
+    let axes = [DVec3::X, DVec3::Y, DVec3::Z];
+    let step_rad = STEP_DEG.to_radians();
+    let mut slopes = Vec::with_capacity(3);
+    for axis in axes {
+        let (up, down) = (
+            turned(DQuat::from_axis_angle(axis, step_rad))?,
+            turned(DQuat::from_axis_angle(axis, -step_rad))?,
+        );
+        let slope =
+            |(up, down): (&Option<_>, &Option<_>)| Some((log(up)?.0 - log(down)?.0) / (2.0 * step_rad));
+        slopes.push(up.iter().zip(&down).map(slope).collect::<Vec<Option<f64>>>());
+    }
+    let prior = TURN_DEG.to_radians().powi(-2);
+    let mut turn = DQuat::IDENTITY;
+    let (mut found, mut uncertainty, mut overlap) = ([0.0; 4], [0.0; 4], 0);
+    let mut usual = f64::INFINITY;
+    for _ in 0..ROUNDS {
+        let here = turned(turn)?;
+        let rows: Vec<(Vec<f64>, f64, f64)> = (0..pairs.len())
+            .filter_map(|at| {
+                let ((a, va), (b, vb)) = (log(&there[at])?, log(&here[at])?);
+                let slopes = [slopes[0][at]?, slopes[1][at]?, slopes[2][at]?];
+                // ln base = ln scale + ln other(turned further).
+                let row = vec![1.0, slopes[0], slopes[1], slopes[2]];
+                let weight = (va + vb + LEAST * LEAST).recip();
+                Some((row, a - b, weight))
+            })
+            .collect();
+        overlap = rows.len();
+        if overlap < FEWEST {
+            return Err(FillError::NoOverlap {
+                path: other.path().display().to_string(),
+                first: base.path().display().to_string(),
+                expected: FEWEST,
+                found: overlap,
+            });
+        }
+        let so_far = turn.to_scaled_axis();
+        let priors = (0..3).map(|axis| {
+            let mut row = vec![0.0; 4];
+            row[axis + 1] = 1.0;
+            (row, -so_far[axis], prior)
+        });
+        let kept = rows
+            .iter()
+            .filter(|(_, target, weight)| (target - found[0]).abs() * weight.sqrt() <= 3.0 * usual)
+            .cloned();
+        let (solved, covariance) =
+            least_squares(4, kept.chain(priors)).ok_or_else(|| FillError::NoOverlap {
+                path: other.path().display().to_string(),
+                first: base.path().display().to_string(),
+                expected: FEWEST,
+                found: overlap,
+            })?;
+        let residual = |(row, target, weight): &(Vec<f64>, f64, f64)| {
+            let model: f64 = row.iter().zip(solved.iter()).map(|(a, b)| a * b).sum();
+            (target - model).abs() * weight.sqrt()
+        };
+        let mut sizes: Vec<f64> = rows.iter().map(residual).collect();
+        let middle = sizes.len() / 2;
+        usual = 1.4826 * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
+        turn = DQuat::from_scaled_axis(DVec3::new(solved[1], solved[2], solved[3])) * turn;
+        let total = turn.to_scaled_axis();
+        found = [solved[0], total.x, total.y, total.z];
+        // Residuals say how good the weights are.
+        uncertainty = std::array::from_fn(|at| covariance[(at, at)].sqrt() * usual.max(1.0));
+    }
+    let is_clear = (1..4).any(|at| found[at].abs() > CLEAR * uncertainty[at]);
+    let degrees = |of: [f64; 4]| [of[1], of[2], of[3]].map(f64::to_degrees);
+    Ok(Alignment {
+        path: other.path().display().to_string(),
+        scale: found[0].exp(),
+        scale_uncertainty: found[0].exp() * uncertainty[0],
+        turn_deg: degrees(found),
+        turn_uncertainty_deg: degrees(uncertainty),
+        overlap,
+        turn: if is_clear { turn } else { DQuat::IDENTITY },
+    })
+}
+
+/// One chunk of all captures together; nothing if none has anything.
+fn merged_chunk(
+    base: &Brdf,
+    others: &[Brdf],
+    alignments: &[Alignment],
+    chunk: usize,
+) -> Result<Option<BrdfRows>, FillError> {
+    let (cells, channels) = (base.disk().len(), base.channels());
+    let range = base.chunk_range(chunk);
+    let samples = range.len() * cells;
+    let mut sums = vec![0.0_f64; samples * channels];
+    let mut weights = vec![0.0_f64; samples * channels];
+    let mut provenance = vec![Provenance::Missing.code(); samples];
+    let mut add = |sample: usize, f: &[f32], sigma: &[f32], scale: f64, code: u8| {
+        for channel in 0..channels {
+            let weight = (f64::from(sigma[channel]) * scale).max(1e-12).powi(-2);
+            sums[sample * channels + channel] += weight * scale * f64::from(f[channel]);
+            weights[sample * channels + channel] += weight;
+        }
+        // With another capture in it, it is merged.
+        provenance[sample] = if provenance[sample] == Provenance::Missing.code() {
+            code
+        } else {
+            Provenance::Merged.code()
+        };
+    };
+    let mut add_rows = |brdf: &Brdf, scale: f64, is_base: bool| -> Result<(), StoreError> {
+        let Some(rows) = brdf.chunk(chunk)? else {
+            return Ok(());
+        };
+        for sample in 0..samples {
+            let code = rows.provenance[sample];
+            let captured = brdf.incident_reason(range.start + sample / cells).is_none();
+            if code == Provenance::Missing.code() || !captured {
+                continue;
+            }
+            let at = sample * channels..(sample + 1) * channels;
+            let mut sigma = [0.0; 3];
+            for (sigma, half) in sigma.iter_mut().zip(&rows.sigma[at.clone()]) {
+                *sigma = half.to_f32();
+            }
+            let code = if is_base { code } else { Provenance::Merged.code() };
+            add(sample, &rows.f[at], &sigma, scale, code);
+        }
+        Ok(())
+    };
+    add_rows(base, 1.0, true)?;
+    for (other, alignment) in others.iter().zip(alignments) {
+        if alignment.turn == DQuat::IDENTITY {
+            add_rows(other, alignment.scale, false)?;
+        }
+    }
+    for (other, alignment) in others.iter().zip(alignments) {
+        if alignment.turn == DQuat::IDENTITY {
+            continue;
+        }
+        let places: Vec<(usize, (DVec3, DVec3))> = (0..samples)
+            .filter_map(|sample| {
+                let wi = base.grid().direction(range.start + sample / cells);
+                let wo = base.disk().direction(sample % cells)?;
+                Some((sample, (alignment.turn * wi, alignment.turn * wo)))
+            })
+            .collect();
+        let pairs: Vec<(DVec3, DVec3)> = places.iter().map(|place| place.1).collect();
+        for ((sample, _), found) in places.iter().zip(other.with_sigma(&pairs)?) {
+            if let Some([f, sigma]) = found {
+                add(*sample, &f, &sigma, alignment.scale, Provenance::Merged.code());
+            }
+        }
+    }
+    if provenance.iter().all(|code| *code == Provenance::Missing.code()) {
+        return Ok(None);
+    }
+    let value = |sum: &f64, weight: &f64| if *weight > 0.0 { (sum / weight) as f32 } else { 0.0 };
+    Ok(Some(BrdfRows {
+        f: sums
+            .iter()
+            .zip(&weights)
+            .map(|(sum, weight)| value(sum, weight))
+            .collect(),
+        sigma: weights
+            .iter()
+            .map(|weight| {
+                f16::from_f64(if *weight > 0.0 {
+                    weight.sqrt().recip().min(65_504.0)
+                } else {
+                    0.0
+                })
+            })
+            .collect(),
+        provenance,
+    }))
+}
