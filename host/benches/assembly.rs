@@ -7,6 +7,7 @@ use std::path::Path;
 use divan::{Bencher, counter::ItemsCount};
 use half::f16;
 use rcg::assemble::{CHUNK, assemble};
+use rcg::calibrate::Applied;
 use rcg::incident::Grid;
 use rcg::measure::capture;
 use rcg::measurement::Measurement;
@@ -48,7 +49,18 @@ fn assemble_frames(bencher: Bencher) {
     let (raw, brdf) = (m.path("raw.zarr"), m.path("brdf.zarr"));
     bencher
         .counter(ItemsCount::new(m.plan.directions))
-        .bench_local(|| assemble(&m.rig, &m.plan, &m.directions, &raw, &brdf, &|_| {}).expect("assembles"));
+        .bench_local(|| {
+            assemble(
+                &m.rig,
+                &m.plan,
+                &m.directions,
+                &Applied::default(),
+                &raw,
+                &brdf,
+                &|_| {},
+            )
+            .expect("assembles")
+        });
 }
 
 #[divan::bench(sample_count = 5, sample_size = 1)]

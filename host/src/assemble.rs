@@ -9,12 +9,12 @@
 //! is var(g) = σ_read² + (g − dark)/gain with the gain in electrons per number (the photon-transfer curve).
 //! Solved for f, which hardly changes over the small spot: f = (g − dark) / (K·t·T_o·Σ E·cosθ·Δω), where the sum is
 //! over the pixels that were actually lit, not those that should have been. T_o and E_p are those of the rig file, which
-//! are uniform; nothing calibrates them yet.
+//! are uniform; what calibration found instead comes in behind (`correction`).
 //!
 //! Exposures of different length are merged pixel by pixel (`assemble/merge.rs`) before anything else.
 //!
-//! Camera pixels are interpolated linearly onto the outgoing disk. The standard uncertainty follows from the
-//! variance above, 1/12 for rounding, and that of the mean dark frame.
+//! Camera pixels are interpolated linearly onto the outgoing disk. The standard uncertainty of noise follows from the
+//! variance above, 1/12 for rounding, and that of the mean dark frame; `correction` adds what else there is.
 //!
 //! Frames are read ahead by one thread while the others compute and write; memory holds a few segments.
 
@@ -27,6 +27,7 @@ use rayon::prelude::*;
 
 use crate::brackets::dark_noise_dn;
 use crate::brdf::{Brdf, BrdfError};
+use crate::calibrate::Applied;
 use crate::disk::Disk;
 use crate::optics::View;
 use crate::plan::{BLACK_EXPOSURES, Directions, Plan};
@@ -36,11 +37,13 @@ use crate::rig::Rig;
 use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
 
 mod coordinates;
+mod correction;
 mod luminance;
 mod merge;
 mod radiometry;
 
 use coordinates::{attributes, coordinates, interpolation_errors};
+use correction::Correction;
 use radiometry::{Out, Radiometry, Work, project, project_merged};
 
 pub(crate) use luminance::FrameAssembler;
@@ -98,7 +101,7 @@ pub fn dynamic_range(rig: &Rig, exposures_s: &[f64]) -> f64 {
 }
 
 /// Assembles the frames of `raw` into `brdf.zarr` at `target`; `progress` is told the number of frames done.
-/// An older result is replaced when the new one is whole.
+/// An older result is replaced when the new one is whole. `applied` is what calibration found of the instrument.
 ///
 /// # Errors
 /// [`AssembleError`].
@@ -106,6 +109,7 @@ pub fn assemble(
     rig: &Rig,
     plan: &Plan,
     directions: &Directions,
+    applied: &Applied,
     raw_path: &Path,
     target: &Path,
     progress: &(dyn Fn(usize) + Sync),
@@ -136,6 +140,7 @@ pub fn assemble(
         channels,
         chunk: CHUNK,
     };
+    let correction = Correction::new(rig, plan, directions, applied, disk, &resampling.pixel_sr)?;
     let writer = BrdfWriter::create(
         target,
         brdf_layout,
@@ -164,7 +169,15 @@ pub fn assemble(
     let radiometry = plan
         .exposures_s()
         .into_iter()
-        .map(|exposure_s| Radiometry::new(rig, &black, exposure_s, format.len()))
+        .map(|exposure_s| {
+            Radiometry::new(
+                rig,
+                applied.photometry.as_ref().map(|found| &found.camera),
+                &black,
+                exposure_s,
+                format.len(),
+            )
+        })
         .collect::<Result<Vec<_>, _>>()
         .map_err(mismatch)?;
     drop(black);
@@ -217,6 +230,7 @@ pub fn assemble(
                         &resampling,
                         work,
                     );
+                    correction.apply(chunk * CHUNK, &mut work.rows);
                     writer.write_chunk(chunk, &work.rows)?;
                     Ok(counts)
                 })

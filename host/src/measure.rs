@@ -7,6 +7,7 @@ use serde_json::{Map, json};
 
 use crate::assemble::{AssembleError, Assembled, assemble};
 use crate::brdf::{Brdf, BrdfError};
+use crate::calibrate::{Applied, CalibrateError};
 use crate::capture::Tally;
 use crate::device::DeviceError;
 use crate::evaluate::evaluate;
@@ -30,6 +31,9 @@ pub enum MeasureError {
     /// Assembly.
     #[error(transparent)]
     Assemble(#[from] AssembleError),
+    /// The calibration of the measurement.
+    #[error(transparent)]
+    Calibrate(#[from] Box<CalibrateError>),
     /// The BRDF.
     #[error(transparent)]
     Brdf(#[from] BrdfError),
@@ -102,7 +106,8 @@ pub fn planned(
 }
 
 /// Plans a measurement of `request` on `rig` (as loaded, its camera at full size) in the new directory `out`; the
-/// exposure time is found by a pilot capture if `request` leaves it open.
+/// exposure time is found by a pilot capture if `request` leaves it open. If `setup`
+/// has a calibration, `rig` is its rig.
 ///
 /// # Errors
 /// [`MeasureError`].
@@ -115,6 +120,15 @@ pub fn prepare(
 ) -> Result<Measurement, MeasureError> {
     Measurement::check_new(out)?;
     let (scaled, plan) = planned(rig, request, setup, progress)?;
+    if let Some(calibration) = &setup.calibration {
+        Measurement::check_new(out)?;
+        std::fs::create_dir_all(out).map_err(|source| MeasurementError::Io {
+            path: out.display().to_string(),
+            source,
+        })?;
+        calibration.applied().write(out)?;
+        return Ok(Measurement::found(out, scaled, plan)?);
+    }
     Ok(Measurement::create(out, scaled, plan)?)
 }
 
@@ -151,7 +165,10 @@ pub fn assemble_measurement(
         ..
     } = measurement;
     let (raw, brdf) = (measurement.path("raw.zarr"), measurement.path("brdf.zarr"));
-    let assembled = assemble(rig, plan, directions, &raw, &brdf, &|done| progress.reach(done))?;
+    let applied = Applied::read(measurement.dir()).map_err(Box::new)?;
+    let assembled = assemble(rig, plan, directions, &applied, &raw, &brdf, &|done| {
+        progress.reach(done);
+    })?;
     progress.end();
     let mut facts = Map::new();
     facts.insert("assembled".to_owned(), json!(assembled));

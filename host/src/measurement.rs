@@ -28,7 +28,14 @@ mod segment;
 pub(crate) use segment::take_segment;
 
 /// Files that a directory can hold before it is a measurement.
-const BEGINNINGS: [&str; 4] = ["rig.tmp", "rig.toml", "plan.tmp", "adaptive.tmp"];
+const BEGINNINGS: [&str; 6] = [
+    "rig.tmp",
+    "rig.toml",
+    "plan.tmp",
+    "adaptive.tmp",
+    "calibration.tmp",
+    "calibration.json",
+];
 
 /// Why a measurement cannot go on.
 #[derive(Debug, thiserror::Error)]
@@ -454,7 +461,7 @@ impl Measurement {
     }
 }
 
-fn hex(bytes: &[u8]) -> String {
+pub(crate) fn hex(bytes: &[u8]) -> String {
     use std::fmt::Write as _;
     bytes.iter().fold(String::new(), |mut text, byte| {
         write!(text, "{byte:02x}").expect("strings take everything");

@@ -204,6 +204,20 @@ impl PatternMaker {
     }
 }
 
+impl PatternMaker {
+    /// Σ E·cosθ·Δω over the pixels of `lit`, if the projector's pixels have the intensities `intensity` (row by row)
+    /// relative to what the maker was told.
+    #[must_use]
+    pub fn irradiance_of(&self, lit: &LitSet, intensity: &[f64]) -> f64 {
+        let of = |&pixel: &u32| {
+            let pixel = pixel as usize;
+            let direction = self.map.directions[pixel].expect("invariant: lit pixels are measurable");
+            self.intensity * intensity[pixel] * direction.z * self.map.solid_angles_sr[pixel]
+        };
+        lit.pixels.iter().map(of).sum()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use crate::calibrate::Calibration;
 use crate::capture::Instrument;
 use crate::device::{Device, DeviceError, Patience};
 use crate::link::{self, Link};
@@ -19,6 +20,8 @@ pub struct Setup {
     pub trigger_box: Option<TriggerBox>,
     /// What goes wrong on purpose.
     pub mischief: Mischief,
+    /// How the instrument really is, as far as calibration found out.
+    pub calibration: Option<Calibration>,
 }
 
 /// A trigger box outside of this program.

@@ -188,6 +188,7 @@ fn missed_triggers_dropped_and_doubled_frames_change_nothing_but_the_tally() {
         let setup = Setup {
             trigger_box: None,
             mischief,
+            ..Setup::default()
         };
         let tally = capture(&measurement, &setup, &Silent).unwrap();
         assemble_measurement(&measurement, &Silent).unwrap();

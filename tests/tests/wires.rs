@@ -38,6 +38,7 @@ fn setup(bridge: Option<&Bridge>, mischief: Mischief) -> Setup {
             wires: bridge.wires.clone(),
         }),
         mischief,
+        ..Setup::default()
     }
 }
 

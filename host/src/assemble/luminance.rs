@@ -30,6 +30,7 @@ impl FrameAssembler {
         Ok(Self {
             radiometry: [Radiometry::new(
                 rig,
+                None,
                 std::slice::from_ref(black),
                 black.records.first().map_or(0.0, |record| record.exposure_s),
                 rig.frame_format().len(),

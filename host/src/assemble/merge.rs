@@ -33,7 +33,7 @@ const DARK_SHARE: f32 = 1.0 / 20.0;
 struct Bracket {
     /// Exposure time relative to that of the first.
     time: f32,
-    /// Variance without light, that of the dark current included, in DN².
+    /// Variance by reading out and rounding, in DN².
     dark_variance: f32,
 }
 
@@ -62,7 +62,7 @@ impl<'a> Merge<'a> {
             .iter()
             .map(|one| Bracket {
                 time: (one.exposure_s / first_s) as f32,
-                dark_variance: one.dark_variance + one.dark_shot_variance,
+                dark_variance: one.dark_variance,
             })
             .collect();
         Self { exposures, brackets }
@@ -76,16 +76,26 @@ impl<'a> Merge<'a> {
         out.variance.clear();
         out.several.clear();
         let saturation = Vec4::splat(f32::from(self.exposures[0].saturation));
-        let mut numbers = [(Vec4::ZERO, Vec4::ZERO); MOST];
+        let mut numbers = [Number::default(); MOST];
         for pixel in 0..pixels {
             let at = pixel * CHANNELS;
             for (k, number) in numbers[..self.brackets.len()].iter_mut().enumerate() {
-                let dn = lanes::<CHANNELS, u16>(&frames[k * samples + at..]);
-                let dark = lanes::<CHANNELS, f32>(&self.exposures[k].dark[at..]);
-                *number = (
-                    dn - dark,
-                    Vec4::select(dn.cmplt(saturation), Vec4::ONE, Vec4::ZERO),
-                );
+                let radiometry = &self.exposures[k];
+                let raw = &frames[k * samples + at..][..CHANNELS];
+                let mut linear = [0.0; 4];
+                for (linear, dn) in linear.iter_mut().zip(raw) {
+                    *linear = radiometry.linear(*dn);
+                }
+                let dark = lanes::<CHANNELS, f32>(&radiometry.dark[at..]);
+                *number = Number {
+                    signal: Vec4::from_array(linear) - dark,
+                    usable: Vec4::select(
+                        lanes::<CHANNELS, u16>(raw).cmplt(saturation),
+                        Vec4::ONE,
+                        Vec4::ZERO,
+                    ),
+                    dark_variance: radiometry.dark_shot_variance(dark) + self.brackets[k].dark_variance,
+                };
             }
             let (signal, variance, used) = self.pixel(&numbers[..self.brackets.len()]);
             out.signal.push(signal);
@@ -95,29 +105,28 @@ impl<'a> Merge<'a> {
         }
     }
 
-    /// Rate, its variance and how many exposures made it, from the dark-corrected numbers of each exposure and 1 if it
-    /// can be used, else 0.
-    fn pixel(&self, numbers: &[(Vec4, Vec4)]) -> (Vec4, Vec4, Vec4) {
+    /// Rate, its variance and how many exposures made it, from the numbers of each exposure.
+    fn pixel(&self, numbers: &[Number]) -> (Vec4, Vec4, Vec4) {
         let shot_per_dn = self.exposures[0].shot_per_dn;
         let (mut sum, mut weights) = (Vec4::ZERO, Vec4::ZERO);
-        for (bracket, &(dn, usable)) in self.brackets.iter().zip(numbers) {
-            let weight = usable * (bracket.time / bracket.dark_variance);
-            sum += weight * dn;
+        for (bracket, number) in self.brackets.iter().zip(numbers) {
+            let weight = number.usable * (bracket.time / number.dark_variance);
+            sum += weight * number.signal;
             weights += weight * bracket.time;
         }
         // 0/0 where everything saturated.
         let expected = (sum / weights).max(Vec4::ZERO);
         let mut weight = [Vec4::ZERO; MOST];
         let mut best = Vec4::ZERO;
-        for ((bracket, &(_, usable)), weight) in self.brackets.iter().zip(numbers).zip(&mut weight) {
-            let variance = expected * (bracket.time * shot_per_dn) + bracket.dark_variance;
-            *weight = usable * (bracket.time * bracket.time) / variance;
+        for ((bracket, number), weight) in self.brackets.iter().zip(numbers).zip(&mut weight) {
+            let variance = expected * (bracket.time * shot_per_dn) + number.dark_variance;
+            *weight = number.usable * (bracket.time * bracket.time) / variance;
             best = best.max(*weight);
         }
         let (mut sum, mut weights, mut used) = (Vec4::ZERO, Vec4::ZERO, Vec4::ZERO);
-        for ((bracket, &(dn, _)), &weight) in self.brackets.iter().zip(numbers).zip(&weight) {
+        for ((bracket, number), &weight) in self.brackets.iter().zip(numbers).zip(&weight) {
             let takes_part = Vec4::select(weight.cmpge(best * DARK_SHARE), Vec4::ONE, Vec4::ZERO);
-            sum += takes_part * weight * dn / bracket.time;
+            sum += takes_part * weight * number.signal / bracket.time;
             weights += takes_part * weight;
             used += takes_part;
         }
@@ -125,8 +134,19 @@ impl<'a> Merge<'a> {
     }
 }
 
+/// One pixel of one exposure, channels in the lanes.
+#[derive(Clone, Copy, Default)]
+struct Number {
+    /// Dark-corrected, in DN.
+    signal: Vec4,
+    /// 1 if it can be used, else 0.
+    usable: Vec4,
+    /// Its variance without light of the pattern, in DN².
+    dark_variance: Vec4,
+}
+
 /// The channels of the first pixel of `values` in the lanes, zeros behind them.
-fn lanes<const CHANNELS: usize, T: Copy + Into<f32>>(values: &[T]) -> Vec4 {
+pub(super) fn lanes<const CHANNELS: usize, T: Copy + Into<f32>>(values: &[T]) -> Vec4 {
     let mut lanes = [0.0; 4];
     for (lane, &value) in lanes.iter_mut().zip(&values[..CHANNELS]) {
         *lane = value.into();

@@ -4,7 +4,8 @@ use glam::Vec4;
 use half::f16;
 use half::slice::HalfFloatSliceExt as _;
 
-use super::merge::{Merge, Merged};
+use super::merge::{Merge, Merged, lanes};
+use crate::calibrate::photometry::CameraFound;
 use crate::provenance::Provenance;
 use crate::resample::{Resampling, Taps};
 use crate::rig::Rig;
@@ -14,13 +15,16 @@ use crate::store::{BrdfRows, Segment};
 pub(super) struct Radiometry {
     /// Exposure time in s.
     pub(super) exposure_s: f64,
-    /// Mean of the black frames, [pixel, channel].
+    /// What each digital number would be if the camera were linear; nothing if it is.
+    pub(super) linear: Option<Vec<f32>>,
+    /// Mean of the black frames, [pixel, channel], linear.
     pub(super) dark: Vec<f32>,
-    /// Variance of a dark-corrected number without light, in DN². The dark current's is not in it: that of a rig's default
-    /// exposure time is a small part of the read noise.
+    /// Digital number without any charge.
+    pub(super) level: f32,
+    /// 1 + 1/number of black frames: whose mean's variance counts too.
+    pub(super) means: f32,
+    /// Variance of a dark-corrected number by reading out and rounding, in DN².
     pub(super) dark_variance: f32,
-    /// Variance by the shot noise of the dark current, in DN².
-    pub(super) dark_shot_variance: f32,
     /// Variance per DN of signal, in DN.
     pub(super) shot_per_dn: f32,
     /// f per (DN / (s × irradiance)).
@@ -29,22 +33,38 @@ pub(super) struct Radiometry {
 }
 
 impl Radiometry {
-    /// From the black exposures of `exposure_s` seconds in `segments`.
+    /// From the black exposures of `exposure_s` seconds in `segments`; `camera` is what calibration found, if it did.
     pub(super) fn new(
         rig: &Rig,
+        camera: Option<&CameraFound>,
         segments: &[Segment],
         exposure_s: f64,
         pixels: usize,
     ) -> Result<Self, String> {
-        let gain = rig.gain_e_per_dn();
-        let mut sum = vec![0_u64; pixels];
+        let gain = camera.map_or_else(|| rig.gain_e_per_dn(), |camera| camera.gain_e_per_dn);
+        let read_noise_e = camera.map_or(rig.camera.read_noise_e, |camera| camera.read_noise_e);
+        let level = camera.map_or(rig.camera.dark_dn, |camera| camera.dark_dn);
+        let saturation = rig.saturation_dn();
+        let linear: Option<Vec<f32>> = camera.map(|camera| {
+            let range = f64::from(saturation) - level;
+            let of = |dn: u16| {
+                let signal = f64::from(dn) - level;
+                (level + signal * (1.0 + camera.nonlinearity * signal / range)) as f32
+            };
+            (0..=saturation).map(of).collect()
+        });
+        let mut sum = vec![0_f64; pixels];
         let mut count = 0_u32;
         for segment in segments {
             for (record, frame) in segment.records.iter().zip(segment.frames.chunks_exact(pixels)) {
                 if record.incident < 0 && record.exposure_s.total_cmp(&exposure_s).is_eq() {
                     count += 1;
                     for (sum, &dn) in sum.iter_mut().zip(frame) {
-                        *sum += u64::from(dn);
+                        *sum += f64::from(
+                            linear
+                                .as_ref()
+                                .map_or(f32::from(dn), |linear| linear[usize::from(dn)]),
+                        );
                     }
                 }
             }
@@ -55,21 +75,39 @@ impl Radiometry {
                 exposure_s * 1e3
             ));
         }
-        let read_dn = rig.camera.read_noise_e / gain;
+        let read_dn = read_noise_e / gain;
         let one = read_dn * read_dn + 1.0 / 12.0;
         let means = 1.0 + 1.0 / f64::from(count);
         Ok(Self {
             exposure_s,
+            linear,
             dark: sum
                 .into_iter()
-                .map(|sum| (sum as f64 / f64::from(count)) as f32)
+                .map(|sum| (sum / f64::from(count)) as f32)
                 .collect(),
+            level: level as f32,
+            means: means as f32,
             dark_variance: (one * means) as f32,
-            dark_shot_variance: (rig.camera.dark_current_e_per_s * exposure_s / (gain * gain) * means) as f32,
             shot_per_dn: (1.0 / gain) as f32,
-            scale: gain / rig.sensitivity_e(),
-            saturation: rig.saturation_dn(),
+            scale: rig.gain_e_per_dn() / rig.sensitivity_e(),
+            saturation,
         })
+    }
+
+    /// The digital number as a linear camera would give it.
+    #[inline]
+    pub(super) fn linear(&self, dn: u16) -> f32 {
+        match &self.linear {
+            None => f32::from(dn),
+            Some(linear) => linear[usize::from(dn.min(self.saturation))],
+        }
+    }
+
+    /// Variance by the shot noise of what a black frame holds, dark current and stray light, in DN²; `dark` are its
+    /// numbers.
+    #[inline]
+    pub(super) fn dark_shot_variance(&self, dark: Vec4) -> Vec4 {
+        (dark - Vec4::splat(self.level)).max(Vec4::ZERO) * (self.shot_per_dn * self.means)
     }
 }
 
@@ -116,16 +154,17 @@ pub(super) fn project<const CHANNELS: usize>(
                     lanes[channel] = if saturated {
                         f32::NAN
                     } else {
-                        f32::from(dn[channel]) - dark[channel]
+                        radiometry.linear(dn[channel]) - dark[channel]
                     };
                 }
                 Vec4::from_array(lanes)
             }),
     );
     let factor = (radiometry.scale / (radiometry.exposure_s * irradiance)) as f32;
-    let variance = |_, signal: Vec4| {
+    let variance = |pixel: usize, signal: Vec4| {
+        let dark = lanes::<CHANNELS, f32>(&radiometry.dark[pixel * CHANNELS..]);
         let shot = signal.max(Vec4::ZERO) * radiometry.shot_per_dn;
-        shot + radiometry.dark_variance
+        shot + radiometry.dark_shot_variance(dark) + radiometry.dark_variance
     };
     resample::<CHANNELS>(
         signal,

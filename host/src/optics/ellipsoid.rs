@@ -99,9 +99,19 @@ impl Ellipsoid {
         self.hole_rad > 0.0 && w_m.dot(self.edge_axis) >= self.hole_rad.cos() - EDGE
     }
 
+    /// Angle from the edge of the hole to the unit direction `w_m` at F1, outwards, radians; `None` without a hole.
+    pub fn hole_distance_rad(&self, w_m: DVec3) -> Option<f64> {
+        (self.hole_rad > 0.0).then(|| w_m.angle_between(self.edge_axis) - self.hole_rad)
+    }
+
+    /// Height of a point on the ellipsoid above the rim, metres.
+    pub fn rim_distance_m(&self, point_m: DVec3) -> f64 {
+        point_m.dot(self.edge_axis) - self.rim_z_m
+    }
+
     /// Whether a point on the ellipsoid is below the rim.
     pub fn is_beyond_rim(&self, point_m: DVec3) -> bool {
-        point_m.dot(self.edge_axis) < self.rim_z_m
+        self.rim_distance_m(point_m) < 0.0
     }
 
     /// Angle ψ at F2 of the light that leaves F1 at `theta_rad` from the axis, radians.

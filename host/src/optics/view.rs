@@ -123,6 +123,28 @@ impl View {
         self.reach_sample(&reflection)
     }
 
+    /// Direction at the sample (sample frame, unit) of the ray of the position (`u_px`, `v_px`), whatever is in its way;
+    /// `None` where there is no ray. Smooth across all edges.
+    pub fn sight(&self, u_px: f64, v_px: f64) -> Option<DVec3> {
+        self.reflect_pixel(DVec2::new(u_px, v_px))
+            .map(|found| self.to_sample(found.direction))
+    }
+
+    /// How far the ray of the position (`u_px`, `v_px`) passes the edges of hole, rim and wire, seen from F1, radians;
+    /// positive on the side that sees the sample. `None` where there is no ray or no such edge.
+    pub fn edge_distances_rad(&self, u_px: f64, v_px: f64) -> [Option<f64>; 3] {
+        let Some(found) = self.reflect_pixel(DVec2::new(u_px, v_px)) else {
+            return [None; 3];
+        };
+        let from_f1 = found.mirror_m - self.ellipsoid.f1();
+        let w = from_f1.normalize();
+        [
+            self.ellipsoid.hole_distance_rad(w),
+            Some(self.ellipsoid.rim_distance_m(found.mirror_m) / from_f1.length()),
+            self.wire.and_then(|wire| wire.distance_rad(w)),
+        ]
+    }
+
     /// Reflection of a position's ray at the whole ellipsoid, obstacles and image border ignored.
     pub(super) fn reflect_pixel(&self, pixel: DVec2) -> Option<Reflection> {
         self.reflect_ray(self.pinhole.ray(pixel)?)

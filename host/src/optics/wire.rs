@@ -30,6 +30,13 @@ impl WireStrip {
         }
     }
 
+    /// Angle from the strip to the unit direction `w_m` at F1, radians, negative within it; `None` on the side without a
+    /// wire.
+    pub fn distance_rad(&self, w_m: DVec3) -> Option<f64> {
+        let beside_rad = w_m.dot(self.across).abs().min(1.0).asin() - self.half_width.asin();
+        (w_m.dot(self.along) > 0.0).then_some(beside_rad)
+    }
+
     /// Whether the wire hides the unit direction `w_m` at F1 (mirror frame).
     pub fn hides(&self, w_m: DVec3) -> bool {
         w_m.dot(self.along) > 0.0 && w_m.dot(self.across).abs() <= self.half_width

@@ -24,6 +24,8 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
+use crate::direction::from_angles;
+
 pub use ggx::Ggx;
 pub use lambert::Lambert;
 pub use rgl::MeasuredRgl;
@@ -139,6 +141,28 @@ pub fn parse(spec: &str) -> Result<Box<dyn Sample>, SampleError> {
             })
         }
     }
+}
+
+/// Directional albedo of `sample` under light from `wi`: ∫ f·cosθo dωo, per channel.
+///
+/// By quadrature, 1,440 directions at equal steps of sin²θ, which weigh each with its cosine alike; a lobe narrower than
+/// some degrees it does not resolve.
+#[must_use]
+pub fn albedo(sample: &dyn Sample, wi: DVec3) -> [f64; 3] {
+    const RINGS: usize = 60;
+    const AZIMUTHS: usize = 24;
+    let lobe = sample.incident(wi);
+    let mut sum = [0.0; 3];
+    for ring in 0..RINGS {
+        let theta_rad = ((ring as f64 + 0.5) / RINGS as f64).sqrt().asin();
+        for azimuth in 0..AZIMUTHS {
+            let phi_rad = azimuth as f64 / AZIMUTHS as f64 * std::f64::consts::TAU;
+            for (sum, f) in sum.iter_mut().zip(lobe.f(from_angles(theta_rad, phi_rad))) {
+                *sum += f * std::f64::consts::PI / (RINGS * AZIMUTHS) as f64;
+            }
+        }
+    }
+    sum
 }
 
 /// Whether f is zero by definition because `w` is at or below the horizon (or not a direction at all).

@@ -20,7 +20,7 @@ use crate::direction::from_angles;
 use crate::optics::{DirectionMap, View};
 use crate::pattern::BitPattern;
 use crate::quadrature::mean_f;
-use crate::sample::Sample;
+use crate::sample::{Sample, albedo};
 
 /// Offset of the two Gauss points from the centre of a pixel: 1/(2√3).
 const GAUSS: f64 = 0.288_675_134_594_812_9;
@@ -225,29 +225,15 @@ struct Interreflection {
 }
 
 impl Interreflection {
-    /// Steps of θ from 0 to 90°, azimuths and rings of the quadrature.
+    /// Steps of θ from 0 to 90°.
     const STEPS: usize = 18;
-    const AZIMUTHS: usize = 24;
-    const RINGS: usize = 60;
 
     fn of(sample: &dyn Sample, share: f64) -> Self {
         let step_rad = std::f64::consts::FRAC_PI_2 / Self::STEPS as f64;
         let albedo = (0..=Self::STEPS)
             .map(|step| {
                 let theta_rad = (step as f64 * step_rad).min(89.5_f64.to_radians());
-                let lobe = sample.incident(from_angles(theta_rad, 0.0));
-                let mut sum = [0.0; 3];
-                for ring in 0..Self::RINGS {
-                    // Equal steps of sin²θ weigh every direction with its cosine alike.
-                    let theta_rad = ((ring as f64 + 0.5) / Self::RINGS as f64).sqrt().asin();
-                    for azimuth in 0..Self::AZIMUTHS {
-                        let phi_rad = azimuth as f64 / Self::AZIMUTHS as f64 * std::f64::consts::TAU;
-                        for (sum, f) in sum.iter_mut().zip(lobe.f(from_angles(theta_rad, phi_rad))) {
-                            *sum += f * std::f64::consts::PI / (Self::RINGS * Self::AZIMUTHS) as f64;
-                        }
-                    }
-                }
-                sum
+                albedo(sample, from_angles(theta_rad, 0.0))
             })
             .collect();
         Self { albedo, share }

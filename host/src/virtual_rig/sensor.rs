@@ -61,8 +61,8 @@ impl Sensor {
                     Noise::On => self.noisy(mean_e, &mut rng),
                 };
                 let signal_dn = charge_e * per_e;
-                let shown = 1.0 - self.nonlinearity * signal_dn / (self.saturation_dn - self.dark_dn);
-                let dn = self.dark_dn + signal_dn * shown;
+                let fill = (signal_dn / (self.saturation_dn - self.dark_dn)).clamp(0.0, 1.0);
+                let dn = self.dark_dn + signal_dn * (1.0 - self.nonlinearity * fill);
                 dn.round().clamp(0.0, self.saturation_dn) as u16
             })
             .collect()

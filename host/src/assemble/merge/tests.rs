@@ -32,7 +32,7 @@ fn radiometry(rig: &Rig, times_s: &[f64], samples: usize, blacks: u64, noise: No
                 ..ExposureRecord::default()
             });
         }
-        Radiometry::new(rig, &[black], exposure_s, samples).unwrap()
+        Radiometry::new(rig, None, &[black], exposure_s, samples).unwrap()
     };
     times_s.iter().map(each).collect()
 }
@@ -62,7 +62,7 @@ fn trial(rate_e: f64) -> (f64, f64, f64) {
                 dark: vec![dark as f32; PIXELS],
                 // Without the part of the mean black frame: one frame doubles the variance.
                 dark_variance: one.dark_variance / 2.0,
-                dark_shot_variance: one.dark_shot_variance / 2.0,
+                means: 1.0,
                 ..one
             }
         })
@@ -120,19 +120,27 @@ fn no_other_weights_do_better() {
     let merge = Merge::new(&exposures);
     for rate_e in [1.0, 100.0, 1e4, 1e5, 1e6] {
         let first_dn = rate_e * TIMES_S[0] / rig.gain_e_per_dn();
-        let numbers: Vec<(Vec4, Vec4)> = merge
+        let numbers: Vec<Number> = merge
             .brackets
             .iter()
             .map(|one| {
                 let dn = first_dn * f64::from(one.time);
                 let usable = if dn < 4079.0 { 1.0 } else { 0.0 };
-                (Vec4::splat(dn as f32), Vec4::splat(usable))
+                Number {
+                    signal: Vec4::splat(dn as f32),
+                    usable: Vec4::splat(usable),
+                    dark_variance: Vec4::splat(one.dark_variance),
+                }
             })
             .collect();
         let (signal, variance, _) = merge.pixel(&numbers);
         assert!((f64::from(signal.x) / first_dn - 1.0).abs() < 1e-5);
         let shot = f64::from(exposures[0].shot_per_dn);
-        let alone = merge.brackets.iter().zip(&numbers).filter(|one| one.1.1.x > 0.0);
+        let alone = merge
+            .brackets
+            .iter()
+            .zip(&numbers)
+            .filter(|one| one.1.usable.x > 0.0);
         for (bracket, _) in alone.clone() {
             let time = f64::from(bracket.time);
             let its = (first_dn * time * shot + f64::from(bracket.dark_variance)) / (time * time);
@@ -177,7 +185,7 @@ fn saturated_and_dark_samples_take_no_part() {
 #[test]
 fn an_exposure_time_without_black_frames_is_named() {
     let rig = rig();
-    let error = Radiometry::new(&rig, &[Segment::default()], 0.25, 3)
+    let error = Radiometry::new(&rig, None, &[Segment::default()], 0.25, 3)
         .err()
         .unwrap();
     assert!(

@@ -5,6 +5,7 @@ use std::io;
 use rcg::adaptive::AdaptiveError;
 use rcg::assemble::AssembleError;
 use rcg::brdf::BrdfError;
+use rcg::calibrate::CalibrateError;
 use rcg::chart::ChartError;
 use rcg::device::DeviceError;
 use rcg::fit::FitError;
@@ -114,6 +115,18 @@ impl Blame for BrdfError {
     }
 }
 
+impl Blame for CalibrateError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Measure(error) => error.is_input(),
+            Self::Measurement(error) => error.is_input(),
+            Self::Store(error) => error.is_input(),
+            Self::Picture(_) => false,
+            Self::Rig(_) | Self::Content { .. } | Self::OtherRig { .. } | Self::Views { .. } => true,
+        }
+    }
+}
+
 impl Blame for LinkError {
     fn is_input(&self) -> bool {
         matches!(
@@ -165,6 +178,7 @@ impl Blame for MeasureError {
             Self::Measurement(error) => error.is_input(),
             Self::Brdf(error) | Self::Assemble(AssembleError::Brdf(error)) => error.is_input(),
             Self::Sample(_) | Self::Assemble(AssembleError::Mismatch { .. }) => true,
+            Self::Calibrate(error) => error.is_input(),
             Self::Device(error) => error.is_input(),
             Self::Wires(error) => matches!(error, WiresError::Address { .. }),
             Self::Assemble(AssembleError::Store(error)) => error.is_input(),

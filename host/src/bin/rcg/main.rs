@@ -5,6 +5,7 @@
 //! stderr. Exit 0: done; 1: failed; 2: bad usage or input.
 
 mod assemble;
+mod calibrate;
 mod capture;
 mod controller;
 mod evaluate;
@@ -65,6 +66,9 @@ enum Command {
     Patterns(patterns::Args),
     /// Capture the frames of a planned measurement, or what is missing of them
     Capture(capture::Args),
+    /// Find out how the instrument really is, with targets in place of the sample
+    #[command(subcommand)]
+    Calibrate(calibrate::Command),
     /// Turn the captured frames of a measurement into brdf.zarr
     Assemble(assemble::Args),
     /// Directions on stdin to camera and projector pixels
@@ -95,6 +99,7 @@ fn main() -> ExitCode {
         Command::Plan(args) => plan::run(args, &cli.rig, &output),
         Command::Patterns(args) => patterns::run(args, &cli.rig, &output),
         Command::Capture(args) => capture::run(args, &output),
+        Command::Calibrate(command) => calibrate::run(command, &cli.rig, &output),
         Command::Assemble(args) => assemble::run(args, &output),
         Command::Map(args) => map::run(args, &cli.rig, &output),
         Command::Value(args) => value::run(args, &output),

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use rcg::adaptive::{self, AdaptiveError, Goal};
+use rcg::calibrate::Calibration;
 use rcg::measure::{complete, prepare};
 use rcg::measurement::Measurement;
 use rcg::plan::Plan;
@@ -34,6 +35,9 @@ pub(crate) struct Args {
     /// Measure as this plan.toml says, directions and exposure time; it must be one of the same rig
     #[arg(long, value_name = "FILE", conflicts_with_all = ["grid", "step"])]
     replay: Option<PathBuf>,
+    /// Take the calibration in this directory into account; it must be one of the rig
+    #[arg(long, value_name = "DIR", conflicts_with = "adaptive")]
+    calibration: Option<PathBuf>,
     /// Go on with a measurement that was interrupted
     #[arg(long)]
     resume: bool,
@@ -42,12 +46,18 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
-    let setup = args.setup.setup()?;
-    let rig = Rig::load(rig)?;
+    let mut setup = args.setup.setup()?;
+    let mut rig = Rig::load(rig)?;
+    if let Some(dir) = &args.calibration {
+        let calibration = Calibration::open(dir, &rig)?;
+        rig = calibration.rig.clone();
+        setup.calibration = Some(calibration);
+    }
     let measurement = if args.resume && Measurement::exists(&args.out) {
         let measurement = Measurement::open(&args.out)?;
         let request = args.request.request(Some(&measurement.plan.request))?;
         measurement.check_same(&request, &rig.name)?;
+        measurement.check_calibration(setup.calibration.as_ref())?;
         measurement
     } else {
         if args.resume {

@@ -140,6 +140,7 @@ impl MischiefArgs {
                 dropped_frames: self.dropped_frames,
                 doubled_frames: self.doubled_frames,
             },
+            calibration: None,
         }
     }
 }
@@ -185,6 +186,7 @@ impl SetupArgs {
         Ok(Setup {
             trigger_box,
             mischief,
+            calibration: None,
         })
     }
 }

@@ -1,0 +1,133 @@
+//! `rcg calibrate photometry`
+
+use std::path::PathBuf;
+
+use rcg::calibrate::RIG;
+use rcg::calibrate::photometry::{Photometry, Request, Views, calibrate, capture};
+use rcg::measurement::write_whole;
+use rcg::progress::Progress as _;
+use rcg::rig::Rig;
+use rcg::setup::Setup;
+
+use crate::Done;
+use crate::failure::Failure;
+use crate::output::{Output, table};
+
+/// Find camera, projector's response, light, throughput and interreflection with reflectance standards.
+///
+/// Goes into the directory of a geometric calibration; without one, that of the rig as its file says is taken for the true
+/// one. Writes photometry.json. Where the directory holds the captures already, they are fitted again.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// The directory of the calibration
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// The reflectance standard: a .bsdf file or a model such as lambert:0.98
+    #[arg(long, value_name = "SAMPLE", default_value = "lambert:0.98")]
+    standard: String,
+    /// A second, darker standard, which shows the interreflection; none to do without
+    #[arg(long, value_name = "SAMPLE", default_value = "lambert:0.2")]
+    second_standard: String,
+    /// Standard uncertainty (k = 1) of the standard's reflectance, percent
+    #[arg(long, value_name = "PERCENT", default_value_t = 0.25)]
+    standard_uncertainty_percent: f64,
+    /// Longest exposure time in milliseconds [default: the longest that does not saturate]
+    #[arg(long, value_name = "MS")]
+    exposure_ms: Option<f64>,
+    /// Pixels a side of the camera's image
+    #[arg(long, value_name = "N", default_value_t = 96)]
+    image_size: u32,
+    /// How the virtual rig really is: a file that `rcg truth` writes [default: as the rig file says]
+    #[arg(long, value_name = "FILE")]
+    truth: Option<String>,
+    /// Switch shot and read noise of the virtual rig on or off
+    #[arg(long, value_name = "on|off", value_parser = ["on", "off"], default_value = "on")]
+    noise: String,
+    /// Seed of all chance of the virtual rig
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+}
+
+pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
+    let uncertainty = args.standard_uncertainty_percent / 100.0;
+    if !(0.0..=0.5).contains(&uncertainty) {
+        return Err(Failure::input(format!(
+            "--standard-uncertainty-percent: expected a number from 0 to 50, found {}",
+            args.standard_uncertainty_percent
+        )));
+    }
+    if Views::exist(&args.out) {
+        output.remark(&format!(
+            "{}: holds captures, which are fitted again",
+            args.out.display()
+        ));
+    } else {
+        let path = args.out.join(RIG);
+        if !path.is_file() {
+            let rig = Rig::load(rig)?;
+            std::fs::create_dir_all(&args.out)
+                .map_err(|error| Failure::input(format!("{}: {error}", args.out.display())))?;
+            write_whole(&path, rig.to_toml().as_bytes())?;
+        }
+        let request = Request {
+            standard: args.standard.clone(),
+            second_standard: (args.second_standard != "none").then(|| args.second_standard.clone()),
+            exposure_s: args.exposure_ms.map(|ms| ms * 1e-3),
+            image_size: args.image_size,
+            truth: args.truth.clone(),
+            noise: args.noise == "on",
+            seed: args.seed,
+        };
+        capture(&request, &args.out, &Setup::default(), output)?;
+    }
+    let photometry = calibrate(&args.out, uncertainty)?;
+    output.print(&photometry, || text(&photometry))
+}
+
+fn text(found: &Photometry) -> String {
+    let camera = &found.camera;
+    let percent = |share: f64| format!("{:.3} %", 100.0 * share);
+    table(&[
+        (
+            "dark level",
+            format!("{:.2} DN + {:.2} DN/s", camera.dark_dn, camera.dark_dn_per_s),
+        ),
+        ("gain", format!("{:.4} e⁻/DN", camera.gain_e_per_dn)),
+        ("read noise", format!("{:.2} e⁻", camera.read_noise_e)),
+        (
+            "nonlinearity",
+            format!(
+                "{} at saturation; left after correction {}",
+                percent(camera.nonlinearity),
+                percent(camera.linearity_residual)
+            ),
+        ),
+        (
+            "stray light",
+            format!("{:.1} DN/s on the standard", found.stray_dn_per_s),
+        ),
+        ("projector", format!("level^{:.3}", found.gamma)),
+        (
+            "light × throughput",
+            format!(
+                "± {} by noise, {} left beyond it, ± {} by the standard (k = 1)",
+                percent(found.field_uncertainty),
+                percent(found.field_residual),
+                percent(found.standard_uncertainty)
+            ),
+        ),
+        (
+            "interreflection",
+            found.interreflection.map_or_else(
+                || "not found: there was no second standard".to_owned(),
+                |back| {
+                    format!(
+                        "{} ± {} (k = 1)",
+                        percent(back.share),
+                        percent(back.standard_uncertainty)
+                    )
+                },
+            ),
+        ),
+    ])
+}

@@ -1,0 +1,192 @@
+//! The views of a geometric calibration: what is shown and taken.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Map;
+
+use crate::brackets::Brackets;
+use crate::calibrate::{CalibrateError, read_json, segment_of};
+use crate::capture::Tally;
+use crate::direction::from_degrees;
+use crate::incident::Grid;
+use crate::measurement::write_whole;
+use crate::optics::View;
+use crate::pattern::{BitPattern, PatternMaker};
+use crate::pilot::Tests;
+use crate::plan;
+use crate::progress::Progress;
+use crate::rig::Rig;
+use crate::schedule::Timing;
+use crate::setup::Setup;
+use crate::store::{RawLayout, RawStore};
+use crate::stripes::Stripes;
+use crate::virtual_rig::Held;
+
+/// Name of the raw frames.
+pub(super) const RAW: &str = "geometry.raw.zarr";
+/// Name of the file that says what the frames are.
+const VIEWS: &str = "geometry-views.json";
+/// Share of the light that the flat mirror of the virtual rig reflects: black glass.
+pub(super) const REFLECTANCE: f64 = 0.04;
+/// What the diffuse standard of the virtual rig is.
+const STANDARD: &str = "lambert:0.5";
+/// Opening of the cone that lights the diffuse standard, degrees.
+const SPOT_DEG: f64 = 8.0;
+
+/// What is asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Request {
+    /// The nominal rig.
+    pub rig: Rig,
+    /// Tilts of the flat mirror against the sample's normal and the azimuths towards which it is tilted, sample frame,
+    /// degrees.
+    pub tilts: Vec<[f64; 2]>,
+    /// Pixels a side of the camera's image.
+    pub image_size: u32,
+    /// How the virtual rig really is; see [`plan::Request::truth`].
+    pub truth: Option<String>,
+    /// Whether the virtual rig is noisy.
+    pub noise: bool,
+    /// Source of all chance of the virtual rig.
+    pub seed: u64,
+}
+
+/// What was captured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Views {
+    /// The nominal rig.
+    pub rig: Rig,
+    /// As in [`Request::tilts`].
+    pub tilts: Vec<[f64; 2]>,
+    /// As in [`Request::image_size`].
+    pub image_size: u32,
+}
+
+impl Views {
+    /// What `dir` holds.
+    pub(super) fn read(dir: &Path) -> Result<Self, CalibrateError> {
+        read_json(&dir.join(VIEWS))
+    }
+
+    /// The nominal rig with the camera's image as captured.
+    pub(super) fn scaled(&self) -> Result<Rig, CalibrateError> {
+        Ok(self.rig.with_image_size(self.image_size)?)
+    }
+
+    /// The patterns of a view of the flat mirror.
+    pub(super) fn stripes(&self) -> Stripes {
+        let lens = &self.rig.projector.lens;
+        Stripes::new(lens.width_px as usize, lens.height_px as usize)
+    }
+
+    /// Whether `dir` holds captures of views.
+    #[must_use]
+    pub fn exist(dir: &Path) -> bool {
+        dir.join(VIEWS).is_file()
+    }
+}
+
+/// Captures the views of `request` into the directory `dir`: per tilt one segment of structured light, then one of the
+/// diffuse standard, lit and dark.
+///
+/// # Errors
+/// [`CalibrateError`].
+pub fn capture(
+    request: &Request,
+    dir: &Path,
+    setup: &Setup,
+    progress: &dyn Progress,
+) -> Result<(), CalibrateError> {
+    let views = Views {
+        rig: request.rig.clone(),
+        tilts: request.tilts.clone(),
+        image_size: request.image_size,
+    };
+    let rig = views.scaled()?;
+    let stripes = views.stripes();
+    std::fs::create_dir_all(dir).map_err(|error| CalibrateError::Content {
+        path: dir.display().to_string(),
+        field: "directory".to_owned(),
+        expected: "a place for the calibration".to_owned(),
+        found: error.to_string(),
+    })?;
+    let format = rig.frame_format();
+    let layout = RawLayout {
+        exposures: stripes.len() * views.tilts.len() + 2,
+        segment: stripes.len(),
+        height: format.height_px,
+        width: format.width_px,
+        channels: format.channels,
+        bits: format.bits,
+    };
+    let raw = RawStore::create(&dir.join(RAW), layout, Map::new())?;
+    let behaviour = plan::Request {
+        grid: Grid::ThetaPhi { step_deg: 15.0 },
+        image_size: request.image_size,
+        exposure_s: None,
+        brackets: Brackets::default(),
+        sample: None,
+        truth: request.truth.clone(),
+        noise: request.noise,
+        seed: request.seed,
+    };
+    let spot = PatternMaker::new(View::projector(&rig), SPOT_DEG, 1.0)
+        .lit_set(lit_direction(&rig))
+        .map(|lit| lit.pixels)
+        .unwrap_or_default();
+    let mut held: Vec<Held> = views.mirrors().into_iter().map(Held::Mirror).collect();
+    held.push(Held::Sample(Arc::from(
+        crate::sample::parse(STANDARD).map_err(crate::measure::MeasureError::from)?,
+    )));
+    progress.begin("calibration views", layout.exposures, "exposures");
+    let mut done = 0;
+    for (index, held) in held.into_iter().enumerate() {
+        let is_mirror = matches!(held, Held::Mirror(_));
+        let mut instrument = setup.open_held(&rig, held, &behaviour)?;
+        let draw = |exposure: usize, image: &mut BitPattern| match exposure {
+            exposure if is_mirror => stripes.draw(exposure, image),
+            0 => image.light(&spot),
+            _ => {}
+        };
+        // The brightest pattern decides how long all are exposed.
+        let (width_px, height_px) = instrument.projector.size_px();
+        let mut image = BitPattern::black(width_px, height_px);
+        draw(0, &mut image);
+        let exposure_s = Tests::take(&rig, &[image.lit()], &mut instrument)?
+            .longest_s
+            .clamp(1e-6, 1.0);
+        let timing = Timing::new(&rig, exposure_s).map_err(plan::PlanError::from)?;
+        let count = raw.segment_range(index).len();
+        let report = |taken: usize| progress.reach(done + taken);
+        let shots = instrument.take(count, &[timing], draw, &mut Tally::default(), report)?;
+        raw.write_segment(index, &segment_of(shots, index as u8, exposure_s))?;
+        done += count;
+    }
+    progress.end();
+    let text = serde_json::to_string_pretty(&views).expect("JSON values can be written");
+    write_whole(&dir.join(VIEWS), text.as_bytes())?;
+    Ok(())
+}
+
+/// A direction that the projector can light: the first found beside the normal.
+fn lit_direction(rig: &Rig) -> glam::DVec3 {
+    let projector = View::projector(rig);
+    let directions =
+        (1..8).flat_map(|ring| (0..6).map(move |turn| (10.0 * f64::from(ring), 60.0 * f64::from(turn))));
+    directions
+        .map(|(theta_deg, phi_deg)| from_degrees(theta_deg, phi_deg))
+        // Not at an edge, which the real rig may have elsewhere.
+        .find(|w| {
+            projector.pixel(*w).is_ok_and(|at| {
+                let distances = projector.edge_distances_rad(at.x, at.y);
+                distances
+                    .into_iter()
+                    .flatten()
+                    .all(|rad| rad > 2.0 * SPOT_DEG.to_radians())
+            })
+        })
+        .unwrap_or(glam::DVec3::Z)
+}

@@ -1,0 +1,103 @@
+//! From a rig that is 3 mm and 2° off the true one is found, and views that do not determine it are refused.
+
+use super::*;
+use crate::direction::angle_between;
+use crate::progress::Silent;
+use crate::setup::Setup;
+use crate::virtual_rig::{Tolerances, Truth};
+
+/// Captures and calibrates a rig that strays from `nominal` by as much as the tolerances say.
+fn calibrated(
+    nominal: &Rig,
+    seed: u64,
+    tilts: &[[f64; 2]],
+) -> (Truth, Result<(Geometry, Rig), CalibrateError>) {
+    let tolerances = Tolerances {
+        position_m: parameters::POSITION_M,
+        angle_deg: parameters::ANGLE_DEG,
+        field: 0.3,
+    };
+    let truth = Truth::drawn(nominal, tolerances, seed).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("truth.toml");
+    std::fs::write(&path, truth.to_toml()).unwrap();
+    let request = Request {
+        rig: nominal.clone(),
+        tilts: tilts.to_vec(),
+        image_size: 160,
+        truth: Some(path.display().to_string()),
+        noise: true,
+        seed,
+    };
+    let dir = folder.path().join("calibration");
+    capture(&request, &dir, &Setup::default(), &Silent).unwrap();
+    let found = calibrate(&dir).map(|geometry| {
+        let rig = Rig::load(&dir.join(RIG).display().to_string()).unwrap();
+        (geometry, rig)
+    });
+    (truth, found)
+}
+
+/// RMS and largest angle in degrees between what a device of the two rigs sees, where the true one can measure.
+fn errors_deg(truth: &Rig, found: &Rig, view: fn(&Rig) -> View) -> (f64, f64) {
+    let (truth, found) = (view(truth), view(found));
+    let (width, height) = (truth.pinhole().width_px(), truth.pinhole().height_px());
+    let (mut squares, mut count, mut largest) = (0.0, 0_u32, 0.0_f64);
+    for row in 0..64 {
+        for column in 0..64 {
+            let at = |index: u32, size: u32| (f64::from(index) + 0.5) / 64.0 * f64::from(size);
+            let (u, v) = (at(column, width), at(row, height));
+            let Ok(w) = truth.direction(u, v) else { continue };
+            let error_deg = angle_between(found.sight(u, v).unwrap(), w).to_degrees();
+            squares += error_deg * error_deg;
+            count += 1;
+            largest = largest.max(error_deg);
+        }
+    }
+    assert!(count > 500, "{count}");
+    ((squares / f64::from(count)).sqrt(), largest)
+}
+
+const TILTS: [[f64; 2]; 4] = [[0.0, 0.0], [15.0, 0.0], [15.0, 120.0], [15.0, 240.0]];
+
+#[test]
+fn a_rig_that_is_3_mm_and_2_degrees_off_is_found() {
+    for (name, seed) in [("rcg-1", 1), ("rcg-1", 2), ("rcg-2", 3)] {
+        let nominal = Rig::load(name).unwrap();
+        let (truth, found) = calibrated(&nominal, seed, &TILTS);
+        let (geometry, rig) = found.unwrap_or_else(|error| panic!("{name} {seed}: {error}"));
+        for (device, view) in [
+            ("camera", View::camera as fn(&Rig) -> View),
+            ("projector", View::projector),
+        ] {
+            let (before_deg, _) = errors_deg(&truth.rig, &nominal, view);
+            let (rms_deg, max_deg) = errors_deg(&truth.rig, &rig, view);
+            println!(
+                "{name} {seed} {device}: before {before_deg:.2}, rms {rms_deg:.4}, max {max_deg:.4}; states {:.4} {:.4}, residuals {:.4} {:?}",
+                geometry.camera_deg,
+                geometry.projector_deg,
+                geometry.match_residual_deg,
+                geometry.edge_residual_deg
+            );
+            assert!(before_deg > 0.5, "{name} {seed} {device}: {before_deg}");
+            assert!(
+                rms_deg <= 0.05 && max_deg <= 0.15,
+                "{name} {seed} {device}: {rms_deg} {max_deg}"
+            );
+        }
+    }
+}
+
+#[test]
+fn views_that_do_not_determine_the_directions_are_refused_by_name() {
+    let nominal = Rig::load("rcg-1").unwrap();
+    for tilts in [&[[0.0, 0.0]][..], &[[10.0, 30.0], [10.0, 30.0]][..]] {
+        let (_, found) = calibrated(&nominal, 5, tilts);
+        let error = found.expect_err("one normal leaves a rotation free").to_string();
+        println!("{error}");
+        assert!(
+            error.starts_with("calibration views: expected views that determine"),
+            "{error}"
+        );
+    }
+}

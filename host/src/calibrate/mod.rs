@@ -1,0 +1,279 @@
+//! Calibration: how the instrument really is, found with targets in place of the sample.
+//!
+//! # Design
+//! | module | finds | with |
+//! |---|---|---|
+//! | [`geometry`] | poses, lenses, mirror, sample frame | a flat mirror at known tilts, a diffuse standard |
+//! | [`photometry`] | camera, projector's response, light and throughput, interreflection | reflectance standards |
+//!
+//! A calibration is a directory. `rig.toml` in it is the calibrated rig, which measurements take in place of the nominal
+//! one; the JSON files beside it say what was found, how certain it is, and for which rig.
+
+pub mod geometry;
+pub mod photometry;
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
+
+use geometry::{GEOMETRY, Geometry};
+use photometry::{PHOTOMETRY, Photometry};
+
+use crate::capture::{CaptureError, Captured};
+use crate::measure::MeasureError;
+use crate::measurement::{Measurement, MeasurementError, hex, write_whole};
+use crate::plan::PlanError;
+use crate::rig::{Rig, RigError};
+use crate::store::{ExposureRecord, Segment, StoreError};
+
+/// Name of the calibrated rig's file.
+pub const RIG: &str = "rig.toml";
+
+/// A calibration that measurements take into account.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calibration {
+    /// The calibrated rig, its camera at full size.
+    pub rig: Rig,
+    /// How certain its geometry is; `None` if only the photometry was calibrated.
+    pub geometry: Option<Geometry>,
+    /// Light, throughput and camera; `None` if only the geometry was calibrated.
+    pub photometry: Option<Photometry>,
+}
+
+impl Calibration {
+    /// Opens the calibration in `dir`, which must be one of `rig`: of the nominal rig or of what calibration made of it.
+    ///
+    /// # Errors
+    /// [`CalibrateError::OtherRig`]; [`CalibrateError::Content`].
+    pub fn open(dir: &Path, rig: &Rig) -> Result<Self, CalibrateError> {
+        let calibrated = Rig::load(&dir.join(RIG).display().to_string())?;
+        let (given, own) = (rig_hash(rig), rig_hash(&calibrated));
+        let path = dir.join(GEOMETRY);
+        let geometry = path.is_file().then(|| Geometry::read(dir)).transpose()?;
+        let recorded = geometry
+            .as_ref()
+            .map_or(&own, |geometry| &geometry.nominal_sha256);
+        if given != own && given != *recorded {
+            return Err(CalibrateError::OtherRig {
+                path: path.display().to_string(),
+                rig: rig.name.clone(),
+                expected: given,
+                found: recorded.clone(),
+            });
+        }
+        if let Some(geometry) = &geometry {
+            check_rig(&path, &calibrated, &geometry.rig_sha256)?;
+        }
+        let path = dir.join(PHOTOMETRY);
+        let photometry = path
+            .is_file()
+            .then(|| Photometry::read(&path, &calibrated))
+            .transpose()?;
+        Ok(Self {
+            rig: calibrated,
+            geometry,
+            photometry,
+        })
+    }
+}
+
+fn check_rig(path: &Path, rig: &Rig, found: &str) -> Result<(), CalibrateError> {
+    let expected = rig_hash(rig);
+    if expected == found {
+        return Ok(());
+    }
+    Err(CalibrateError::OtherRig {
+        path: path.display().to_string(),
+        rig: rig.name.clone(),
+        expected,
+        found: found.to_owned(),
+    })
+}
+
+/// What assembly takes into account, as `calibration.json` of a measurement has it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Applied {
+    /// Standard uncertainty (k = 1, RMS) of the directions of camera and projector, degrees; zero if nobody knows.
+    pub direction_deg: [f64; 2],
+    /// Light, throughput and camera.
+    pub photometry: Option<Photometry>,
+}
+
+impl Applied {
+    /// Name of its file in a measurement.
+    pub const FILE: &str = "calibration.json";
+
+    /// What the measurement in `dir` takes into account: nothing if there is no such file.
+    ///
+    /// # Errors
+    /// [`CalibrateError::Content`].
+    pub fn read(dir: &Path) -> Result<Self, CalibrateError> {
+        let path = dir.join(Self::FILE);
+        if path.is_file() {
+            let applied: Self = read_json(&path)?;
+            if let Some(photometry) = &applied.photometry {
+                photometry.check(&path)?;
+            }
+            Ok(applied)
+        } else {
+            Ok(Self::default())
+        }
+    }
+
+    /// Writes it into the measurement in `dir`.
+    ///
+    /// # Errors
+    /// [`MeasurementError::Io`].
+    pub fn write(&self, dir: &Path) -> Result<(), MeasurementError> {
+        let text = serde_json::to_string_pretty(self).expect("JSON values can be written");
+        write_whole(&dir.join(Self::FILE), text.as_bytes())
+    }
+}
+
+impl Measurement {
+    /// Refuses to go on with a `calibration` that is not the one with which this measurement was begun; none leaves it.
+    ///
+    /// # Errors
+    /// [`MeasurementError::Differs`]; [`CalibrateError::Content`].
+    pub fn check_calibration(&self, calibration: Option<&Calibration>) -> Result<(), CalibrateError> {
+        let Some(calibration) = calibration else {
+            return Ok(());
+        };
+        if Applied::read(self.dir())? == calibration.applied() {
+            return Ok(());
+        }
+        Err(MeasurementError::Differs {
+            path: self.dir().display().to_string(),
+            field: "calibration",
+            expected: "the one".to_owned(),
+            found: "another".to_owned(),
+        }
+        .into())
+    }
+}
+
+impl Calibration {
+    /// What measurements with it take into account.
+    #[must_use]
+    pub fn applied(&self) -> Applied {
+        Applied {
+            direction_deg: self
+                .geometry
+                .as_ref()
+                .map_or([0.0; 2], |geometry| [geometry.camera_deg, geometry.projector_deg]),
+            photometry: self.photometry.clone(),
+        }
+    }
+}
+
+/// Why there is no calibration.
+#[derive(Debug, thiserror::Error)]
+pub enum CalibrateError {
+    /// The instrument.
+    #[error(transparent)]
+    Measure(#[from] MeasureError),
+    /// Its captures.
+    #[error(transparent)]
+    Measurement(#[from] MeasurementError),
+    /// A store.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The rig.
+    #[error(transparent)]
+    Rig(#[from] RigError),
+    /// The picture of the residuals.
+    #[error(transparent)]
+    Picture(#[from] crate::render::PictureError),
+    /// A file of the calibration.
+    #[error("{path}: {field}: expected {expected}, found {found}")]
+    Content {
+        /// The file.
+        path: String,
+        /// What in it.
+        field: String,
+        /// What was expected.
+        expected: String,
+        /// What is there.
+        found: String,
+    },
+    /// The calibration belongs to another rig.
+    #[error(
+        "{path}: expected a calibration of rig {rig}, found one of another rig (SHA-256 {found:.12} instead of \
+         {expected:.12}); calibrate this rig, or give --rig the one that was calibrated"
+    )]
+    OtherRig {
+        /// The file.
+        path: String,
+        /// Name of the rig that there is.
+        rig: String,
+        /// Its hash.
+        expected: String,
+        /// The recorded hash.
+        found: String,
+    },
+    /// The views do not determine the geometry.
+    #[error("calibration views: expected {expected}, found {found}; {advice}")]
+    Views {
+        /// What was expected.
+        expected: String,
+        /// What there is.
+        found: String,
+        /// What to do.
+        advice: &'static str,
+    },
+}
+
+impl From<CaptureError> for CalibrateError {
+    fn from(error: CaptureError) -> Self {
+        Self::Measurement(error.into())
+    }
+}
+
+impl From<PlanError> for CalibrateError {
+    fn from(error: PlanError) -> Self {
+        Self::Measurement(error.into())
+    }
+}
+
+/// What tells a rig from every other: the SHA-256 of its file as this program writes it.
+#[must_use]
+pub fn rig_hash(rig: &Rig) -> String {
+    hex(&Sha256::digest(rig.to_toml().as_bytes()))
+}
+
+/// Reads the JSON file at `path`.
+fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, CalibrateError> {
+    let content = |expected: &str, found: String| CalibrateError::Content {
+        path: path.display().to_string(),
+        field: "file".to_owned(),
+        expected: expected.to_owned(),
+        found,
+    };
+    let bytes = std::fs::read(path).map_err(|error| content("a readable file", error.to_string()))?;
+    serde_json::from_slice(&bytes)
+        .map_err(|error| content("a file as rcg calibrate writes it", error.to_string()))
+}
+
+/// Frames and records of exposures that show no incident direction of a plan.
+fn segment_of(shots: Vec<Captured>, kind: u8, exposure_s: f64) -> Segment {
+    let mut segment = Segment::default();
+    for shot in shots {
+        let [trigger, on, off] = shot.ticks;
+        segment.records.push(ExposureRecord {
+            incident: -1,
+            kind,
+            exposure_s,
+            trigger_tick: trigger.0,
+            strobe_on_tick: on.0,
+            strobe_off_tick: off.0,
+            frame_id: shot.frame_id,
+            attempts: shot.attempts,
+            flags: u16::from(shot.flags),
+            ..ExposureRecord::default()
+        });
+        segment.frames.extend(shot.dn);
+    }
+    segment
+}

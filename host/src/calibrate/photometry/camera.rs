@@ -1,0 +1,199 @@
+//! The camera by itself: dark level, photon transfer, linearity.
+//!
+//! # Design
+//! Photon transfer (Janesick, Photon Transfer, SPIE 2007): over repeated exposures the variance of a pixel is
+//! `σ_read² + signal/gain + 1/12`, the last for rounding. Pixels of all exposure times are binned by their mean; the line is
+//! fitted to the bins with weights of the variance's own variance. The series has the standard in the light, so that the
+//! bins reach from darkness to near saturation.
+//!
+//! Linearity: what a pixel shows of the light of the spot, over the exposure time, must be constant. The camera is described
+//! by one number β: of a signal s it shows s·(1 − β·s/range), and s'·(1 + β·s'/range) brings it back to first order. All
+//! pixels together determine β by least squares, each with a rate of its own.
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+/// Bins of the photon-transfer curve.
+const BINS: usize = 40;
+/// Fewest pixels in a bin that counts.
+const FEWEST: u32 = 50;
+/// Share of the range up to which signals count.
+const HIGHEST: f64 = 0.92;
+
+/// What is known of the camera.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraFound {
+    /// Digital number without light at an exposure time of zero, mean over the pixels.
+    pub dark_dn: f64,
+    /// Digital numbers that dark current adds per second, mean over the pixels.
+    pub dark_dn_per_s: f64,
+    /// Electrons per digital number.
+    pub gain_e_per_dn: f64,
+    /// Standard deviation of the read-out, electrons.
+    pub read_noise_e: f64,
+    /// β: of a signal s the camera shows s·(1 − β·s/range), the range being that above the dark level.
+    pub nonlinearity: f64,
+    /// Largest deviation from a straight line that is left, of the mean over all pixels, relative.
+    pub linearity_residual: f64,
+}
+
+/// Frames of one exposure time, [frame][pixel × channel], digital numbers.
+pub(super) struct Times<'a> {
+    pub(super) exposure_s: f64,
+    pub(super) lit: Vec<&'a [u16]>,
+    pub(super) black: Vec<&'a [u16]>,
+    pub(super) dark: Vec<&'a [u16]>,
+}
+
+/// Mean and unbiased variance of each value over frames.
+pub(super) fn moments(frames: &[&[u16]]) -> (Vec<f64>, Vec<f64>) {
+    let count = frames.len() as f64;
+    (0..frames[0].len())
+        .map(|at| {
+            let mean = frames.iter().map(|frame| f64::from(frame[at])).sum::<f64>() / count;
+            let squares = frames.iter().map(|frame| (f64::from(frame[at]) - mean).powi(2));
+            (mean, squares.sum::<f64>() / (count - 1.0))
+        })
+        .unzip()
+}
+
+/// What the series says of the camera; `saturation_dn` is its largest number.
+pub(super) fn camera(series: &[Times], saturation_dn: f64) -> CameraFound {
+    let (dark_dn, dark_dn_per_s) = dark(series);
+    let range = saturation_dn - dark_dn;
+    let (gain_e_per_dn, read_noise_dn) = photon_transfer(series, dark_dn, range);
+    let (nonlinearity, linearity_residual) = linearity(series, dark_dn, range, gain_e_per_dn);
+    CameraFound {
+        dark_dn,
+        dark_dn_per_s,
+        gain_e_per_dn,
+        read_noise_e: read_noise_dn * gain_e_per_dn,
+        nonlinearity,
+        linearity_residual,
+    }
+}
+
+/// Level and slope over time of the dark frames' mean.
+fn dark(series: &[Times]) -> (f64, f64) {
+    let mean = |times: &Times| {
+        let (mean, _) = moments(&times.dark);
+        mean.iter().sum::<f64>() / mean.len() as f64
+    };
+    let points: Vec<(f64, f64)> = series
+        .iter()
+        .map(|times| (times.exposure_s, mean(times)))
+        .collect();
+    line(&points.iter().map(|&(x, y)| (x, y, 1.0)).collect::<Vec<_>>())
+}
+
+/// Intercept and slope of the weighted line through points (x, y, weight).
+fn line(points: &[(f64, f64, f64)]) -> (f64, f64) {
+    let sum = |of: &dyn Fn(f64, f64) -> f64| points.iter().map(|&(x, y, w)| w * of(x, y)).sum::<f64>();
+    let (w, wx, wy) = (sum(&|_, _| 1.0), sum(&|x, _| x), sum(&|_, y| y));
+    let (wxx, wxy) = (sum(&|x, _| x * x), sum(&|x, y| x * y));
+    let slope = (w * wxy - wx * wy) / (w * wxx - wx * wx);
+    ((wy - slope * wx) / w, slope)
+}
+
+/// Gain in electrons per digital number and read noise in digital numbers.
+fn photon_transfer(series: &[Times], dark_dn: f64, range: f64) -> (f64, f64) {
+    let mut bins = vec![(0.0, 0.0, 0_u32); BINS];
+    for times in series {
+        for frames in [&times.lit, &times.black, &times.dark] {
+            let (mean, variance) = moments(frames);
+            for (mean, variance) in mean.into_iter().zip(variance) {
+                let share = ((mean - dark_dn) / range).max(0.0);
+                if share < HIGHEST {
+                    // Square roots spread the dark end, where most pixels are.
+                    let bin = &mut bins[(share.sqrt() * BINS as f64) as usize];
+                    *bin = (bin.0 + mean - dark_dn, bin.1 + variance, bin.2 + 1);
+                }
+            }
+        }
+    }
+    let points: Vec<(f64, f64, f64)> = bins
+        .into_iter()
+        .filter(|bin| bin.2 >= FEWEST)
+        .map(|(signal, variance, count)| {
+            let (signal, variance) = (signal / f64::from(count), variance / f64::from(count));
+            (signal, variance, f64::from(count) / variance.max(0.1).powi(2))
+        })
+        .collect();
+    let (intercept, slope) = line(&points);
+    (slope.recip(), (intercept - 1.0 / 12.0).max(0.0).sqrt())
+}
+
+/// β and what deviation is left.
+fn linearity(series: &[Times], dark_dn: f64, range: f64, gain: f64) -> (f64, f64) {
+    // Per exposure time and pixel: signal of the spot, what it would be at saturation, and its weight.
+    let signals: Vec<(f64, Vec<(f64, f64, f64)>)> = series
+        .iter()
+        .map(|times| {
+            let ((lit, _), (black, _)) = (moments(&times.lit), moments(&times.black));
+            let one = |(lit, black): (f64, f64)| {
+                // The charge of the black frames is there too and bends the line as much.
+                let (lit, black) = (lit - dark_dn, black - dark_dn);
+                let bend = (lit * lit - black * black) / range;
+                let is_good = lit < HIGHEST * range && lit - black > 0.1 * range;
+                let weight = if is_good { gain / lit } else { 0.0 };
+                (lit - black, bend, weight)
+            };
+            (times.exposure_s, lit.into_iter().zip(black).map(one).collect())
+        })
+        .collect();
+    let pixels = signals[0].1.len();
+    let (mut ab, mut bb) = (0.0, 0.0);
+    for pixel in 0..pixels {
+        let points = || {
+            signals
+                .iter()
+                .map(|(t, all)| (all[pixel].0 / t, all[pixel].1 / t, all[pixel].2 * t * t))
+        };
+        let weight: f64 = points().map(|p| p.2).sum();
+        if points().filter(|p| p.2 > 0.0).count() < 3 {
+            continue;
+        }
+        let a_mean = points().map(|p| p.0 * p.2).sum::<f64>() / weight;
+        let b_mean = points().map(|p| p.1 * p.2).sum::<f64>() / weight;
+        for (a, b, w) in points() {
+            ab += w * (a - a_mean) * (b - b_mean);
+            bb += w * (b - b_mean) * (b - b_mean);
+        }
+    }
+    let beta = if bb > 0.0 { -ab / bb } else { 0.0 };
+    // The mean rate of the pixels that are good at a time, against their own mean over all times.
+    let mut worst = 0.0_f64;
+    for (t, all) in &signals {
+        let (mut sum, mut expected) = (0.0, 0.0);
+        for (pixel, &(signal, bend, weight)) in all.iter().enumerate().filter(|(_, one)| one.2 > 0.0) {
+            let good = || signals.iter().filter(move |(_, all)| all[pixel].2 > 0.0);
+            let rate = |t: f64, one: (f64, f64, f64)| (one.0 + beta * one.1) / t;
+            let mean = good().map(|(t, all)| rate(*t, all[pixel])).sum::<f64>() / good().count() as f64;
+            sum += rate(*t, (signal, bend, weight));
+            expected += mean;
+        }
+        if expected > 0.0 {
+            worst = worst.max((sum / expected - 1.0).abs());
+        }
+    }
+    (beta, worst)
+}
+
+/// Solves the normal equations of weighted least squares for rows (values, target, weight); also the inverse of the normal
+/// matrix, which is the covariance if weights are inverse variances. `None` if they are singular.
+pub(super) fn least_squares(
+    unknowns: usize,
+    rows: impl Iterator<Item = (Vec<f64>, f64, f64)>,
+) -> Option<(DVector<f64>, DMatrix<f64>)> {
+    let mut normal = DMatrix::zeros(unknowns, unknowns);
+    let mut right = DVector::zeros(unknowns);
+    for (row, target, weight) in rows {
+        let row = DVector::from_vec(row);
+        normal.syger(weight, &row, &row, 1.0);
+        right.axpy(weight * target, &row, 1.0);
+    }
+    normal.fill_upper_triangle_with_lower_triangle();
+    let inverse = normal.cholesky()?.inverse();
+    Some((&inverse * right, inverse))
+}

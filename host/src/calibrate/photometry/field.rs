@@ -1,0 +1,109 @@
+//! Smooth fields over an image: products of Legendre polynomials in the logarithm.
+//!
+//! # Design
+//! Light and throughput are smooth and positive. ln F(x, y) = Σ c_ij P_i(x) P_j(y) over i + j ≤ the degree, x and y −1 to 1
+//! over the image; the constant is not among them, because it belongs to the scale of the whole instrument. Legendre's
+//! polynomials keep the fit well conditioned.
+
+use serde::{Deserialize, Serialize};
+
+/// Largest sum of the degrees in x and y.
+pub(super) const DEGREE: usize = 9;
+/// Coefficients of a field.
+pub(super) const TERMS: usize = (DEGREE + 1) * (DEGREE + 2) / 2 - 1;
+
+/// A field relative to the middle of its logarithm.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct SmoothField {
+    /// c_ij in the order of i + j, then of i.
+    coefficients: Vec<f64>,
+}
+
+impl SmoothField {
+    pub(super) fn new(coefficients: Vec<f64>) -> Self {
+        Self { coefficients }
+    }
+
+    /// Whether it has as many coefficients as it should.
+    pub(super) fn is_whole(&self) -> bool {
+        self.coefficients.len() == TERMS && self.coefficients.iter().all(|c| c.is_finite())
+    }
+
+    /// The field at (`x`, `y`), −1 to 1 over the image.
+    #[must_use]
+    pub fn at(&self, x: f64, y: f64) -> f64 {
+        let terms = terms(x, y);
+        let sum: f64 = self
+            .coefficients
+            .iter()
+            .zip(terms)
+            .map(|(c, term)| c * term)
+            .sum();
+        sum.exp()
+    }
+
+    /// The field at every pixel centre of an image, row by row.
+    #[must_use]
+    pub fn over(&self, width_px: usize, height_px: usize) -> Vec<f64> {
+        let half = |index: usize, size: usize| 2.0 * (index as f64 + 0.5) / size as f64 - 1.0;
+        (0..width_px * height_px)
+            .map(|index| {
+                self.at(
+                    half(index % width_px, width_px),
+                    half(index / width_px, height_px),
+                )
+            })
+            .collect()
+    }
+}
+
+/// All P_i(x)·P_j(y) but the constant, in the order of the coefficients.
+pub(super) fn terms(x: f64, y: f64) -> [f64; TERMS] {
+    let (px, py) = (legendre(x), legendre(y));
+    let mut terms = [0.0; TERMS];
+    let mut at = 0;
+    for degree in 1..=DEGREE {
+        for i in 0..=degree {
+            terms[at] = px[i] * py[degree - i];
+            at += 1;
+        }
+    }
+    terms
+}
+
+/// P_0 to P_DEGREE at `x`, by Bonnet's recursion.
+fn legendre(x: f64) -> [f64; DEGREE + 1] {
+    let mut p = [1.0; DEGREE + 1];
+    p[1] = x;
+    for n in 1..DEGREE {
+        let k = n as f64;
+        p[n + 1] = ((2.0 * k + 1.0) * x * p[n] - k * p[n - 1]) / (k + 1.0);
+    }
+    p
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn legendre_polynomials_are_those_of_the_textbook() {
+        let x = 0.3_f64;
+        let p = legendre(x);
+        assert!((p[2] - (3.0 * x * x - 1.0) / 2.0).abs() < 1e-15);
+        assert!((p[3] - (5.0 * x.powi(3) - 3.0 * x) / 2.0).abs() < 1e-15);
+        assert!(legendre(1.0).iter().all(|p| (p - 1.0).abs() < 1e-12));
+    }
+
+    #[test]
+    fn a_field_of_one_term_is_that_term() {
+        let mut coefficients = vec![0.0; TERMS];
+        coefficients[1] = 0.2; // i = 1, j = 0
+        let field = SmoothField::new(coefficients);
+        assert!((field.at(0.5, -0.7) - (0.2_f64 * 0.5).exp()).abs() < 1e-15);
+        assert!(field.is_whole());
+        let over = field.over(4, 2);
+        assert!((over[0] - (0.2_f64 * -0.75).exp()).abs() < 1e-15 && over.len() == 8);
+    }
+}

@@ -1,0 +1,314 @@
+//! Calibration of the photometry: camera, projector's response, light, throughput, interreflection.
+//!
+//! # Design
+//! | file | holds |
+//! |---|---|
+//! | `capture` | the views: what is shown and taken |
+//! | `camera` | dark level, photon transfer, linearity |
+//! | `field` | smooth fields over an image |
+//! | `rank_one` | light and throughput from the standard |
+//!
+//! The signal model of [`crate::assemble`] has one number per pair of projector and camera pixel, K·T_o·E_p, and it is a
+//! product: two smooth fields, which some thousand frames of a standard of known f determine (`rank_one`).
+//!
+//! Of the light that leaves the sample, mirror and optics throw a share back onto it. A second standard of another
+//! reflectance shows how large it is: of the two, the brighter one gains more.
+//!
+//! Assembly takes all of it into account; what it does about interreflection stands there.
+
+mod camera;
+mod capture;
+mod field;
+mod rank_one;
+#[cfg(test)]
+mod tests;
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+pub use camera::CameraFound;
+pub use capture::{Request, Views, capture};
+pub use field::SmoothField;
+
+use camera::{Times, camera, moments};
+use capture::{SEGMENT, Shows};
+use rank_one::{Seen, fit};
+
+use super::{CalibrateError, RIG, check_rig, read_json, rig_hash};
+use crate::direction::from_degrees;
+use crate::measurement::write_whole;
+use crate::rig::Rig;
+use crate::sample::{Sample, albedo};
+use crate::store::{RawStore, Segment};
+
+/// Name of the file with what was found.
+pub const PHOTOMETRY: &str = "photometry.json";
+/// Share of saturated values in frames of the standard that is too much.
+const SATURATED: f64 = 0.002;
+
+/// Level of grey of the exposure `index` of the series of levels.
+fn level(index: usize) -> u8 {
+    (17 * index) as u8
+}
+
+/// What calibration found, as `photometry.json` has it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Photometry {
+    /// Hash of the calibrated rig that it belongs to.
+    pub rig_sha256: String,
+    /// The standard.
+    pub standard: String,
+    /// Relative standard uncertainty of its reflectance.
+    pub standard_uncertainty: f64,
+    /// The camera.
+    pub camera: CameraFound,
+    /// Light of the black projector pixels, as digital numbers per second on the standard, mean over the pixels.
+    pub stray_dn_per_s: f64,
+    /// Light of the levels 0, 17, … 255, relative to the brightest.
+    pub projector_response: Vec<f64>,
+    /// Exponent that describes the response best.
+    pub gamma: f64,
+    /// K of each channel: digital numbers per second and f in sr⁻¹ × Σ E·cosθ·Δω, where both fields are 1.
+    pub sensitivity: Vec<f64>,
+    /// `T_o` over the camera's image.
+    pub throughput: SmoothField,
+    /// `E_p` over the projector's image.
+    pub intensity: SmoothField,
+    /// Relative standard uncertainty (k = 1) of K·T_o·E_p by noise, median over the pairs.
+    pub field_uncertainty: f64,
+    /// What is left between the product and the frames of the standard beyond their noise, relative, RMS.
+    pub field_residual: f64,
+    /// Share of the light from the sample that returns onto it, if a second standard showed it.
+    pub interreflection: Option<Interreflection>,
+}
+
+/// Light from the sample that returns onto it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Interreflection {
+    /// The share.
+    pub share: f64,
+    /// Its standard uncertainty (k = 1).
+    pub standard_uncertainty: f64,
+}
+
+/// Fits the photometry to the captures in `dir` and writes what was found beside them; the standard's reflectance is known
+/// to `standard_uncertainty` (relative, k = 1).
+///
+/// # Errors
+/// [`CalibrateError`].
+pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, CalibrateError> {
+    let views = Views::read(dir)?;
+    let rig_path = dir.join(RIG);
+    check_rig(
+        &dir.join(capture::RAW),
+        &Rig::load(&rig_path.display().to_string())?,
+        &rig_hash(&views.rig),
+    )?;
+    let rig = views.scaled()?;
+    let grid = Views::grid(&rig)?;
+    let raw = RawStore::open(&dir.join(capture::RAW))?;
+    let shows = views.segments();
+    let segments: Vec<Segment> = (0..raw.segments())
+        .map(|index| raw.read_segment(index))
+        .collect::<Result<_, _>>()?;
+    let length = rig.frame_format().len();
+    let frames_of = |wanted: Shows| -> Vec<&[u16]> {
+        let at = shows.iter().position(|shows| *shows == wanted);
+        at.map(|at| segments[at].frames.chunks_exact(length).collect())
+            .unwrap_or_default()
+    };
+    let series: Vec<Times> = (0..views.times_s.len())
+        .map(|index| {
+            let mut lit = frames_of(Shows::Series(index));
+            let black = lit.split_off(SEGMENT / 2);
+            Times {
+                exposure_s: views.times_s[index],
+                lit,
+                black,
+                dark: frames_of(Shows::Dark(index)),
+            }
+        })
+        .collect();
+    let saturation_dn = f64::from(rig.saturation_dn());
+    let camera = camera(&series, saturation_dn);
+    let linear = Linear {
+        camera,
+        range: saturation_dn - camera.dark_dn,
+    };
+    let black = linear.mean(&frames_of(Shows::Black));
+    let dark = linear.mean(&series[series.len() - 1].dark);
+    let stray = black
+        .iter()
+        .zip(&dark)
+        .map(|(black, dark)| black - dark)
+        .sum::<f64>()
+        / length as f64;
+    let projector_response = linear.levels(&frames_of(Shows::Levels), &black);
+
+    let standard = crate::sample::parse(&views.standard).map_err(crate::measure::MeasureError::from)?;
+    let mut seen = Seen::new(&views, &rig, &grid, saturation_dn);
+    for wanted in shows.iter().copied() {
+        if let Shows::Directions(first) = wanted {
+            seen.add(
+                first,
+                &frames_of(wanted),
+                &linear,
+                &black,
+                standard.as_ref(),
+                &views.standard,
+            )?;
+        }
+    }
+    if seen.saturated_share() > SATURATED {
+        return Err(CalibrateError::Views {
+            expected: format!(
+                "frames of the standard with at most {} % saturated",
+                100.0 * SATURATED
+            ),
+            found: format!("{:.1} %", 100.0 * seen.saturated_share()),
+            advice: "take them with a shorter --exposure-ms, or let it be found",
+        });
+    }
+    let fields = fit(&seen).ok_or_else(|| CalibrateError::Views {
+        expected: "frames of the standard that determine light and throughput".to_owned(),
+        found: "too little of the image lit".to_owned(),
+        advice: "is the standard in place, and lit?",
+    })?;
+    let own = interreflected(standard.as_ref());
+    let interreflection = match &views.second_standard {
+        None => None,
+        Some(spec) => {
+            let second = crate::sample::parse(spec).map_err(crate::measure::MeasureError::from)?;
+            let black = linear.mean(&frames_of(Shows::SecondBlack));
+            let mut other = Seen::new(&views, &rig, &grid, saturation_dn);
+            for wanted in shows.iter().copied() {
+                if let Shows::SecondDirections(first) = wanted {
+                    other.add(first, &frames_of(wanted), &linear, &black, second.as_ref(), spec)?;
+                }
+            }
+            interreflection(&seen, &other, own, interreflected(second.as_ref()))
+        }
+    };
+    let exposure_s = views.exposure_s;
+    let photometry = Photometry {
+        rig_sha256: rig_hash(&views.rig),
+        standard: views.standard.clone(),
+        standard_uncertainty,
+        camera,
+        stray_dn_per_s: stray / exposure_s,
+        gamma: gamma(&projector_response),
+        projector_response,
+        // The standard's own interreflection is no property of the instrument.
+        sensitivity: fields
+            .sensitivity
+            .into_iter()
+            .map(|k| k / (1.0 + own * interreflection.map_or(0.0, |found| found.share)))
+            .collect(),
+        throughput: fields.throughput,
+        intensity: fields.intensity,
+        field_uncertainty: fields.uncertainty,
+        field_residual: fields.residual,
+        interreflection,
+    };
+    let text = serde_json::to_string_pretty(&photometry).expect("JSON values can be written");
+    write_whole(&dir.join(PHOTOMETRY), text.as_bytes())?;
+    Ok(photometry)
+}
+
+impl Photometry {
+    /// Reads the photometry at `path`, which must be that of `rig` (its camera at full size).
+    ///
+    /// # Errors
+    /// [`CalibrateError::OtherRig`]; [`CalibrateError::Content`].
+    pub fn read(path: &Path, rig: &Rig) -> Result<Self, CalibrateError> {
+        let found: Self = read_json(path)?;
+        found.check(path)?;
+        check_rig(path, rig, &found.rig_sha256)?;
+        Ok(found)
+    }
+
+    /// Refuses numbers that no calibration finds; `path` is where they were read.
+    pub(super) fn check(&self, path: &Path) -> Result<(), CalibrateError> {
+        let is_whole = self.throughput.is_whole()
+            && self.intensity.is_whole()
+            && !self.sensitivity.is_empty()
+            && self.sensitivity.iter().all(|k| *k > 0.0)
+            && self.camera.gain_e_per_dn > 0.0;
+        if is_whole {
+            return Ok(());
+        }
+        Err(CalibrateError::Content {
+            path: path.display().to_string(),
+            field: "throughput, intensity, sensitivity, camera".to_owned(),
+            expected: format!(
+                "{} finite coefficients each, positive sensitivities and gain",
+                field::TERMS
+            ),
+            found: "others".to_owned(),
+        })
+    }
+}
+
+/// Digital numbers → what they would be if the camera were linear, above the dark level.
+struct Linear {
+    camera: CameraFound,
+    range: f64,
+}
+
+impl Linear {
+    fn of(&self, dn: f64) -> f64 {
+        let signal = dn - self.camera.dark_dn;
+        signal * (1.0 + self.camera.nonlinearity * signal / self.range)
+    }
+
+    /// Mean over frames of each value.
+    fn mean(&self, frames: &[&[u16]]) -> Vec<f64> {
+        moments(frames).0.into_iter().map(|dn| self.of(dn)).collect()
+    }
+
+    /// Light of each level above the black frame, relative to the last.
+    fn levels(&self, frames: &[&[u16]], black: &[f64]) -> Vec<f64> {
+        let light = |frame: &&[u16]| {
+            let lit = frame.iter().map(|dn| self.of(f64::from(*dn)));
+            lit.zip(black).map(|(lit, black)| lit - black).sum::<f64>()
+        };
+        let all: Vec<f64> = frames.iter().map(light).collect();
+        let brightest = all.last().copied().unwrap_or(1.0);
+        all.into_iter().map(|light| light / brightest).collect()
+    }
+}
+
+/// Exponent of the power that describes the levels best, in the logarithm, those above a tenth counting.
+fn gamma(response: &[f64]) -> f64 {
+    let (mut xy, mut xx) = (0.0, 0.0);
+    for (index, light) in response.iter().enumerate() {
+        let x = (f64::from(level(index)) / 255.0).ln();
+        if *light > 0.1 && x < 0.0 {
+            xy += x * light.ln();
+            xx += x * x;
+        }
+    }
+    if xx > 0.0 { xy / xx } else { 1.0 }
+}
+
+/// What the interreflection of the whole light adds to the signal of a standard, relative: of f the standard shows
+/// f + share·ρ(ω_i)·ρ(ω_o)/π, with its directional albedo ρ. Standards are diffuse: one pair stands for all.
+fn interreflected(standard: &dyn Sample) -> f64 {
+    let mean = |values: [f64; 3]| values.iter().sum::<f64>() / 3.0;
+    let (wi, wo) = (from_degrees(45.0, 0.0), from_degrees(30.0, 180.0));
+    mean(albedo(standard, wi)) * mean(albedo(standard, wo))
+        / (std::f64::consts::PI * mean(standard.f(wi, wo)))
+}
+
+/// The share that returns, from what the standards show of their own reflectance: `first` adds share·`a`, `second`
+/// share·`b`.
+fn interreflection(first: &Seen, second: &Seen, a: f64, b: f64) -> Option<Interreflection> {
+    let (ratio, uncertainty) = first.ratio_to(second)?;
+    // (1 + share·a)/(1 + share·b) = ratio.
+    Some(Interreflection {
+        share: (ratio - 1.0) / (a - ratio * b),
+        standard_uncertainty: uncertainty / (a - b).abs(),
+    })
+}

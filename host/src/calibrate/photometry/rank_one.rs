@@ -1,0 +1,274 @@
+//! Light and throughput from frames of a standard.
+//!
+//! # Design
+//! Of each incident direction and each camera pixel, what was seen over what a uniform instrument would have seen is
+//! q = K·T(o)·E(p). Its logarithm is linear in ln K and in the coefficients of both fields: weighted least squares, with the
+//! variance of q by noise. All pairs that take part are spread over both images; the pixels of the camera that see an edge
+//! of the mirror do not, because the calibrated rig may have it elsewhere by a part of a pixel.
+//!
+//! Channels share both fields and have a K each.
+
+use glam::DVec3;
+
+use super::Linear;
+use super::camera::least_squares;
+use super::capture::{Views, maker};
+use super::field::{SmoothField, TERMS, terms};
+use crate::calibrate::CalibrateError;
+use crate::optics::{DirectionMap, View};
+use crate::plan::Directions;
+use crate::rig::Rig;
+use crate::sample::Sample;
+
+/// Pairs that take part, about.
+const PAIRS: usize = 60_000;
+/// Least cosine of both directions: 80° from the normal.
+const LEAST_COS: f64 = 0.174;
+/// Least signal, as a share of its own noise: below it the logarithm is biased.
+const LEAST_SNR: f64 = 20.0;
+
+/// Spots come no closer than this to an edge of the mirror, degrees.
+const EDGE_DEG: f64 = 1.0;
+
+/// One value of a frame of the standard.
+struct Pair {
+    /// Index of the camera pixel and of the incident direction.
+    pixel: u32,
+    place: u32,
+    channel: u8,
+    /// ln q.
+    log: f64,
+    /// Its variance by noise.
+    variance: f64,
+}
+
+/// Frames of a standard as far as they were seen.
+pub(super) struct Seen<'a> {
+    views: &'a Views,
+    grid: &'a Directions,
+    channels: usize,
+    saturation_dn: f64,
+    /// Pixels that take part: index, place in the image (−1 to 1) and direction.
+    pixels: Vec<(usize, [f64; 2], DVec3)>,
+    /// Of each place: centre of the lit pixels in the projector's image (−1 to 1) and Σ cosθ·Δω.
+    lit: Vec<Option<([f64; 2], f64)>>,
+    pairs: Vec<Pair>,
+    saturated: u64,
+    values: u64,
+}
+
+/// What was found.
+pub(super) struct Fields {
+    pub(super) sensitivity: Vec<f64>,
+    pub(super) throughput: SmoothField,
+    pub(super) intensity: SmoothField,
+    pub(super) uncertainty: f64,
+    pub(super) residual: f64,
+}
+
+impl<'a> Seen<'a> {
+    pub(super) fn new(views: &'a Views, rig: &Rig, grid: &'a Directions, saturation_dn: f64) -> Self {
+        let map = DirectionMap::of(&View::camera(rig));
+        let half = |at: f64, size: usize| 2.0 * at / size as f64 - 1.0;
+        let (width, height) = (map.width_px, map.height_px);
+        let is_inner = |index: usize| {
+            let (x, y) = (index % width, index / width);
+            (2..width - 2).contains(&x)
+                && (2..height - 2).contains(&y)
+                && (y - 2..=y + 2).all(|y| (x - 2..=x + 2).all(|x| map.direction(x, y).is_ok()))
+        };
+        let pixels = map
+            .measurable()
+            .filter(|(index, w, _)| w.z > LEAST_COS && is_inner(*index))
+            .map(|(index, w, _)| {
+                let at = [
+                    half((index % width) as f64 + 0.5, width),
+                    half((index / width) as f64 + 0.5, height),
+                ];
+                (index, at, w)
+            })
+            .collect();
+        let maker = maker(rig);
+        let projector = View::projector(rig);
+        let clearance_rad = (rig.light.spot_deg / 2.0 + EDGE_DEG).to_radians();
+        let (projector_width, projector_height) = maker.size_px();
+        let lit = (0..views.directions.len())
+            .map(|place| {
+                let w = views.direction(grid, place);
+                let at = projector.pixel(w).ok()?;
+                // A spot that an edge cuts is as strong as the edge is where it should be.
+                let distances = projector.edge_distances_rad(at.x, at.y);
+                let is_clear = distances.into_iter().flatten().all(|rad| rad > clearance_rad);
+                let lit = maker.lit_set(w).ok().filter(|_| w.z > LEAST_COS && is_clear)?;
+                let mean = |of: &dyn Fn(usize) -> usize| {
+                    let sum: f64 = lit
+                        .pixels
+                        .iter()
+                        .map(|pixel| of(*pixel as usize) as f64 + 0.5)
+                        .sum();
+                    sum / lit.pixels.len() as f64
+                };
+                let at = [
+                    half(mean(&|pixel| pixel % projector_width), projector_width),
+                    half(mean(&|pixel| pixel / projector_width), projector_height),
+                ];
+                Some((at, lit.irradiance))
+            })
+            .collect();
+        Self {
+            views,
+            grid,
+            channels: rig.camera.channels as usize,
+            saturation_dn,
+            pixels,
+            lit,
+            pairs: Vec::new(),
+            saturated: 0,
+            values: 0,
+        }
+    }
+
+    /// Takes the frames of the directions from the place `first` on. `black` is the black frame, linear; `standard` is what
+    /// was in the holder, named `spec`.
+    pub(super) fn add(
+        &mut self,
+        first: usize,
+        frames: &[&[u16]],
+        linear: &Linear,
+        black: &[f64],
+        standard: &dyn Sample,
+        spec: &str,
+    ) -> Result<(), CalibrateError> {
+        let total = self.pixels.len() * self.views.directions.len();
+        let every = (total * self.channels / PAIRS).max(1);
+        let gain = linear.camera.gain_e_per_dn;
+        let read_dn = linear.camera.read_noise_e / gain;
+        for (place, frame) in (first..).zip(frames) {
+            let Some((_, irradiance)) = self.lit[place] else {
+                continue;
+            };
+            let wi = self.views.direction(self.grid, place);
+            let lobe = standard.incident(wi);
+            // Another start in each frame, so that all pixels take part.
+            for &(index, _, wo) in self.pixels.iter().skip(place * 7 % every).step_by(every) {
+                let f = lobe.f(wo);
+                for channel in 0..self.channels {
+                    let at = index * self.channels + channel;
+                    let f = if self.channels == 1 {
+                        f.iter().sum::<f64>() / 3.0
+                    } else {
+                        f[channel]
+                    };
+                    let is_positive = f > 0.0;
+                    if !is_positive {
+                        return Err(CalibrateError::Content {
+                            path: spec.to_owned(),
+                            field: format!(
+                                "standard, f at incident θ {:.1}° and outgoing θ {:.1}°",
+                                wi.z.acos().to_degrees(),
+                                wo.z.acos().to_degrees()
+                            ),
+                            expected:
+                                "a number above 0 in every direction that is seen; give another standard, or \
+                                       mend its file"
+                                    .to_owned(),
+                            found: format!("{f}"),
+                        });
+                    }
+                    let dn = f64::from(frame[at]);
+                    self.values += 1;
+                    if dn >= self.saturation_dn {
+                        self.saturated += 1;
+                        continue;
+                    }
+                    let (all, dark) = (linear.of(dn), black[at]);
+                    let signal = all - dark;
+                    // Of the frame, and of the mean of as many black ones as a segment has.
+                    let noise = read_dn * read_dn + 1.0 / 12.0;
+                    let variance = noise + all.max(0.0) / gain + (noise + dark.max(0.0) / gain) / 16.0;
+                    if signal < LEAST_SNR * variance.sqrt() {
+                        continue;
+                    }
+                    let relative = variance / (signal * signal);
+                    self.pairs.push(Pair {
+                        pixel: index as u32,
+                        place: place as u32,
+                        channel: channel as u8,
+                        // The mean of a logarithm lies half its variance too low.
+                        log: (signal / (self.views.exposure_s * f * irradiance)).ln() + 0.5 * relative,
+                        variance: relative,
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Share of the values that were saturated.
+    pub(super) fn saturated_share(&self) -> f64 {
+        self.saturated as f64 / self.values.max(1) as f64
+    }
+
+    /// Mean of q here over q there, of the pairs that both have, and its standard uncertainty.
+    pub(super) fn ratio_to(&self, other: &Self) -> Option<(f64, f64)> {
+        let key = |pair: &Pair| (pair.place, pair.pixel, pair.channel);
+        let known: std::collections::HashMap<_, &Pair> =
+            other.pairs.iter().map(|pair| (key(pair), pair)).collect();
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for pair in &self.pairs {
+            if let Some(there) = known.get(&key(pair)) {
+                let weight = (pair.variance + there.variance).recip();
+                sum += weight * (pair.log - there.log);
+                weights += weight;
+            }
+        }
+        (weights > 0.0).then(|| ((sum / weights).exp(), weights.sqrt().recip()))
+    }
+}
+
+/// Both fields and the sensitivities; `None` if the pairs do not determine them.
+pub(super) fn fit(seen: &Seen) -> Option<Fields> {
+    let channels = seen.channels;
+    let unknowns = channels + 2 * TERMS;
+    let mut place_of_pixel = std::collections::HashMap::new();
+    for (index, at, _) in &seen.pixels {
+        place_of_pixel.insert(*index as u32, *at);
+    }
+    let row = |pair: &Pair| -> Option<Vec<f64>> {
+        let mut row = vec![0.0; unknowns];
+        row[pair.channel as usize] = 1.0;
+        let [x, y] = *place_of_pixel.get(&pair.pixel)?;
+        row[channels..channels + TERMS].copy_from_slice(&terms(x, y));
+        let ([x, y], _) = seen.lit[pair.place as usize]?;
+        row[channels + TERMS..].copy_from_slice(&terms(x, y));
+        Some(row)
+    };
+    // A weak pull to zero keeps terms in their place that only the unlit corners of the images could show.
+    let pull = (0..2 * TERMS).map(|term| {
+        let mut row = vec![0.0; unknowns];
+        row[channels + term] = 1.0;
+        (row, 0.0, 1.0)
+    });
+    let rows = seen
+        .pairs
+        .iter()
+        .filter_map(|pair| Some((row(pair)?, pair.log, pair.variance.recip())));
+    let (found, covariance) = least_squares(unknowns, rows.chain(pull))?;
+    let (mut excess, mut count) = (0.0, 0_u32);
+    let mut uncertainties = Vec::new();
+    for pair in seen.pairs.iter().step_by(seen.pairs.len().div_ceil(2000).max(1)) {
+        let row = nalgebra::DVector::from_vec(row(pair)?);
+        excess += (row.dot(&found) - pair.log).powi(2) - pair.variance;
+        count += 1;
+        uncertainties.push((&covariance * &row).dot(&row).max(0.0).sqrt());
+    }
+    uncertainties.sort_by(f64::total_cmp);
+    let coefficients = |first: usize| found.rows(first, TERMS).iter().copied().collect();
+    Some(Fields {
+        sensitivity: (0..channels).map(|channel| found[channel].exp()).collect(),
+        throughput: SmoothField::new(coefficients(channels)),
+        intensity: SmoothField::new(coefficients(channels + TERMS)),
+        uncertainty: *uncertainties.get(uncertainties.len() / 2)?,
+        residual: (excess / f64::from(count.max(1))).max(0.0).sqrt(),
+    })
+}

@@ -1,0 +1,129 @@
+//! A rig with ±30 % in light and throughput is found to better than half a percent, and so are the camera's numbers.
+
+use super::*;
+use crate::optics::{DirectionMap, View};
+use crate::progress::Silent;
+use crate::setup::Setup;
+use crate::virtual_rig::{Tolerances, Truth};
+
+const SIZE: u32 = 64;
+
+/// Truth with the geometry of `rig`, and its calibration with these standards.
+fn calibrated(
+    second: Option<&str>,
+    change: impl Fn(&mut Request),
+) -> (Truth, Result<Photometry, CalibrateError>) {
+    let rig = Rig::load("rcg-1").unwrap();
+    let tolerances = Tolerances {
+        position_m: 0.0,
+        angle_deg: 0.0,
+        field: 0.3,
+    };
+    let truth = Truth::drawn(&rig, tolerances, 4).unwrap();
+    let mut aligned = truth.rig.clone();
+    // What the calibration of the geometry has found.
+    aligned.camera.read_noise_e = rig.camera.read_noise_e;
+    aligned.camera.full_well_e = rig.camera.full_well_e;
+    aligned.light.full_scale_f_sr = rig.light.full_scale_f_sr;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("truth.toml");
+    std::fs::write(&path, truth.to_toml()).unwrap();
+    std::fs::write(folder.path().join(RIG), aligned.to_toml()).unwrap();
+    let mut request = Request {
+        standard: "lambert:0.98".to_owned(),
+        second_standard: second.map(str::to_owned),
+        exposure_s: None,
+        image_size: SIZE,
+        truth: Some(path.display().to_string()),
+        noise: true,
+        seed: 1,
+    };
+    change(&mut request);
+    let found = capture(&request, folder.path(), &Setup::default(), &Silent)
+        .and_then(|()| super::calibrate(folder.path(), 0.0025));
+    (truth, found)
+}
+
+#[test]
+fn fields_camera_response_and_interreflection_are_found() {
+    let (truth, found) = calibrated(Some("lambert:0.2"), |_| {});
+    let found = found.unwrap();
+    let rig = truth.rig.with_image_size(SIZE).unwrap();
+    println!(
+        "{:?} {:?} stray {} gamma {} sensitivity {:?} u {} res {}",
+        found.camera,
+        found.interreflection,
+        found.stray_dn_per_s,
+        found.gamma,
+        found.sensitivity,
+        found.field_uncertainty,
+        found.field_residual
+    );
+    let camera = found.camera;
+    assert!(
+        (camera.gain_e_per_dn / rig.gain_e_per_dn() - 1.0).abs() < 0.02,
+        "{camera:?}"
+    );
+    assert!(
+        (camera.read_noise_e / rig.camera.read_noise_e - 1.0).abs() < 0.05,
+        "{camera:?}"
+    );
+    assert!((camera.dark_dn - rig.camera.dark_dn).abs() < 0.2, "{camera:?}");
+    assert!(
+        (camera.nonlinearity - truth.flaws.nonlinearity).abs() < 1e-3,
+        "{camera:?}"
+    );
+    assert!(camera.linearity_residual < 5e-3, "{camera:?}");
+    assert!((found.gamma - truth.flaws.gamma).abs() < 0.02, "{}", found.gamma);
+    let back = found.interreflection.unwrap();
+    assert!(
+        (back.share - truth.flaws.interreflection).abs() < 3.0 * back.standard_uncertainty + 5e-4,
+        "{back:?}"
+    );
+    assert!(back.standard_uncertainty < 1e-3, "{back:?}");
+
+    // K·T_o·E_p of every pair of pixels that see the sample, against the truth.
+    let scale = rig.sensitivity_e() / rig.gain_e_per_dn();
+    let mut errors = Vec::new();
+    let places = |view: &View| -> Vec<[f64; 2]> {
+        let map = DirectionMap::of(view);
+        let half = |at: usize, size: usize| 2.0 * (at as f64 + 0.5) / size as f64 - 1.0;
+        map.measurable()
+            .filter(|(_, w, _)| w.z > 0.2)
+            .map(|(index, ..)| {
+                [
+                    half(index % map.width_px, map.width_px),
+                    half(index / map.width_px, map.height_px),
+                ]
+            })
+            .collect()
+    };
+    let (outgoing, incident) = (places(&View::camera(&rig)), places(&View::projector(&rig)));
+    let (mut lowest, mut highest) = (f64::INFINITY, 0.0_f64);
+    for [x, y] in outgoing.iter().step_by(17) {
+        for [u, v] in incident.iter().step_by(997) {
+            let product = truth.flaws.throughput.at(*x, *y) * truth.flaws.intensity.at(*u, *v);
+            (lowest, highest) = (lowest.min(product), highest.max(product));
+            let fitted = found.sensitivity[0] * found.throughput.at(*x, *y) * found.intensity.at(*u, *v);
+            errors.push((fitted / (scale * product) - 1.0).abs());
+        }
+    }
+    errors.sort_by(f64::total_cmp);
+    let (median, worst) = (errors[errors.len() / 2], errors[errors.len() * 99 / 100]);
+    println!("field {lowest:.2} to {highest:.2}: median {median:.5}, 99 % {worst:.5}");
+    assert!(
+        highest / lowest > 1.8,
+        "the field is not uniform: {lowest} {highest}"
+    );
+    assert!(median <= 0.005 && worst < 0.02, "{median} {worst}");
+}
+
+#[test]
+fn a_saturated_standard_is_refused() {
+    let (_, found) = calibrated(None, |request| request.exposure_s = Some(0.3));
+    let error = found.unwrap_err().to_string();
+    assert!(
+        error.contains("saturated") && error.contains("--exposure-ms"),
+        "{error}"
+    );
+}
