@@ -9,7 +9,8 @@
 use std::fmt;
 use std::str::FromStr;
 
-use serde::{Deserialize, Serialize};
+use serde::de::{Error as _, Unexpected};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::rig::Rig;
 
@@ -20,9 +21,13 @@ pub const MOST: usize = 8;
 /// Where the longer of two neighbours saturates, the signal of the shorter must be so many times its noise without light.
 const CLEAR: f64 = 10.0;
 
+/// What brackets are written as.
+const EXPECTED: &str = "`auto`, a number from 1 to 8, or 2 to 8 different exposure times in ms from 0.001 to 60000, with \
+                        commas between them";
+
 /// Which exposures of each pattern are taken.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "String", into = "String")]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[serde(into = "String")]
 pub enum Brackets {
     /// One.
     #[default]
@@ -39,12 +44,7 @@ impl FromStr for Brackets {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || {
-            format!(
-                "expected `auto`, a number from 1 to {MOST}, or 2 to {MOST} different exposure times in ms from 0.001 \
-                 to 60000, with commas between them"
-            )
-        };
+        let wrong = || format!("expected {EXPECTED}");
         if text == "auto" {
             return Ok(Self::Auto);
         }
@@ -85,11 +85,11 @@ impl fmt::Display for Brackets {
     }
 }
 
-impl TryFrom<String> for Brackets {
-    type Error = String;
-
-    fn try_from(text: String) -> Result<Self, String> {
+impl<'de> Deserialize<'de> for Brackets {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let text = String::deserialize(deserializer)?;
         text.parse()
+            .map_err(|_| D::Error::invalid_value(Unexpected::Str(&text), &EXPECTED))
     }
 }
 

@@ -20,6 +20,7 @@ mod bad_samples;
 mod bad_studies;
 #[cfg(target_os = "linux")]
 mod bad_trigger_box;
+mod brackets;
 mod command;
 mod directions;
 #[cfg(target_os = "linux")]
