@@ -24,6 +24,13 @@ use crate::quadrature::{around, interpolated_pixel_rad, mean_f, spot_rad};
 use crate::sample::Sample;
 use crate::store::StoreError;
 
+mod histogram;
+mod repeat;
+
+use histogram::LogHistogram;
+pub use histogram::Quantiles;
+pub use repeat::{Repeatability, repeatability};
+
 /// Errors are judged up to this polar angle of both directions, in degrees.
 pub const JUDGED_THETA_DEG: f64 = 80.0;
 /// Pairs of directions for the reciprocity residual.
@@ -48,6 +55,10 @@ pub struct Evaluation {
     pub reciprocity_pairs: usize,
     /// Directional albedo by incident polar angle.
     pub albedo: Vec<Albedo>,
+    /// What light and pixels resolve.
+    pub resolution: Resolution,
+    /// Judged pairs by where their values come from; those that are missing too.
+    pub provenance: Vec<Origin>,
     /// Comparison with the reference, if there is one.
     pub against_reference: Option<Comparison>,
 }
@@ -59,8 +70,32 @@ pub struct Albedo {
     pub theta_deg: f64,
     /// Mean over the channels.
     pub albedo: f64,
+    /// Its standard uncertainty (k = 1), the samples' as if all of them were correlated: what calibration leaves is.
+    pub standard_uncertainty: f64,
     /// Share of ∫ cosθo dωo that was measured.
     pub seen: f64,
+}
+
+/// Full widths of what is averaged over.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Resolution {
+    /// Opening of the lit cone, degrees.
+    pub light_deg: f64,
+    /// Width of a camera pixel, the median over the cells, degrees.
+    pub pixel_median_deg: f64,
+    /// The same of the coarsest.
+    pub pixel_worst_deg: f64,
+}
+
+/// The judged pairs of one provenance.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Origin {
+    /// Its name.
+    pub provenance: &'static str,
+    /// Share of the judged pairs.
+    pub share: f64,
+    /// |f − reference| / reference, if there is a reference and any such pair.
+    pub relative_error: Option<Quantiles>,
 }
 
 /// Error against the reference for θ ≤ 80° both ways, samples of all channels.
@@ -74,77 +109,14 @@ pub struct Comparison {
     pub relative_error: Quantiles,
     /// Peak signal-to-noise ratio in dB of f·cosθi, clipped to 1.
     pub psnr_db: f64,
+    /// Reciprocity residual of the reference itself, median over the pairs that the BRDF has: measured materials have one.
+    pub reciprocity_residual_median: Option<f64>,
     /// Relative difference that finite light and pixels alone must make.
     pub blur: Quantiles,
     /// Opening of the lit cone in degrees.
     pub light_deg: f64,
     /// Width of a camera pixel in degrees, root mean square over the hemisphere.
     pub pixel_deg: f64,
-}
-
-/// Quantiles of a distribution.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Quantiles {
-    /// 50 %.
-    pub median: f64,
-    /// 90 %.
-    pub p90: f64,
-    /// 99 %.
-    pub p99: f64,
-}
-
-const BINS_PER_DECADE: f64 = 200.0;
-const SMALLEST: f64 = 1e-9;
-const BINS: usize = 2400;
-
-/// Histogram of positive numbers on a log scale from 1e-9 to 1e3.
-#[derive(Clone)]
-struct LogHistogram {
-    bins: Vec<u64>,
-    count: u64,
-}
-
-impl LogHistogram {
-    fn new() -> Self {
-        Self {
-            bins: vec![0; BINS],
-            count: 0,
-        }
-    }
-
-    fn add(&mut self, value: f64) {
-        let bin = ((value.max(SMALLEST) / SMALLEST).log10() * BINS_PER_DECADE) as usize;
-        self.bins[bin.min(BINS - 1)] += 1;
-        self.count += 1;
-    }
-
-    fn merge(mut self, other: &Self) -> Self {
-        for (a, b) in self.bins.iter_mut().zip(&other.bins) {
-            *a += b;
-        }
-        self.count += other.count;
-        self
-    }
-
-    fn quantile(&self, q: f64) -> f64 {
-        let wanted = (q * self.count as f64) as u64;
-        let mut sum = 0;
-        for (bin, count) in self.bins.iter().enumerate() {
-            sum += count;
-            if sum > wanted {
-                return SMALLEST * 10_f64.powf((bin as f64 + 0.5) / BINS_PER_DECADE);
-            }
-        }
-        0.0
-    }
-
-    fn quantiles(&self) -> Quantiles {
-        Quantiles {
-            median: self.quantile(0.5),
-            p90: self.quantile(0.9),
-            p99: self.quantile(0.99),
-        }
-    }
 }
 
 /// Bins of the incident polar angle: the rings of the grid, or a list's share of them.
@@ -177,8 +149,19 @@ struct Part {
     compared: u64,
     measured: u64,
     judged: u64,
-    /// Per bin of the incident polar angle: Σ albedo, Σ seen, directions.
-    rings: Vec<(f64, f64, u32)>,
+    /// Per bin of the incident polar angle.
+    rings: Vec<Ring>,
+    /// By code of provenance: judged pairs, and their errors.
+    origins: Vec<(u64, LogHistogram)>,
+}
+
+/// Sums over the incident directions of one bin of the polar angle.
+#[derive(Clone, Copy, Default)]
+struct Ring {
+    albedo: f64,
+    sigma: f64,
+    seen: f64,
+    directions: u32,
 }
 
 impl Part {
@@ -190,7 +173,8 @@ impl Part {
             compared: 0,
             measured: 0,
             judged: 0,
-            rings: vec![(0.0, 0.0, 0); rings],
+            rings: vec![Ring::default(); rings],
+            origins: vec![(0, LogHistogram::new()); Provenance::ALL.len()],
         }
     }
 
@@ -202,7 +186,13 @@ impl Part {
         self.measured += other.measured;
         self.judged += other.judged;
         for (a, b) in self.rings.iter_mut().zip(&other.rings) {
-            *a = (a.0 + b.0, a.1 + b.1, a.2 + b.2);
+            a.albedo += b.albedo;
+            a.sigma += b.sigma;
+            a.seen += b.seen;
+            a.directions += b.directions;
+        }
+        for (a, b) in self.origins.iter_mut().zip(&other.origins) {
+            *a = (a.0 + b.0, a.1.clone().merge(&b.1));
         }
         self
     }
@@ -238,7 +228,7 @@ pub fn evaluate(
         })
         .try_reduce(|| Part::new(bins.count()), |a, b| Ok(a.merge(&b)))?;
 
-    let (residual, pairs) = reciprocity(brdf)?;
+    let (residual, own_residual, pairs) = reciprocity(brdf, sample)?;
     // How many pairs of directions with θ ≤ 80° there are in all.
     let judged_cells = (0..brdf.disk().len())
         .filter(|&cell| brdf.disk().direction(cell).is_some_and(is_judged))
@@ -246,22 +236,38 @@ pub fn evaluate(
     let judged_incident = (0..grid.len())
         .filter(|&index| is_judged(grid.direction(index)))
         .count();
+    let pairs_judged = (judged_cells as f64 * judged_incident as f64).max(1.0);
+    let origins = Provenance::ALL
+        .into_iter()
+        .zip(&total.origins)
+        .map(|(provenance, (count, errors))| Origin {
+            provenance: provenance.name(),
+            share: match provenance {
+                Provenance::Missing => 1.0 - total.judged as f64 / pairs_judged,
+                _ => *count as f64 / pairs_judged,
+            },
+            relative_error: (errors.count() > 0).then(|| errors.quantiles()),
+        })
+        .collect();
     let against_reference = reference.map(|(name, sample)| Comparison {
         reference: name.to_owned(),
         samples: total.compared,
         relative_error: total.error.quantiles(),
         psnr_db: -10.0 * (total.squares / total.compared.max(1) as f64).max(1e-30).log10(),
+        reciprocity_residual_median: own_residual,
         blur: blur(brdf, sample, &cells),
         light_deg: brdf.spot_deg(),
         pixel_deg: pixel_deg(brdf, &cells),
     });
     Ok(Evaluation {
         measured_samples: total.measured,
-        coverage: total.judged as f64 / (judged_cells as f64 * judged_incident as f64).max(1.0),
+        coverage: total.judged as f64 / pairs_judged,
         median_relative_sigma: total.sigma.quantile(0.5),
         reciprocity_residual_median: residual,
         reciprocity_pairs: pairs,
         albedo: albedo(&total.rings, &bins),
+        resolution: resolution(brdf, &cells),
+        provenance: origins,
         against_reference,
     })
 }
@@ -298,10 +304,11 @@ fn part(
         let wi = brdf.grid().direction(index);
         let judged_in = is_judged(wi);
         let lobe = sample.filter(|_| judged_in).map(|sample| sample.incident(wi));
-        let (mut albedo, mut seen) = (0.0, 0.0);
+        let mut sums = Ring::default();
         for (cell, wo) in cells.iter().enumerate() {
             let Some(wo) = *wo else { continue };
-            if rows.provenance[place * count + cell] == Provenance::Missing.code() {
+            let code = usize::from(rows.provenance[place * count + cell]);
+            if code == usize::from(Provenance::Missing.code()) {
                 continue;
             }
             let at = (place * count + cell) * channels;
@@ -309,19 +316,26 @@ fn part(
             let sigma = &rows.sigma[at..at + channels];
             part.measured += 1;
             let projected_sr = wo.z * cell_sr;
-            albedo += projected_sr * f.iter().map(|&f| f64::from(f)).sum::<f64>() / channels as f64;
-            seen += projected_sr / PI;
+            let mean = |sum: f64| projected_sr * sum / channels as f64;
+            sums.albedo += mean(f.iter().map(|&f| f64::from(f)).sum());
+            sums.sigma += mean(sigma.iter().map(|sigma| sigma.to_f64()).sum());
+            sums.seen += projected_sr / PI;
             if !(judged_in && is_judged(wo)) {
                 continue;
             }
             part.judged += 1;
+            // A code of a later version counts as the last that is known.
+            let origin = &mut part.origins[code.min(Provenance::ALL.len() - 1)];
+            origin.0 += 1;
             part.sigma
                 .add(f64::from(sigma[0]) / f64::from(f[0]).abs().max(1e-12));
             if let Some(lobe) = &lobe {
                 let truth = channel_values(lobe.f(wo), channels);
                 for (&f, truth) in f.iter().zip(truth) {
                     let f = f64::from(f);
-                    part.error.add((f - truth).abs() / truth.abs().max(1e-12));
+                    let error = (f - truth).abs() / truth.abs().max(1e-12);
+                    part.error.add(error);
+                    origin.1.add(error);
                     let clipped = |f: f64| (f * wi.z).clamp(0.0, 1.0);
                     part.squares += (clipped(f) - clipped(truth)).powi(2);
                     part.compared += 1;
@@ -329,7 +343,10 @@ fn part(
             }
         }
         let ring = &mut part.rings[bins.of(brdf.grid().angles_deg(index).0)];
-        *ring = (ring.0 + albedo, ring.1 + seen, ring.2 + 1);
+        ring.albedo += sums.albedo;
+        ring.sigma += sums.sigma;
+        ring.seen += sums.seen;
+        ring.directions += 1;
     }
     Ok(part)
 }
@@ -344,22 +361,39 @@ fn channel_values(f: [f64; 3], channels: usize) -> impl Iterator<Item = f64> {
     f.into_iter().take(channels)
 }
 
-fn albedo(rings: &[(f64, f64, u32)], bins: &ThetaBins) -> Vec<Albedo> {
-    let mean = |ring: usize, (albedo, seen, directions): (f64, f64, u32)| Albedo {
-        theta_deg: (ring as f64 + 0.5) * bins.width_deg,
-        albedo: albedo / f64::from(directions),
-        seen: seen / f64::from(directions),
+fn albedo(rings: &[Ring], bins: &ThetaBins) -> Vec<Albedo> {
+    let mean = |at: usize, ring: &Ring| {
+        let per = f64::from(ring.directions).recip();
+        Albedo {
+            theta_deg: (at as f64 + 0.5) * bins.width_deg,
+            albedo: ring.albedo * per,
+            standard_uncertainty: ring.sigma * per,
+            seen: ring.seen * per,
+        }
     };
-    rings
-        .iter()
-        .enumerate()
-        .filter(|(_, ring)| ring.2 > 0)
-        .map(|(i, &ring)| mean(i, ring))
-        .collect()
+    let lit = rings.iter().enumerate().filter(|(_, ring)| ring.directions > 0);
+    lit.map(|(at, ring)| mean(at, ring)).collect()
 }
 
-/// Median of |f(a,b) − f(b,a)| / mean over random pairs of directions with θ ≤ 80°, and how many there were.
-fn reciprocity(brdf: &Brdf) -> Result<(Option<f64>, usize), StoreError> {
+fn resolution(brdf: &Brdf, cells: &[Option<DVec3>]) -> Resolution {
+    let mut widths_deg: Vec<f64> = (0..cells.len())
+        .filter(|&cell| cells[cell].is_some())
+        .map(|cell| brdf.pixel_sr(cell).sqrt().to_degrees())
+        .collect();
+    widths_deg.sort_by(f64::total_cmp);
+    Resolution {
+        light_deg: brdf.spot_deg(),
+        pixel_median_deg: widths_deg.get(widths_deg.len() / 2).copied().unwrap_or(0.0),
+        pixel_worst_deg: widths_deg.last().copied().unwrap_or(0.0),
+    }
+}
+
+/// Medians of |f(a,b) − f(b,a)| / mean over random pairs of directions with θ ≤ 80°, of the BRDF and of `reference` over
+/// the same pairs, and how many there were.
+fn reciprocity(
+    brdf: &Brdf,
+    reference: Option<&dyn Sample>,
+) -> Result<(Option<f64>, Option<f64>, usize), StoreError> {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(0);
     let lowest = JUDGED_THETA_DEG.to_radians().cos();
     let mut draw = || {
@@ -370,19 +404,29 @@ fn reciprocity(brdf: &Brdf) -> Result<(Option<f64>, usize), StoreError> {
     let both: Vec<(DVec3, DVec3)> = pairs.iter().flat_map(|&(a, b)| [(a, b), (b, a)]).collect();
     // As it was captured: other interpolations use what is measured here.
     let values = brdf.interpolated(&both, Interpolation::Direct)?;
-    let mut residuals: Vec<f64> = values
-        .chunks_exact(2)
-        .filter_map(|pair| {
-            let mean = |value: &crate::brdf::Value| {
-                Some(value.ok()?.iter().map(|&f| f64::from(f)).sum::<f64>() / 3.0)
-            };
-            let (forth, back) = (mean(&pair[0])?, mean(&pair[1])?);
-            let middle = f64::midpoint(forth, back);
-            (middle > 0.0).then(|| (forth - back).abs() / middle)
-        })
-        .collect();
-    residuals.sort_by(f64::total_cmp);
-    Ok((residuals.get(residuals.len() / 2).copied(), residuals.len()))
+    let residual = |forth: f64, back: f64| {
+        let middle = f64::midpoint(forth, back);
+        (middle > 0.0).then(|| (forth - back).abs() / middle)
+    };
+    let (mut residuals, mut own) = (Vec::new(), Vec::new());
+    for (&(a, b), values) in pairs.iter().zip(values.chunks_exact(2)) {
+        let mean =
+            |value: &crate::brdf::Value| Some(value.ok()?.iter().map(|&f| f64::from(f)).sum::<f64>() / 3.0);
+        let (Some(forth), Some(back)) = (mean(&values[0]), mean(&values[1])) else {
+            continue;
+        };
+        residuals.extend(residual(forth, back));
+        if let Some(reference) = reference {
+            let mean = |a, b| reference.f(a, b).iter().sum::<f64>() / 3.0;
+            own.extend(residual(mean(a, b), mean(b, a)));
+        }
+    }
+    let count = residuals.len();
+    let median = |mut all: Vec<f64>| {
+        all.sort_by(f64::total_cmp);
+        all.get(all.len() / 2).copied()
+    };
+    Ok((median(residuals), median(own), count))
 }
 
 /// Relative difference between the reference averaged over the lit cone and the pixels, and itself.

@@ -255,12 +255,31 @@ pub fn evaluation_lines(evaluation: &Evaluation) -> Vec<(&'static str, String)> 
         lines.push((
             "directional albedo",
             format!(
-                "{:.3} at θi = {}° from {} of the hemisphere",
+                "{:.3} ± {:.3} (k = 1) at θi = {}° from {} of the hemisphere",
                 albedo.albedo,
+                albedo.standard_uncertainty,
                 albedo.theta_deg,
                 percent(albedo.seen)
             ),
         ));
+    }
+    let resolution = &evaluation.resolution;
+    lines.push((
+        "resolution",
+        format!(
+            "light {:.2}°, pixels {:.2}° (median), {:.2}° (coarsest)",
+            resolution.light_deg, resolution.pixel_median_deg, resolution.pixel_worst_deg
+        ),
+    ));
+    for origin in evaluation.provenance.iter().filter(|origin| origin.share > 0.0) {
+        let error = origin.relative_error.map_or_else(String::new, |error| {
+            format!(
+                ", error median {}, 99 % below {}",
+                percent(error.median),
+                percent(error.p99)
+            )
+        });
+        lines.push((origin.provenance, format!("{}{error}", percent(origin.share))));
     }
     if let Some(against) = &evaluation.against_reference {
         let error = against.relative_error;
