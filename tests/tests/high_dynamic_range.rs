@@ -146,9 +146,10 @@ fn a_camera_of_12_bits_reaches_a_million_to_one_on_brass() {
     let (truth, ..) = samples(&measure("truth", 16, "ward:brass", false));
     let brightest = truth.values().map(|value| value.0).fold(0.0, f64::max);
     let darkest = truth.values().map(|value| value.0).fold(f64::MAX, f64::min);
-    for (decade, low, high) in [
-        ("darkest", 0.0, darkest * 10.0),
-        ("brightest", brightest / 10.0, f64::MAX),
+    // In the highlight most of the stated uncertainty is that of the blur, which both captures share.
+    for (decade, low, high, expected) in [
+        ("darkest", 0.0, darkest * 10.0, 0.93..=0.97),
+        ("brightest", brightest / 10.0, f64::MAX, 0.93..=1.0),
     ] {
         let scores: Vec<f64> = truth
             .iter()
@@ -160,7 +161,7 @@ fn a_camera_of_12_bits_reaches_a_million_to_one_on_brass() {
         let mean = scores.iter().sum::<f64>() / count;
         assert!(count > 1000.0, "{count} samples of the {decade} decade");
         assert!(
-            (0.93..=0.97).contains(&within),
+            expected.contains(&within),
             "{within:.4} of the {decade} decade within k = 2"
         );
         assert!(

@@ -16,7 +16,7 @@
 //!    - interpolation and blur: light and pixels average f over the spot and over what bilinear interpolation takes in,
 //!      which shifts it by half the sum of its second derivatives times the variances of both.
 //!
-//! Slopes and second derivatives come from the neighbours on the disk, less what noise alone makes of them.
+//! Slopes and second derivatives come from the neighbours on the disk, less twice what noise alone makes of them.
 //!
 //! # Tradeoffs
 //! What is systematic (fields, directions) is correlated from sample to sample; the file has one number per sample.
@@ -38,6 +38,10 @@ use crate::store::BrdfRows;
 
 /// Share of the correction for interreflection that its model may be wrong by (k = 1).
 const INTERREFLECTION_MODEL: f64 = 0.25;
+
+/// Squares of slopes and second derivatives count by what they have beyond so many times their variance by noise: two
+/// standard deviations, so that noise hardly ever passes for them.
+const CLEAR: f32 = 4.0;
 
 /// Angles from a cell to its neighbours, radians: left, right, above, below; `None` where there is none.
 type Steps = [Option<f32>; 4];
@@ -214,7 +218,8 @@ impl Correction {
                 (Some(a), Some(b)) => Some((a, b)),
                 // At an edge one side stands for both.
                 (Some((a, step)), None) | (None, Some((a, step))) => {
-                    slope2 += ((a.0 - value).powi(2) - a.1 * a.1 - noise * noise).max(0.0) / (step * step);
+                    let noise2 = a.1 * a.1 + noise * noise;
+                    slope2 += ((a.0 - value).powi(2) - CLEAR * noise2).max(0.0) / (step * step);
                     None
                 }
                 (None, None) => None,
@@ -222,13 +227,13 @@ impl Correction {
             if let Some((((low, low_noise), before), ((high, high_noise), after))) = two {
                 let width = before + after;
                 let noise2 = low_noise * low_noise + high_noise * high_noise;
-                slope2 += ((high - low).powi(2) - noise2).max(0.0) / (width * width);
+                slope2 += ((high - low).powi(2) - CLEAR * noise2).max(0.0) / (width * width);
                 let square = before * after;
                 bend += (low + high - 2.0 * value) / square;
                 bend_noise2 += (noise2 + 4.0 * noise * noise) / (square * square);
             }
         }
-        let bend2 = (bend * bend - bend_noise2).max(0.0);
+        let bend2 = (bend * bend - CLEAR * bend_noise2).max(0.0);
         let systematic = self.relative * value;
         (noise * noise
             + systematic * systematic

@@ -1,0 +1,168 @@
+//! Captures at several tilts, filled into one BRDF without gaps.
+
+use std::path::{Path, PathBuf};
+
+use rcg::brackets::Brackets;
+use rcg::brdf::Brdf;
+use rcg::direction::from_degrees;
+use rcg::evaluate::evaluate;
+use rcg::fill::{FillError, Filled, fill};
+use rcg::incident::Grid;
+use rcg::measure::{assemble_measurement, capture, prepare};
+use rcg::plan::Request;
+use rcg::progress::Silent;
+use rcg::rig::Rig;
+use rcg::setup::Setup;
+use rcg::virtual_rig::Truth;
+
+const SAMPLE: &str = "ggx:satin";
+
+fn measured(dir: &Path, rig: &Rig, truth: Option<&Truth>, seed: u64) -> PathBuf {
+    let truth = truth.map(|truth| {
+        let path = dir.with_extension("toml");
+        std::fs::write(&path, truth.to_toml()).unwrap();
+        path.display().to_string()
+    });
+    let request = Request {
+        grid: Grid::ThetaPhi { step_deg: 10.0 },
+        image_size: 48,
+        exposure_s: None,
+        brackets: Brackets::One,
+        sample: Some(SAMPLE.to_owned()),
+        truth,
+        noise: true,
+        seed,
+    };
+    let setup = Setup::default();
+    let measurement = prepare(dir, rig, request, &setup, &Silent).unwrap();
+    capture(&measurement, &setup, &Silent).unwrap();
+    assemble_measurement(&measurement, &Silent).unwrap();
+    measurement.path("brdf.zarr")
+}
+
+fn tilted(tilt_deg: f64, azimuth_deg: f64) -> Rig {
+    let mut rig = Rig::load("rcg-1").unwrap();
+    rig.sample.tilt_deg = tilt_deg;
+    rig.sample.azimuth_deg = azimuth_deg;
+    rig
+}
+
+fn share(filled: &Filled, provenance: &str) -> f64 {
+    filled
+        .shares
+        .iter()
+        .filter(|share| share.provenance == provenance)
+        .map(|share| share.share)
+        .sum()
+}
+
+#[test]
+fn tilts_close_the_hole_and_every_origin_is_judged_by_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let tilts = [(0.0, 0.0), (48.0, 320.0), (54.0, 220.0), (48.0, 120.0)];
+    let files: Vec<PathBuf> = tilts
+        .iter()
+        .enumerate()
+        .map(|(index, &(tilt_deg, azimuth_deg))| {
+            measured(
+                &at(&index.to_string()),
+                &tilted(tilt_deg, azimuth_deg),
+                None,
+                index as u64,
+            )
+        })
+        .collect();
+    let out = at("three.brdf.zarr");
+    let filled = fill(&files[0], &files[1..3], &out, &Silent).unwrap();
+    let two = share(&filled, "measured") + share(&filled, "merged");
+    let filled = fill(&files[0], &files[1..], &out, &Silent).unwrap();
+    let three = share(&filled, "measured") + share(&filled, "merged");
+    println!(
+        "measured or merged: {two:.4} with two tilts, {three:.4} with three; {:?}",
+        filled.shares
+    );
+    assert!(two > 0.97 && three > 0.99, "{two} {three}");
+    assert!(share(&filled, "missing") < 1e-9);
+    for alignment in &filled.alignments {
+        assert!(
+            (alignment.scale - 1.0).abs() < 4.0 * alignment.scale_uncertainty + 2e-3,
+            "{alignment:?}"
+        );
+    }
+
+    // One capture alone has to lean on the model, and says so.
+    let alone = at("alone.brdf.zarr");
+    let filled = fill(&files[0], &[], &alone, &Silent).unwrap();
+    assert!(
+        share(&filled, "modelled") > 0.15 && share(&filled, "interpolated") > 0.0,
+        "{:?}",
+        filled.shares
+    );
+    let sample = rcg::sample::parse(SAMPLE).unwrap();
+    for path in [&alone, &out] {
+        let found = evaluate(
+            &Brdf::open(path).unwrap(),
+            Some((SAMPLE, sample.as_ref())),
+            &|_| {},
+        )
+        .unwrap();
+        assert!((found.coverage - 1.0).abs() < 1e-9, "{}", found.coverage);
+        for origin in found.provenance.iter().filter(|origin| origin.share > 0.0) {
+            let error = origin.relative_error.unwrap();
+            println!("{} {:.4}: {error:?}", origin.provenance, origin.share);
+            assert!(error.median < 0.06, "{origin:?}");
+        }
+    }
+    // In the hole there is a value now.
+    let inside = [(from_degrees(5.0, 10.0), from_degrees(20.0, 30.0))];
+    let value = Brdf::open(&out).unwrap().values(&inside).unwrap()[0].unwrap();
+    let truth = sample.f(inside[0].0, inside[0].1)[0];
+    assert!(
+        (f64::from(value[0]) / truth - 1.0).abs() < 0.15,
+        "{value:?} {truth}"
+    );
+}
+
+#[test]
+fn the_tilted_rig_has_no_hole() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = measured(&folder.path().join("m"), &Rig::load("rcg-2").unwrap(), None, 1);
+    let filled = fill(&file, &[], &folder.path().join("out.brdf.zarr"), &Silent).unwrap();
+    let measured = share(&filled, "measured");
+    assert!(measured >= 0.99, "{measured}");
+}
+
+#[test]
+fn the_scale_and_the_turn_of_a_capture_are_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = Rig::load("rcg-2").unwrap();
+    let first = measured(&folder.path().join("a"), &rig, None, 1);
+    // 3 % more light, and the sample leans by 0.4° more than anybody knows.
+    let mut truth = Truth::of(&rig);
+    truth.rig.light.full_scale_f_sr /= 1.03;
+    truth.rig.sample.roll_deg = 0.4;
+    let second = measured(&folder.path().join("b"), &rig, Some(&truth), 2);
+    let filled = fill(&first, &[second], &folder.path().join("out.brdf.zarr"), &Silent).unwrap();
+    let found = &filled.alignments[0];
+    println!("{found:?}");
+    assert!(
+        (found.scale * 1.03 - 1.0).abs() < 3.0 * found.scale_uncertainty + 2e-3,
+        "{found:?}"
+    );
+    let size = found.turn_deg.map(|deg| deg * deg).iter().sum::<f64>().sqrt();
+    assert!((size - 0.4).abs() < 0.08, "{found:?}");
+}
+
+#[test]
+fn files_that_do_not_go_together_are_refused_and_nothing_is_lost() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = Rig::load("rcg-2").unwrap();
+    let file = measured(&folder.path().join("a"), &rig, None, 1);
+    let error = fill(&file, &[], &file, &Silent).unwrap_err();
+    assert!(
+        matches!(error, FillError::Differs { field: "output", .. }),
+        "{error}"
+    );
+    Brdf::open(&file).expect("still there");
+}

@@ -1,0 +1,198 @@
+//! The stated standard uncertainty holds the truth as often as it says, on rigs that differ from what calibration found.
+
+use std::path::Path;
+
+use rcg::brackets::Brackets;
+use rcg::brdf::Brdf;
+use rcg::calibrate::{Calibration, geometry, photometry};
+use rcg::evaluate::evaluate;
+use rcg::incident::Grid;
+use rcg::measure::{assemble_measurement, capture, prepare};
+use rcg::measurement::Measurement;
+use rcg::plan::Request;
+use rcg::progress::Silent;
+use rcg::provenance::Provenance;
+use rcg::rig::Rig;
+use rcg::setup::Setup;
+use rcg::virtual_rig::{Tolerances, Truth};
+
+const TOLERANCES: Tolerances = Tolerances {
+    position_m: 5e-4,
+    angle_deg: 0.3,
+    field: 0.3,
+};
+/// Relative standard uncertainty of the standard.
+const STANDARD: f64 = 0.0025;
+
+fn save(truth: &Truth, path: &Path) -> String {
+    std::fs::write(path, truth.to_toml()).unwrap();
+    path.display().to_string()
+}
+
+/// Calibrates the rig that `truth` describes, of which `nominal` is known, in `dir`.
+fn calibrated(nominal: &Rig, truth: &str, dir: &Path) -> Calibration {
+    let request = geometry::Request {
+        rig: nominal.clone(),
+        tilts: vec![[0.0, 0.0], [15.0, 0.0], [15.0, 120.0], [15.0, 240.0]],
+        image_size: 128,
+        truth: Some(truth.to_owned()),
+        noise: true,
+        seed: 1,
+    };
+    geometry::capture(&request, dir, &Setup::default(), &Silent).unwrap();
+    geometry::calibrate(dir).unwrap();
+    let request = photometry::Request {
+        standard: "lambert:0.98".to_owned(),
+        second_standard: Some("lambert:0.2".to_owned()),
+        exposure_s: None,
+        image_size: 64,
+        truth: Some(truth.to_owned()),
+        noise: true,
+        seed: 2,
+    };
+    photometry::capture(&request, dir, &Setup::default(), &Silent).unwrap();
+    photometry::calibrate(dir, STANDARD).unwrap();
+    Calibration::open(dir, nominal).unwrap()
+}
+
+fn request(sample: &str, truth: &str, seed: u64) -> Request {
+    Request {
+        grid: Grid::ThetaPhi { step_deg: 10.0 },
+        image_size: 48,
+        exposure_s: None,
+        brackets: Brackets::One,
+        sample: Some(sample.to_owned()),
+        truth: Some(truth.to_owned()),
+        noise: true,
+        seed,
+    }
+}
+
+fn measured(dir: &Path, calibration: Option<&Calibration>, rig: &Rig, request: Request) -> Measurement {
+    let setup = Setup {
+        calibration: calibration.cloned(),
+        ..Setup::default()
+    };
+    let rig = calibration.map_or(rig, |calibration| &calibration.rig);
+    let measurement = prepare(dir, rig, request, &setup, &Silent).unwrap();
+    capture(&measurement, &setup, &Silent).unwrap();
+    assemble_measurement(&measurement, &Silent).unwrap();
+    measurement
+}
+
+#[test]
+fn calibration_brings_a_misaligned_and_uneven_rig_back() {
+    let nominal = Rig::load("rcg-1").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let truth = Truth::drawn(&nominal, TOLERANCES, 5).unwrap();
+    let truth = save(&truth, &folder.path().join("truth.toml"));
+    let calibration = calibrated(&nominal, &truth, &folder.path().join("calibration"));
+    let error = |name: &str, calibration: Option<&Calibration>| {
+        let request = Request {
+            brackets: Brackets::Number(3),
+            ..request("ggx:f0=0.4,ax=0.4,ay=0.5,rd=0.2", &truth, 3)
+        };
+        let spec = request.sample.clone().unwrap();
+        let measurement = measured(&folder.path().join(name), calibration, &nominal, request);
+        let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
+        let sample = rcg::sample::parse(&spec).unwrap();
+        let found = evaluate(&brdf, Some((&spec, sample.as_ref())), &|_| {}).unwrap();
+        found.against_reference.unwrap().relative_error.median
+    };
+    let (with, without) = (error("with", Some(&calibration)), error("without", None));
+    println!("median error {without} without calibration, {with} with it");
+    assert!(without > 0.05, "{without}");
+    assert!(with < 0.01, "{with}");
+
+    // A calibration of another rig is told by its hash.
+    let other = Rig::load("rcg-2").unwrap();
+    let refused = Calibration::open(&folder.path().join("calibration"), &other)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        refused.contains("expected a calibration of rig rcg-2, found one of another rig"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn over_200_seeded_runs_the_interval_of_k_2_holds_the_truth() {
+    // A coarse projector makes runs quick.
+    let mut nominal = Rig::load("rcg-1").unwrap();
+    let lens = &mut nominal.projector.lens;
+    (lens.width_px, lens.height_px, lens.focal_px, lens.centre_px) = (512, 384, 819.2, [256.0, 192.0]);
+    let folder = tempfile::tempdir().unwrap();
+    let truth = Truth::drawn(&nominal, TOLERANCES, 8).unwrap();
+    let first = save(&truth, &folder.path().join("truth.toml"));
+    let calibration = calibrated(&nominal, &first, &folder.path().join("calibration"));
+    let geometry = calibration.geometry.clone().unwrap();
+
+    let spec = "ggx:f0=0.4,ax=0.5,ay=0.6,rd=0.3";
+    let sample = rcg::sample::parse(spec).unwrap();
+    // Incident directions all over the hemisphere.
+    let directions_deg = (0..7)
+        .map(|i| [32.0 + 7.0 * f64::from(i), 51.0 * f64::from(i) + 10.0])
+        .collect();
+    let grid = Grid::List { directions_deg };
+    let mut exposure_s = None;
+    let (mut count, mut within, mut squares) = (0_u32, 0_u32, 0.0);
+    for run in 0..200_u64 {
+        // What the calibration did not know: the standard's reflectance and the directions, by as much as it states.
+        let draw = |purpose: u64| normal(run * 10 + purpose);
+        let mut truth = truth.clone();
+        truth.rig.light.full_scale_f_sr *= 1.0 + STANDARD * draw(0);
+        for axis in 0..2 {
+            // A turn of a device by ψ at F2 turns the direction at the sample by some four times as much.
+            truth.rig.camera.lens.rotation_deg[axis] +=
+                0.25 * geometry.camera_deg / 2_f64.sqrt() * draw(1 + axis as u64);
+            truth.rig.projector.lens.rotation_deg[axis] +=
+                0.25 * geometry.projector_deg / 2_f64.sqrt() * draw(3 + axis as u64);
+        }
+        let path = save(&truth, &folder.path().join("run.toml"));
+        let request = Request {
+            grid: grid.clone(),
+            exposure_s,
+            ..request(spec, &path, run)
+        };
+        let dir = folder.path().join("run");
+        let measurement = measured(&dir, Some(&calibration), &nominal, request);
+        exposure_s = Some(measurement.plan.exposure_s);
+        let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
+        let rows = brdf.chunk(0).unwrap().unwrap();
+        let cells = brdf.disk().len();
+        for (at, code) in rows.provenance.iter().enumerate() {
+            let Some(wo) = brdf.disk().direction(at % cells).filter(|wo| wo.z > 0.174) else {
+                continue;
+            };
+            if *code == Provenance::Missing.code() {
+                continue;
+            }
+            let truth = sample.f(brdf.grid().direction(at / cells), wo)[0];
+            let score = (f64::from(rows.f[3 * at]) - truth) / rows.sigma[3 * at].to_f64();
+            count += 1;
+            within += u32::from(score.abs() <= 2.0);
+            squares += score * score;
+        }
+        std::fs::remove_dir_all(&dir).unwrap();
+    }
+    let share = f64::from(within) / f64::from(count);
+    let spread = (squares / f64::from(count)).sqrt();
+    println!("{share:.4} of {count} samples within k = 2, scores spread by {spread:.3}");
+    assert!(count > 500_000, "{count}");
+    assert!(
+        (0.93..=0.97).contains(&share),
+        "{share:.4}, scores spread by {spread:.3}"
+    );
+}
+
+/// A normal deviate of its own for each `seed`: by Box and Muller, from two rounds of SplitMix64.
+fn normal(seed: u64) -> f64 {
+    let uniform = |seed: u64| {
+        let mut z = seed.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    let (a, b) = (uniform(2 * seed).max(1e-15), uniform(2 * seed + 1));
+    (-2.0 * a.ln()).sqrt() * (std::f64::consts::TAU * b).cos()
+}
