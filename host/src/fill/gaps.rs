@@ -33,7 +33,7 @@ pub(super) fn fill(brdf: &Brdf, path: &Path, progress: &dyn Progress) -> Result<
     let writer = writer_like(brdf, path, &incident, &outgoing, facts(text, &[]))?;
     progress.begin("fill", brdf.chunks(), "chunks");
     for chunk in 0..brdf.chunks() {
-        let mut image = Rows::read(brdf, chunk)?;
+        let mut image = Chunk::read(brdf, chunk)?;
         image.exchange(brdf)?;
         image.bridge_cells(brdf);
         image.bridge_rows(brdf)?;
@@ -47,7 +47,7 @@ pub(super) fn fill(brdf: &Brdf, path: &Path, progress: &dyn Progress) -> Result<
 }
 
 /// The rows of one chunk on their way.
-struct Rows {
+struct Chunk {
     first: usize,
     cells: usize,
     channels: usize,
@@ -56,7 +56,7 @@ struct Rows {
     directions: Vec<Option<DVec3>>,
 }
 
-impl Rows {
+impl Chunk {
     fn read(brdf: &Brdf, chunk: usize) -> Result<Self, StoreError> {
         let (cells, channels, range) = (brdf.disk().len(), brdf.channels(), brdf.chunk_range(chunk));
         let mut rows = brdf.chunk(chunk)?.unwrap_or_else(|| BrdfRows {

@@ -123,10 +123,13 @@ fn photon_transfer(series: &[Times], dark_dn: f64, range: f64) -> (f64, f64) {
     (slope.recip(), (intercept - 1.0 / 12.0).max(0.0).sqrt())
 }
 
+/// What a pixel shows of the spot, how far nonlinearity of β = 1 bends it, and its weight.
+type Signal = (f64, f64, f64);
+
 /// β and what deviation is left.
 fn linearity(series: &[Times], dark_dn: f64, range: f64, gain: f64) -> (f64, f64) {
-    // Per exposure time and pixel: signal of the spot, what it would be at saturation, and its weight.
-    let signals: Vec<(f64, Vec<(f64, f64, f64)>)> = series
+    // Per exposure time and pixel.
+    let signals: Vec<(f64, Vec<Signal>)> = series
         .iter()
         .map(|times| {
             let ((lit, _), (black, _)) = (moments(&times.lit), moments(&times.black));
@@ -167,7 +170,7 @@ fn linearity(series: &[Times], dark_dn: f64, range: f64, gain: f64) -> (f64, f64
         let (mut sum, mut expected) = (0.0, 0.0);
         for (pixel, &(signal, bend, weight)) in all.iter().enumerate().filter(|(_, one)| one.2 > 0.0) {
             let good = || signals.iter().filter(move |(_, all)| all[pixel].2 > 0.0);
-            let rate = |t: f64, one: (f64, f64, f64)| (one.0 + beta * one.1) / t;
+            let rate = |t: f64, one: Signal| (one.0 + beta * one.1) / t;
             let mean = good().map(|(t, all)| rate(*t, all[pixel])).sum::<f64>() / good().count() as f64;
             sum += rate(*t, (signal, bend, weight));
             expected += mean;

@@ -192,14 +192,13 @@ pub fn capture(
     let mut directions: Vec<usize> = grid.measurable().collect();
     directions.truncate(directions.len() / SEGMENT * SEGMENT);
     let mut instrument = setup.open_held(&rig, standard, &behaviour)?;
-    let exposure_s = match request.exposure_s {
-        Some(exposure_s) => exposure_s,
-        None => {
-            let patterns: Vec<Vec<u32>> = directions.iter().step_by(5).map(|at| lit(*at)).collect();
-            Tests::take(&rig, &patterns, &mut instrument)?
-                .longest_s
-                .clamp(1e-5, 10.0)
-        }
+    let exposure_s = if let Some(exposure_s) = request.exposure_s {
+        exposure_s
+    } else {
+        let patterns: Vec<Vec<u32>> = directions.iter().step_by(5).map(|at| lit(*at)).collect();
+        Tests::take(&rig, &patterns, &mut instrument)?
+            .longest_s
+            .clamp(1e-5, 10.0)
     };
     let views = Views {
         rig: full,
