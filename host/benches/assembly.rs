@@ -29,6 +29,7 @@ fn captured(dir: &Path) -> Measurement {
         brackets: rcg::brackets::Brackets::One,
         sample: Some("ward:brass".to_owned()),
         truth: None,
+        tilt: None,
         noise: true,
         seed: 1,
     };

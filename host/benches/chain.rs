@@ -25,6 +25,7 @@ fn measure(bencher: Bencher, step_deg: f64) {
         brackets: rcg::brackets::Brackets::One,
         sample: Some("ward:brass".to_owned()),
         truth: None,
+        tilt: None,
         noise: true,
         seed: 1,
     };

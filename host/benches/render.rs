@@ -29,6 +29,7 @@ fn measured(dir: &Path) -> Brdf {
         brackets: rcg::brackets::Brackets::One,
         sample: Some("satin".to_owned()),
         truth: None,
+        tilt: None,
         noise: true,
         seed: 1,
     };

@@ -288,8 +288,10 @@ fn chunk_rows(
         .chunks_exact_mut(row)
         .zip(rows.sigma.chunks_exact_mut(row))
         .zip(rows.provenance.chunks_exact_mut(disk.len()));
+    // A frame that nothing lit says nothing.
+    let lit = |(segment, at): &(usize, usize)| window[segment].records[*at].lit_irradiance > 0.0;
     for (place, ((f, row_sigma), provenance)) in places.iter().zip(outs) {
-        let Some((segment, at)) = *place else {
+        let Some((segment, at)) = place.filter(lit) else {
             f.fill(0.0);
             row_sigma.fill(f16::ZERO);
             provenance.fill(Provenance::Missing.code());

@@ -1,8 +1,8 @@
 //! Exposure brackets: several exposures of different length of each pattern, for high dynamic range.
 //!
 //! # Design
-//! Neighbours are at most [`RATIO`] apart: where the longer one just saturates, the shorter one still gathers an eighth
-//! of the full well, so that with 20,000 e⁻ no value between the ends is worse than 2 %. Wider steps are accepted
+//! Neighbours are at most [`RATIO`] apart: where the longer one just saturates, the shorter one still gathers a quarter
+//! of the full well, so that with 20,000 e⁻ no value between the ends is worse than 1.4 %. Wider steps are accepted
 //! where they are asked for, up to [`largest_ratio`]: beyond, a signal could saturate the one and drown in the noise of
 //! the other.
 
@@ -15,7 +15,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 use crate::rig::Rig;
 
 /// Largest ratio of neighbouring exposure times that is proposed.
-pub const RATIO: f64 = 8.0;
+pub const RATIO: f64 = 4.0;
 /// Most exposures of one pattern.
 pub const MOST: usize = 8;
 /// Where the longer of two neighbours saturates, the signal of the shorter must be so many times its noise without light.

@@ -33,6 +33,8 @@ pub use repeat::{Repeatability, repeatability};
 
 /// Errors are judged up to this polar angle of both directions, in degrees.
 pub const JUDGED_THETA_DEG: f64 = 80.0;
+/// The reciprocity residual is that of directions up to this polar angle in degrees, as others state it.
+pub const RECIPROCAL_THETA_DEG: f64 = 70.0;
 /// Pairs of directions for the reciprocity residual.
 const RECIPROCITY_PAIRS: usize = 20_000;
 /// Bins of the polar angle in degrees where the incident directions form no rings.
@@ -49,7 +51,7 @@ pub struct Evaluation {
     pub coverage: f64,
     /// Median of sigma/f over the judged samples; the instrument's own opinion of its noise.
     pub median_relative_sigma: f64,
-    /// |f(a,b) − f(b,a)| / mean over random pairs, median.
+    /// |f(a,b) − f(b,a)| / mean over random pairs with θ ≤ 70°, median.
     pub reciprocity_residual_median: Option<f64>,
     /// Pairs that went into it.
     pub reciprocity_pairs: usize,
@@ -388,14 +390,14 @@ fn resolution(brdf: &Brdf, cells: &[Option<DVec3>]) -> Resolution {
     }
 }
 
-/// Medians of |f(a,b) − f(b,a)| / mean over random pairs of directions with θ ≤ 80°, of the BRDF and of `reference` over
+/// Medians of |f(a,b) − f(b,a)| / mean over random pairs of directions with θ ≤ 70°, of the BRDF and of `reference` over
 /// the same pairs, and how many there were.
 fn reciprocity(
     brdf: &Brdf,
     reference: Option<&dyn Sample>,
 ) -> Result<(Option<f64>, Option<f64>, usize), StoreError> {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(0);
-    let lowest = JUDGED_THETA_DEG.to_radians().cos();
+    let lowest = RECIPROCAL_THETA_DEG.to_radians().cos();
     let mut draw = || {
         let z: f64 = rng.random_range(lowest..1.0);
         from_degrees(z.acos().to_degrees(), rng.random_range(0.0..360.0))

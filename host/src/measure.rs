@@ -60,7 +60,7 @@ impl From<StoreError> for MeasureError {
 /// What the virtual rig holds unless told otherwise.
 pub const DEFAULT_SAMPLE: &str = "ward:brass";
 
-/// The plan of `request` on `rig` (as loaded, its camera at full size), and the rig with its camera image scaled; a pilot
+/// The plan of `request` on `rig` (as loaded, its camera at full size), and the rig as [`Request::rig`] makes it; a pilot
 /// capture finds the exposure times if `request` leaves them open.
 ///
 /// # Errors
@@ -78,10 +78,8 @@ pub fn planned(
         .times_s()
         .or_else(|| request.exposure_s.map(|exposure_s| vec![exposure_s]));
     let any_s = given_s.clone().unwrap_or_else(|| vec![rig.camera.exposure_s]);
-    Plan::bracketed(request.clone(), rig, &any_s).map_err(MeasurementError::from)?;
-    let scaled = rig
-        .with_image_size(request.image_size)
-        .map_err(MeasurementError::from)?;
+    let scaled = request.rig(rig).map_err(MeasurementError::from)?;
+    Plan::bracketed(request.clone(), &scaled, &any_s).map_err(MeasurementError::from)?;
     let exposures_s = if let Some(exposures_s) = given_s {
         if setup.trigger_box.is_some() {
             // What does not answer is named before anything is written.

@@ -265,7 +265,7 @@ impl Measurement {
         } else {
             request.grid.to_string()
         };
-        let fields: [(&'static str, String, String); 9] = [
+        let fields: [(&'static str, String, String); 10] = [
             ("rig", self.rig.name.clone(), rig_name.to_owned()),
             ("grid", held.grid.to_string(), other_grid),
             ("image-size", text(&held.image_size), text(&request.image_size)),
@@ -277,6 +277,7 @@ impl Measurement {
             ),
             ("sample", text(&held.sample), text(&request.sample)),
             ("truth", text(&held.truth), text(&request.truth)),
+            ("tilt", text(&held.tilt), text(&request.tilt)),
             ("noise", text(&held.noise), text(&request.noise)),
             ("seed", text(&held.seed), text(&request.seed)),
         ];

@@ -139,6 +139,7 @@ mod tests {
             brackets: crate::brackets::Brackets::One,
             sample: None,
             truth: None,
+            tilt: None,
             noise: false,
             seed: 1,
         };

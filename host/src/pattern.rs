@@ -155,10 +155,9 @@ impl PatternMaker {
     pub fn lit_set(&self, w: DVec3) -> Result<LitSet, Unmeasurable> {
         let centre = self.view.pixel(w)?;
         let (width, height) = self.size_px();
-        let (column, row) = (centre.x as usize, centre.y as usize);
-        let at_centre = row.min(height - 1) * width + column.min(width - 1);
-        self.map.directions[at_centre]?;
-        let pixel_sr = self.map.solid_angles_sr[at_centre].max(self.spot_sr * 1e-6);
+        // Of the position, not of the pixel around it: an edge may pass between it and the pixel's centre.
+        let pixel_sr = self.view.solid_angle_sr(centre.x, centre.y)?;
+        let pixel_sr = pixel_sr.max(self.spot_sr * 1e-6);
         // The spot is a disc of spot_sr / pixel_sr pixels; half as wide again for distortion, and a border.
         let radius = 1.5 * (self.spot_sr / pixel_sr / std::f64::consts::PI).sqrt() + 2.0;
         let range = |c: f64, size: usize| {
@@ -224,6 +223,7 @@ mod tests {
     use crate::direction::{angle_between, from_degrees};
     use crate::incident::Rings;
     use crate::rig::Rig;
+    use crate::virtual_rig::{Tolerances, Truth};
 
     fn maker(preset: &str, spot_deg: f64) -> PatternMaker {
         PatternMaker::new(View::projector(&Rig::load(preset).unwrap()), spot_deg, 1.0)
@@ -292,6 +292,31 @@ mod tests {
             maker.lit_set(from_degrees(60.0, 270.0)).unwrap_err(),
             Unmeasurable::Occluded
         );
+    }
+
+    #[test]
+    fn whatever_is_in_reach_is_lit_at_edges_too() {
+        let nominal = Rig::load("rcg-1").unwrap();
+        let tolerances = Tolerances {
+            position_m: 5e-4,
+            angle_deg: 0.3,
+            field: 0.0,
+        };
+        for seed in 0..4 {
+            let rig = Truth::drawn(&nominal, tolerances, seed).unwrap().rig;
+            let view = View::projector(&rig);
+            let maker = PatternMaker::new(view.clone(), 1.0, 1.0);
+            let grid = Rings::theta_phi(2.0).unwrap();
+            let mut count = 0;
+            for w in (0..grid.len()).map(|index| grid.direction(index)) {
+                if view.pixel(w).is_ok() {
+                    let lit = maker.lit_set(w).unwrap_or_else(|reason| panic!("{seed} {w}: {reason}"));
+                    assert!(lit.irradiance > 0.0, "{seed} {w}");
+                    count += 1;
+                }
+            }
+            assert!(count > 5000, "{count}");
+        }
     }
 
     #[test]

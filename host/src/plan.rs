@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::brackets::{Brackets, largest_ratio};
 use crate::incident::{Grid, IncidentError, IncidentSet};
 use crate::optics::{Unmeasurable, View};
-use crate::rig::{Rig, RigError, explain};
+use crate::rig::{Rig, RigError, Tilt, explain};
 use crate::schedule::{ScheduleError, Timing};
 
 mod check;
@@ -62,10 +62,26 @@ pub struct Request {
     /// the rig file says.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub truth: Option<String>,
+    /// How the holder tilts the sample; not at all if there is nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tilt: Option<Tilt>,
     /// Whether the virtual rig is noisy.
     pub noise: bool,
     /// Source of all chance of the virtual rig.
     pub seed: u64,
+}
+
+impl Request {
+    /// `rig` as it is measured with: its sample tilted, its camera image scaled.
+    ///
+    /// # Errors
+    /// [`PlanError::ImageSize`]; [`PlanError::Toml`] if the tilted sample is out of sight.
+    pub fn rig(&self, rig: &Rig) -> Result<Rig, PlanError> {
+        if !(8..=4096).contains(&self.image_size) {
+            return Err(PlanError::ImageSize(self.image_size));
+        }
+        Ok(rig.tilted(self.tilt)?.with_image_size(self.image_size)?)
+    }
 }
 
 /// A plan.

@@ -34,7 +34,7 @@ pub struct TriggerBox {
 }
 
 impl Setup {
-    /// The instrument for `request`; `rig` has its camera image scaled. A run that the trigger box may still be busy
+    /// The instrument for `request`; `rig` is as [`Request::rig`] makes it. A run that the trigger box may still be busy
     /// with is aborted.
     ///
     /// # Errors
@@ -50,9 +50,13 @@ impl Setup {
     /// [`MeasureError`].
     pub fn open_held(&self, rig: &Rig, held: Held, request: &Request) -> Result<Instrument, MeasureError> {
         let truth = match &request.truth {
-            Some(path) => Truth::load(Path::new(path))
-                .and_then(|truth| truth.with_image_size(rig.camera.lens.width_px))
-                .map_err(MeasurementError::from)?,
+            Some(path) => {
+                let truth = Truth::load(Path::new(path)).map_err(MeasurementError::from)?;
+                Truth {
+                    rig: request.rig(&truth.rig).map_err(MeasurementError::from)?,
+                    ..truth
+                }
+            }
             None => Truth::of(rig),
         };
         let behaviour = Behaviour {

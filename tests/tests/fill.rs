@@ -16,20 +16,24 @@ use rcg::setup::Setup;
 use rcg::virtual_rig::Truth;
 
 const SAMPLE: &str = "ggx:satin";
+/// Captures that leave hardly a pair of directions in two holes or wires at once: leaning away from the wire by more than
+/// the hole is wide, with the sample turned one way and the other.
+const TILTS: [Option<&str>; 3] = [None, Some("51:84:40"), Some("52:100:-44")];
 
-fn measured(dir: &Path, rig: &Rig, truth: Option<&Truth>, seed: u64) -> PathBuf {
+fn measured(dir: &Path, rig: &Rig, truth: Option<&Truth>, tilt: Option<&str>, seed: u64) -> PathBuf {
     let truth = truth.map(|truth| {
         let path = dir.with_extension("toml");
         std::fs::write(&path, truth.to_toml()).unwrap();
         path.display().to_string()
     });
     let request = Request {
-        grid: Grid::ThetaPhi { step_deg: 10.0 },
+        grid: Grid::ThetaPhi { step_deg: 5.0 },
         image_size: 48,
         exposure_s: None,
         brackets: Brackets::One,
         sample: Some(SAMPLE.to_owned()),
         truth,
+        tilt: tilt.map(|tilt| tilt.parse().unwrap()),
         noise: true,
         seed,
     };
@@ -38,13 +42,6 @@ fn measured(dir: &Path, rig: &Rig, truth: Option<&Truth>, seed: u64) -> PathBuf 
     capture(&measurement, &setup, &Silent).unwrap();
     assemble_measurement(&measurement, &Silent).unwrap();
     measurement.path("brdf.zarr")
-}
-
-fn tilted(tilt_deg: f64, azimuth_deg: f64) -> Rig {
-    let mut rig = Rig::load("rcg-1").unwrap();
-    rig.sample.tilt_deg = tilt_deg;
-    rig.sample.azimuth_deg = azimuth_deg;
-    rig
 }
 
 fn share(filled: &Filled, provenance: &str) -> f64 {
@@ -60,29 +57,17 @@ fn share(filled: &Filled, provenance: &str) -> f64 {
 fn tilts_close_the_hole_and_every_origin_is_judged_by_itself() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    let tilts = [(0.0, 0.0), (48.0, 320.0), (54.0, 220.0), (48.0, 120.0)];
-    let files: Vec<PathBuf> = tilts
+    let rig = Rig::load("rcg-1").unwrap();
+    let files: Vec<PathBuf> = TILTS
         .iter()
         .enumerate()
-        .map(|(index, &(tilt_deg, azimuth_deg))| {
-            measured(
-                &at(&index.to_string()),
-                &tilted(tilt_deg, azimuth_deg),
-                None,
-                index as u64,
-            )
-        })
+        .map(|(index, tilt)| measured(&at(&index.to_string()), &rig, None, *tilt, index as u64))
         .collect();
     let out = at("three.brdf.zarr");
-    let filled = fill(&files[0], &files[1..3], &out, &Silent).unwrap();
-    let two = share(&filled, "measured") + share(&filled, "merged");
     let filled = fill(&files[0], &files[1..], &out, &Silent).unwrap();
-    let three = share(&filled, "measured") + share(&filled, "merged");
-    println!(
-        "measured or merged: {two:.4} with two tilts, {three:.4} with three; {:?}",
-        filled.shares
-    );
-    assert!(two > 0.97 && three > 0.99, "{two} {three}");
+    let seen = share(&filled, "measured") + share(&filled, "merged");
+    println!("measured or merged: {seen:.4} with two tilts; {:?}", filled.shares);
+    assert!(seen >= 0.99, "{seen}");
     assert!(share(&filled, "missing") < 1e-9);
     for alignment in &filled.alignments {
         assert!(
@@ -127,7 +112,7 @@ fn tilts_close_the_hole_and_every_origin_is_judged_by_itself() {
 #[test]
 fn the_tilted_rig_has_no_hole() {
     let folder = tempfile::tempdir().unwrap();
-    let file = measured(&folder.path().join("m"), &Rig::load("rcg-2").unwrap(), None, 1);
+    let file = measured(&folder.path().join("m"), &Rig::load("rcg-2").unwrap(), None, None, 1);
     let filled = fill(&file, &[], &folder.path().join("out.brdf.zarr"), &Silent).unwrap();
     let measured = share(&filled, "measured");
     assert!(measured >= 0.99, "{measured}");
@@ -137,12 +122,12 @@ fn the_tilted_rig_has_no_hole() {
 fn the_scale_and_the_turn_of_a_capture_are_found() {
     let folder = tempfile::tempdir().unwrap();
     let rig = Rig::load("rcg-2").unwrap();
-    let first = measured(&folder.path().join("a"), &rig, None, 1);
+    let first = measured(&folder.path().join("a"), &rig, None, None, 1);
     // 3 % more light, and the sample leans by 0.4° more than anybody knows.
     let mut truth = Truth::of(&rig);
     truth.rig.light.full_scale_f_sr /= 1.03;
     truth.rig.sample.roll_deg = 0.4;
-    let second = measured(&folder.path().join("b"), &rig, Some(&truth), 2);
+    let second = measured(&folder.path().join("b"), &rig, Some(&truth), None, 2);
     let filled = fill(&first, &[second], &folder.path().join("out.brdf.zarr"), &Silent).unwrap();
     let found = &filled.alignments[0];
     println!("{found:?}");
@@ -158,11 +143,32 @@ fn the_scale_and_the_turn_of_a_capture_are_found() {
 fn files_that_do_not_go_together_are_refused_and_nothing_is_lost() {
     let folder = tempfile::tempdir().unwrap();
     let rig = Rig::load("rcg-2").unwrap();
-    let file = measured(&folder.path().join("a"), &rig, None, 1);
+    let file = measured(&folder.path().join("a"), &rig, None, None, 1);
     let error = fill(&file, &[], &file, &Silent).unwrap_err();
     assert!(
         matches!(error, FillError::Differs { field: "output", .. }),
         "{error}"
     );
     Brdf::open(&file).expect("still there");
+}
+
+#[test]
+fn captures_without_common_directions_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    // Cameras that see one half of the mirror each.
+    let half = |name: &str, centre_px: f64| {
+        let mut rig = Rig::load("rcg-1").unwrap();
+        rig.camera.lens.centre_px[0] = centre_px;
+        measured(&folder.path().join(name), &rig, None, None, 1)
+    };
+    let (left, right) = (half("left", 0.0), half("right", 2048.0));
+    let out = folder.path().join("out.brdf.zarr");
+    let error = fill(&left, std::slice::from_ref(&right), &out, &Silent).unwrap_err();
+    assert!(matches!(error, FillError::NoOverlap { .. }), "{error}");
+    let text = error.to_string();
+    assert!(
+        text.contains("right") && text.contains("capture the sample at tilts between the two"),
+        "{text}"
+    );
+    assert!(!out.exists());
 }

@@ -33,6 +33,7 @@ fn request(sample: &str, brackets: &str, noise: bool) -> Request {
         brackets: brackets.parse().unwrap(),
         sample: Some(sample.to_owned()),
         truth: None,
+        tilt: None,
         noise,
         seed: 3,
     }

@@ -28,6 +28,7 @@ fn median_error(file: &str) -> Option<f64> {
         brackets: rcg::brackets::Brackets::One,
         sample: Some(path.display().to_string()),
         truth: None,
+        tilt: None,
         noise: false,
         seed: 1,
     };

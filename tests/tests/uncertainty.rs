@@ -63,6 +63,7 @@ fn request(sample: &str, truth: &str, seed: u64) -> Request {
         brackets: Brackets::One,
         sample: Some(sample.to_owned()),
         truth: Some(truth.to_owned()),
+        tilt: None,
         noise: true,
         seed,
     }

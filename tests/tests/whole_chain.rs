@@ -29,6 +29,7 @@ fn request(sample: &str, noise: bool) -> Request {
         brackets: rcg::brackets::Brackets::One,
         sample: Some(sample.to_owned()),
         truth: None,
+        tilt: None,
         noise,
         seed: 5,
     }

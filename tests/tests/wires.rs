@@ -50,6 +50,7 @@ fn request() -> Request {
         brackets: rcg::brackets::Brackets::One,
         sample: Some("ward:brass".to_owned()),
         truth: None,
+        tilt: None,
         noise: true,
         seed: 5,
     }

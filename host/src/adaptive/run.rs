@@ -89,15 +89,13 @@ pub fn measure(
             .unwrap_or(crate::measure::DEFAULT_SAMPLE),
     )
     .map_err(crate::measure::MeasureError::from)?;
+    let scaled = request.rig(rig).map_err(MeasurementError::from)?;
     Plan::new(
         request.clone(),
-        rig,
+        &scaled,
         request.exposure_s.unwrap_or(rig.camera.exposure_s),
     )
     .map_err(MeasurementError::from)?;
-    let scaled = rig
-        .with_image_size(request.image_size)
-        .map_err(MeasurementError::from)?;
     let resumed = resume && Journal::exists(out);
     if !resumed {
         Measurement::check_new(out)?;

@@ -29,6 +29,7 @@ fn request(sample: &str) -> Request {
         brackets: crate::brackets::Brackets::One,
         sample: Some(sample.to_owned()),
         truth: None,
+        tilt: None,
         noise: true,
         seed: 1,
     }

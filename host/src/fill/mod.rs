@@ -20,8 +20,6 @@
 
 mod gaps;
 mod merge;
-#[cfg(test)]
-mod tests;
 
 use std::path::{Path, PathBuf};
 

@@ -126,6 +126,7 @@ pub fn paper(
             brackets: crate::brackets::Brackets::One,
             sample: Some(sample.to_owned()),
             truth: None,
+            tilt: None,
             noise: true,
             seed: 1,
         };

@@ -1,9 +1,9 @@
 //! The pilot capture that proposes exposure brackets.
 //!
 //! # Design
-//! A few patterns, each exposed from the rig's default time down in steps of [`RATIO`], in one run. A pixel's rate comes
+//! A few patterns, each exposed from the rig's default time down in steps of [`TEST_RATIO`], in one run. A pixel's rate comes
 //! from its longest exposure that does not saturate. The shortest bracket is made for the brightest pixel, the longest for
-//! the darkest; [`RATIO`] says how many are between them.
+//! the darkest; [`crate::brackets::RATIO`] says how many are between them.
 
 use std::fmt;
 
@@ -17,14 +17,16 @@ use crate::report::milliseconds;
 use crate::rig::Rig;
 use crate::schedule::Timing;
 
-/// Exposure times of the pilot capture, each [`RATIO`] times shorter than the one before.
+/// Exposure times of the pilot capture, each [`TEST_RATIO`] times shorter than the one before.
 const TESTS: i32 = 5;
+/// Ratio of neighbouring exposure times of the pilot capture: five of them reach over 4096 : 1.
+const TEST_RATIO: f64 = 8.0;
 /// The brightest pixel shall come to this share of the range in the shortest exposure.
 const BRIGHTEST: f64 = 0.8;
 /// All but this share of the pixels shall reach [`SNR`] in the longest exposure.
 const DARKEST: f64 = 0.01;
-/// Signal over noise that is wanted of the darkest pixels.
-const SNR: f64 = 100.0;
+/// Signal over noise that is wanted of the darkest pixels: 14,400 electrons, what a small full well still holds.
+const SNR: f64 = 120.0;
 /// No exposure is longer than so many times the rig's default one.
 const LONGEST: f64 = 32.0;
 /// Closer than this the shortest and the longest exposure are one.
@@ -62,7 +64,7 @@ impl fmt::Display for Proposal {
 }
 
 /// The exposure times for `brackets` on `rig`, whose camera image is scaled as it will be measured: the brightest pixel
-/// of a few test patterns of `grid` comes to 80 % of the range in the shortest; 99 % of the pixels reach a signal of 100
+/// of a few test patterns of `grid` comes to 80 % of the range in the shortest; 99 % of the pixels reach a signal of 120
 /// times their noise in the longest, unless that is longer than 32 times the rig's default.
 ///
 /// # Errors
@@ -76,7 +78,7 @@ pub fn propose(
     let patterns = patterns(rig, grid)?;
     let tests_s: Vec<f64> = (0..TESTS)
         .rev()
-        .map(|step| rig.camera.exposure_s / RATIO.powi(step))
+        .map(|step| rig.camera.exposure_s / TEST_RATIO.powi(step))
         .filter(|exposure_s| *exposure_s >= 1e-6)
         .collect();
     let timings = Timing::series(rig, &tests_s).map_err(PlanError::from)?;
@@ -100,7 +102,7 @@ pub fn propose(
                 let clear = tried.find(|(shot, _)| shot.dn[at] < rig.saturation_dn());
                 // What saturates even the shortest may be far brighter.
                 clear.map_or_else(
-                    || RATIO * rate(rig.saturation_dn(), tests_s[0]),
+                    || TEST_RATIO * rate(rig.saturation_dn(), tests_s[0]),
                     |(shot, exposure_s)| rate(shot.dn[at], *exposure_s),
                 )
             })

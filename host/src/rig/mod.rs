@@ -17,11 +17,13 @@ mod error;
 mod parts;
 mod read;
 mod signal;
+mod tilt;
 mod validate;
 
 pub use error::RigError;
 pub use parts::{CameraPart, Lens, Light, Mirror, ProjectorPart, Sample, Wire};
 pub(crate) use read::explain;
+pub use tilt::Tilt;
 
 use serde::{Deserialize, Serialize};
 

@@ -198,17 +198,6 @@ impl Truth {
     pub fn to_toml(&self) -> String {
         toml::to_string(self).expect("invariant: a truth is tables of numbers, strings and flags")
     }
-
-    /// The same with the camera's image scaled; see [`Rig::with_image_size`].
-    ///
-    /// # Errors
-    /// As there.
-    pub fn with_image_size(&self, size_px: u32) -> Result<Self, RigError> {
-        Ok(Self {
-            rig: self.rig.with_image_size(size_px)?,
-            flaws: self.flaws.clone(),
-        })
-    }
 }
 
 #[cfg(test)]

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use rcg::adaptive::{self, AdaptiveError, Goal};
-use rcg::calibrate::Calibration;
 use rcg::measure::{complete, prepare};
 use rcg::measurement::Measurement;
 use rcg::plan::Plan;
@@ -13,7 +12,7 @@ use rcg::rig::Rig;
 
 use crate::Done;
 use crate::output::{Output, table};
-use crate::request::{RequestArgs, SetupArgs};
+use crate::request::{CalibrationArgs, RequestArgs, SetupArgs};
 
 /// Plan, capture, assemble, evaluate and report in one go.
 #[derive(Debug, clap::Args)]
@@ -24,7 +23,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     request: RequestArgs,
     /// Choose the incident directions on the way, where the predicted error is largest, until --target or --budget
-    #[arg(long, conflicts_with_all = ["grid", "step", "replay", "brackets"])]
+    #[arg(long, conflicts_with_all = ["grid", "step", "replay", "brackets", "calibration"])]
     adaptive: bool,
     /// With --adaptive: stop at this predicted PSNR of f·cosθi at exposure 1, clipped to 1
     #[arg(long, value_name = "dB", requires = "adaptive", allow_hyphen_values = true)]
@@ -35,9 +34,8 @@ pub(crate) struct Args {
     /// Measure as this plan.toml says, directions and exposure time; it must be one of the same rig
     #[arg(long, value_name = "FILE", conflicts_with_all = ["grid", "step"])]
     replay: Option<PathBuf>,
-    /// Take the calibration in this directory into account; it must be one of the rig
-    #[arg(long, value_name = "DIR", conflicts_with = "adaptive")]
-    calibration: Option<PathBuf>,
+    #[command(flatten)]
+    calibration: CalibrationArgs,
     /// Go on with a measurement that was interrupted
     #[arg(long)]
     resume: bool,
@@ -47,12 +45,7 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let mut setup = args.setup.setup()?;
-    let mut rig = Rig::load(rig)?;
-    if let Some(dir) = &args.calibration {
-        let calibration = Calibration::open(dir, &rig)?;
-        rig = calibration.rig.clone();
-        setup.calibration = Some(calibration);
-    }
+    let rig = args.calibration.rig(Rig::load(rig)?, &mut setup)?;
     let measurement = if args.resume && Measurement::exists(&args.out) {
         let measurement = Measurement::open(&args.out)?;
         let request = args.request.request(Some(&measurement.plan.request))?;

@@ -3,7 +3,6 @@
 use std::fmt::Write as _;
 
 use rcg::measure::DEFAULT_SAMPLE;
-use rcg::measurement::MeasurementError;
 use rcg::multiplex::choose::{Choice, Method, REGIONS, choose};
 use rcg::plan::{Plan, Request};
 use rcg::progress::Progress as _;
@@ -72,14 +71,12 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         brackets: rcg::brackets::Brackets::One,
         sample: Some(args.sample.clone()),
         truth: None,
+        tilt: None,
         noise: true,
         seed: args.seed,
     };
-    // Refuses sizes out of range before the rig is scaled to them.
+    let rig = request.rig(&rig)?;
     Plan::new(request.clone(), &rig, rig.camera.exposure_s)?;
-    let rig = rig
-        .with_image_size(args.image_size)
-        .map_err(MeasurementError::from)?;
     let mut instrument = Setup::default().open(&rig, &request)?;
     let order = match args.order {
         Order::Auto => None,

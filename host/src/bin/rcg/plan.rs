@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use rcg::assemble::dynamic_range;
 use rcg::measure::{planned, prepare};
-use rcg::measurement::MeasurementError;
 use rcg::pace::Pace;
 use rcg::plan::{Directions, Plan, PlanError};
 use rcg::report::{duration, milliseconds};
@@ -14,7 +13,7 @@ use serde_json::{Value, json};
 
 use crate::Done;
 use crate::output::{Output, table};
-use crate::request::{MischiefArgs, RequestArgs};
+use crate::request::{CalibrationArgs, MischiefArgs, RequestArgs};
 
 /// Show what a measurement would take, or write its plan.
 #[derive(Debug, clap::Args)]
@@ -25,26 +24,26 @@ pub(crate) struct Args {
     #[command(flatten)]
     request: RequestArgs,
     #[command(flatten)]
+    calibration: CalibrationArgs,
+    #[command(flatten)]
     mischief: MischiefArgs,
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
-    let rig = Rig::load(rig)?;
+    let mut setup = args.mischief.setup();
+    let rig = args.calibration.rig(Rig::load(rig)?, &mut setup)?;
     let request = args.request.request(None)?;
     let plan = if let Some(out) = &args.out {
-        prepare(out, &rig, request, &args.mischief.setup(), output)?.plan
+        prepare(out, &rig, request, &setup, output)?.plan
     } else if !request.brackets.is_one() {
-        planned(&rig, request, &args.mischief.setup(), output)?.1
+        planned(&rig, request, &setup, output)?.1
     } else {
         let exposure_s = request.exposure_s.unwrap_or(rig.camera.exposure_s);
         request.sample.as_deref().map(rcg::sample::parse).transpose()?;
-        // Refuses sizes out of range before the rig is scaled to them.
-        Plan::new(request.clone(), &rig, exposure_s)?;
-        let scaled = rig
-            .with_image_size(request.image_size)
-            .map_err(MeasurementError::from)?;
+        let scaled = request.rig(&rig)?;
         Plan::new(request, &scaled, exposure_s)?
     };
+    let rig = rig.tilted(plan.request.tilt)?;
     let directions = Directions::new(&rig, &plan.request.grid).map_err(PlanError::from)?;
     let pace = Pace::new(&plan, &directions, &rig);
     let mut value = json!({

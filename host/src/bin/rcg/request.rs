@@ -1,11 +1,13 @@
 //! Arguments that say what is measured.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use rcg::brackets::Brackets;
+use rcg::calibrate::Calibration;
 use rcg::incident::Grid;
 use rcg::measure::DEFAULT_SAMPLE;
 use rcg::plan::{PlanError, Request};
+use rcg::rig::{Rig, Tilt};
 use rcg::setup::{Setup, TriggerBox};
 use rcg::virtual_rig::Mischief;
 
@@ -70,6 +72,10 @@ pub(crate) struct RequestArgs {
         allow_hyphen_values = true
     )]
     brackets: Option<Brackets>,
+    /// Tilt of the sample by its holder: the normal leans by TILT towards the mirror's azimuth TOWARDS, the sample is turned
+    /// by TURN about it, degrees; for captures that `rcg fill` merges [default: none]
+    #[arg(long, value_name = "TILT:TOWARDS[:TURN]", allow_hyphen_values = true)]
+    tilt: Option<Tilt>,
     /// How the virtual rig really is: a file that `rcg truth` writes [default: as the rig file says]
     #[arg(long, value_name = "FILE")]
     truth: Option<String>,
@@ -79,6 +85,27 @@ pub(crate) struct RequestArgs {
     /// Seed of all chance of the virtual rig [default: 1]
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
+}
+
+/// What is known of the instrument.
+#[derive(Clone, Debug, clap::Args)]
+pub(crate) struct CalibrationArgs {
+    /// Take the calibration in this directory into account; it must be one of the rig
+    #[arg(long, value_name = "DIR")]
+    calibration: Option<PathBuf>,
+}
+
+impl CalibrationArgs {
+    /// The rig to measure with: `rig`, or what the calibration made of it, which goes into `setup`.
+    pub(crate) fn rig(&self, rig: Rig, setup: &mut Setup) -> Result<Rig, Failure> {
+        let Some(dir) = &self.calibration else {
+            return Ok(rig);
+        };
+        let calibration = Calibration::open(dir, &rig)?;
+        let rig = calibration.rig.clone();
+        setup.calibration = Some(calibration);
+        Ok(rig)
+    }
 }
 
 impl RequestArgs {
@@ -105,6 +132,7 @@ impl RequestArgs {
                 .truth
                 .clone()
                 .or_else(|| before.and_then(|b| b.truth.clone())),
+            tilt: self.tilt.or_else(|| before.and_then(|b| b.tilt)),
             noise: self
                 .noise
                 .as_ref()

@@ -179,6 +179,7 @@ pub fn capture(
         brackets: Brackets::default(),
         sample: None,
         truth: request.truth.clone(),
+        tilt: None,
         noise: request.noise,
         seed: request.seed,
     };
