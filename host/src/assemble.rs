@@ -38,6 +38,7 @@ use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
 
 mod coordinates;
 mod correction;
+mod edges;
 mod luminance;
 mod merge;
 mod radiometry;
@@ -45,6 +46,7 @@ mod radiometry;
 use coordinates::attributes;
 pub(crate) use coordinates::{coordinates, interpolation_errors};
 use correction::Correction;
+use edges::Edges;
 use radiometry::{Out, Radiometry, Work, project, project_merged};
 
 pub(crate) use luminance::FrameAssembler;
@@ -133,7 +135,12 @@ pub fn assemble(
     }
     let channels = format.channels;
     let disk = Disk::new(plan.request.image_size as usize);
-    let resampling = Resampling::new(&View::camera(rig), disk);
+    let mut resampling = Resampling::new(&View::camera(rig), disk);
+    let edges = Edges::new(applied.edge_deg);
+    let hidden = edges.hidden_pixels(rig);
+    resampling
+        .taps
+        .retain(|taps| !taps.pixel.iter().any(|pixel| hidden[*pixel as usize]));
     let grid = &directions.grid;
     let brdf_layout = BrdfLayout {
         incident: grid.len(),
@@ -141,7 +148,16 @@ pub fn assemble(
         channels,
         chunk: CHUNK,
     };
-    let correction = Correction::new(rig, plan, directions, applied, disk, &resampling.pixel_sr)?;
+    let cut_relative2 = edges.light_relative2(rig, plan, directions);
+    let correction = Correction::new(
+        rig,
+        plan,
+        directions,
+        applied,
+        disk,
+        &resampling.pixel_sr,
+        &cut_relative2,
+    )?;
     let writer = BrdfWriter::create(
         target,
         brdf_layout,
@@ -161,7 +177,7 @@ pub fn assemble(
     for segment in 0..raw.segments() {
         for (place, exposure) in raw.segment_range(segment).enumerate().step_by(brackets) {
             if let crate::plan::Exposure::Incident(index) = patterns[exposure / brackets] {
-                places[index] = Some((segment, place));
+                places[index] = cut_relative2[index].is_finite().then_some((segment, place));
             }
         }
     }

@@ -310,7 +310,9 @@ mod tests {
             let mut count = 0;
             for w in (0..grid.len()).map(|index| grid.direction(index)) {
                 if view.pixel(w).is_ok() {
-                    let lit = maker.lit_set(w).unwrap_or_else(|reason| panic!("{seed} {w}: {reason}"));
+                    let lit = maker
+                        .lit_set(w)
+                        .unwrap_or_else(|reason| panic!("{seed} {w}: {reason}"));
                     assert!(lit.irradiance > 0.0, "{seed} {w}");
                     count += 1;
                 }

@@ -245,7 +245,10 @@ pub fn evaluation_lines(evaluation: &Evaluation) -> Vec<(&'static str, String)> 
         ),
     ];
     if let Some(residual) = evaluation.reciprocity_residual_median {
-        lines.push(("reciprocity", format!("median residual {} for θ ≤ 70°", percent(residual))));
+        lines.push((
+            "reciprocity",
+            format!("median residual {} for θ ≤ 70°", percent(residual)),
+        ));
     }
     if let Some(albedo) = evaluation
         .albedo

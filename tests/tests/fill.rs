@@ -66,7 +66,10 @@ fn tilts_close_the_hole_and_every_origin_is_judged_by_itself() {
     let out = at("three.brdf.zarr");
     let filled = fill(&files[0], &files[1..], &out, &Silent).unwrap();
     let seen = share(&filled, "measured") + share(&filled, "merged");
-    println!("measured or merged: {seen:.4} with two tilts; {:?}", filled.shares);
+    println!(
+        "measured or merged: {seen:.4} with two tilts; {:?}",
+        filled.shares
+    );
     assert!(seen >= 0.99, "{seen}");
     assert!(share(&filled, "missing") < 1e-9);
     for alignment in &filled.alignments {
@@ -112,7 +115,13 @@ fn tilts_close_the_hole_and_every_origin_is_judged_by_itself() {
 #[test]
 fn the_tilted_rig_has_no_hole() {
     let folder = tempfile::tempdir().unwrap();
-    let file = measured(&folder.path().join("m"), &Rig::load("rcg-2").unwrap(), None, None, 1);
+    let file = measured(
+        &folder.path().join("m"),
+        &Rig::load("rcg-2").unwrap(),
+        None,
+        None,
+        1,
+    );
     let filled = fill(&file, &[], &folder.path().join("out.brdf.zarr"), &Silent).unwrap();
     let measured = share(&filled, "measured");
     assert!(measured >= 0.99, "{measured}");

@@ -9,7 +9,9 @@
 //!    seen, ρ being the sample's directional albedo. It is subtracted with the image's own albedo in both places, what was
 //!    not seen of the hemisphere taken to be like the rest;
 //! 3. the standard uncertainty: to the noise come, as independent contributions,
-//!    - standard and fields: the relative uncertainties that photometry states;
+//!    - standard and fields: the relative uncertainties that photometry states, those of the fields by their covariance at
+//!      the pixels that see and light, which grows where the standard was not seen;
+//!    - edges: what the uncertainty of an edge makes of a spot that it cuts (`edges`);
 //!    - interreflection: that of r, and a quarter of the correction for its simple model;
 //!    - directions: the slope of f over the outgoing directions times the uncertainty of the directions. The slope over the
 //!      incident ones is taken to be as steep, which holds where f depends on the half vector;
@@ -21,7 +23,7 @@
 //! # Tradeoffs
 //! What is systematic (fields, directions) is correlated from sample to sample; the file has one number per sample.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use half::f16;
 
 use super::AssembleError;
@@ -54,8 +56,11 @@ pub(super) struct Correction {
     cells: Vec<f32>,
     /// Factor of f of each incident direction.
     rows: Vec<f32>,
-    /// Relative standard uncertainty of all f by standard and fields.
-    relative: f32,
+    /// Relative variance of all f by the standard and by what the fields leave.
+    relative2: f32,
+    /// Relative variance of f by the throughput of each cell, and by the light of each incident direction.
+    cell_relative2: Vec<f32>,
+    row_relative2: Vec<f32>,
     interreflection: Option<Interreflection>,
     /// cosθ times solid angle of each cell, 0 beyond the horizon.
     cosine_sr: Vec<f32>,
@@ -67,7 +72,8 @@ pub(super) struct Correction {
 }
 
 impl Correction {
-    /// For images of `rig` that `plan` made, whose cells see the solid angles `pixel_sr`.
+    /// For images of `rig` that `plan` made, whose cells see the solid angles `pixel_sr`; edges make `cut_relative2` of the
+    /// relative variance of the light of each incident direction.
     pub(super) fn new(
         rig: &Rig,
         plan: &Plan,
@@ -75,9 +81,11 @@ impl Correction {
         applied: &Applied,
         disk: Disk,
         pixel_sr: &[f64],
+        cut_relative2: &[f32],
     ) -> Result<Self, AssembleError> {
         let channels = rig.camera.channels as usize;
         let (mut cells, mut rows) = (vec![1.0; disk.len() * channels], vec![1.0; directions.grid.len()]);
+        let (mut cell_relative2, mut row_relative2) = (vec![0.0; disk.len()], vec![0.0; rows.len()]);
         let mut relative = 0.0_f64;
         if let Some(photometry) = &applied.photometry {
             if photometry.sensitivity.len() != channels {
@@ -89,12 +97,12 @@ impl Correction {
                     ),
                 });
             }
-            cells = throughput(rig, photometry, disk);
-            rows = light(rig, plan, directions, photometry);
-            relative = photometry
-                .standard_uncertainty
-                .hypot(photometry.field_uncertainty)
-                .hypot(photometry.field_residual);
+            (cells, cell_relative2) = throughput(rig, photometry, disk);
+            (rows, row_relative2) = light(rig, plan, directions, photometry);
+            relative = photometry.standard_uncertainty.hypot(photometry.field_residual);
+        }
+        for (variance, cut) in row_relative2.iter_mut().zip(cut_relative2) {
+            *variance += cut;
         }
         let light_variance = spot_rad(plan.spot_deg).powi(2);
         let [camera_deg, projector_deg] = applied.direction_deg;
@@ -103,7 +111,9 @@ impl Correction {
             channels,
             cells,
             rows,
-            relative: relative as f32,
+            relative2: relative.powi(2) as f32,
+            cell_relative2,
+            row_relative2,
             interreflection: applied
                 .photometry
                 .as_ref()
@@ -151,8 +161,11 @@ impl Correction {
                     f[cell * self.channels + channel] -= back.0;
                 }
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
+                    let relative2 = self.relative2 + self.row_relative2[index] + self.cell_relative2[cell];
+                    let systematic = relative2.sqrt() * f[cell * self.channels + channel];
                     let total = self
                         .uncertainty(f, &sigma, &measured, cell, channel)
+                        .hypot(systematic)
                         .hypot(back.1);
                     half_sigma[cell * self.channels + channel] = f16::from_f32(total.min(65_504.0));
                 }
@@ -185,7 +198,7 @@ impl Correction {
         (back as f32, uncertainty as f32)
     }
 
-    /// Standard uncertainty of one value by all but interreflection, in sr⁻¹.
+    /// Standard uncertainty of one value by noise, directions, interpolation and blur, in sr⁻¹.
     fn uncertainty(
         &self,
         f: &[f32],
@@ -234,44 +247,45 @@ impl Correction {
             }
         }
         let bend2 = (bend * bend - CLEAR * bend_noise2).max(0.0);
-        let systematic = self.relative * value;
         (noise * noise
-            + systematic * systematic
             + slope2 * self.direction_variance
             + bend2 * self.half_blur[cell] * self.half_blur[cell])
             .sqrt()
     }
 }
 
-/// What f is to be multiplied with for the throughput of the pixel that sees each cell, and for the sensitivity.
-fn throughput(rig: &Rig, photometry: &Photometry, disk: Disk) -> Vec<f32> {
+/// What f is to be multiplied with for the throughput of the pixel that sees each cell, and for the sensitivity, and the
+/// relative variance of the throughput of each cell.
+fn throughput(rig: &Rig, photometry: &Photometry, disk: Disk) -> (Vec<f32>, Vec<f32>) {
     // Assembly has divided by this, in digital numbers.
     let assumed = rig.sensitivity_e() / rig.gain_e_per_dn();
     let camera = View::camera(rig);
-    let (width_px, height_px) = (
-        f64::from(camera.pinhole().width_px()),
-        f64::from(camera.pinhole().height_px()),
-    );
-    (0..disk.len())
-        .flat_map(|cell| {
-            let at = disk.direction(cell).and_then(|w| camera.pixel(w).ok());
-            let field = at.map_or(1.0, |at| {
-                photometry
-                    .throughput
-                    .at(2.0 * at.x / width_px - 1.0, 2.0 * at.y / height_px - 1.0)
-            });
+    let fields = (0..disk.len()).map(|cell| {
+        let at = disk.direction(cell).and_then(|w| camera.pixel(w).ok())?;
+        let [x, y] = place(&camera, at);
+        let field = &photometry.throughput;
+        Some((field.at(x, y), field.relative_uncertainty_at(x, y)))
+    });
+    let (mut factors, mut variances) = (Vec::new(), Vec::new());
+    for field in fields {
+        let (field, relative) = field.unwrap_or((1.0, 0.0));
+        factors.extend(
             photometry
                 .sensitivity
                 .iter()
-                .map(move |k| (assumed / (k * field)) as f32)
-        })
-        .collect()
+                .map(|k| (assumed / (k * field)) as f32),
+        );
+        variances.push((relative * relative) as f32);
+    }
+    (factors, variances)
 }
 
-/// What f is to be multiplied with for the intensity of the lit pixels of each incident direction.
-fn light(rig: &Rig, plan: &Plan, directions: &Directions, photometry: &Photometry) -> Vec<f32> {
+/// What f is to be multiplied with for the intensity of the lit pixels of each incident direction, and the relative
+/// variance of that.
+fn light(rig: &Rig, plan: &Plan, directions: &Directions, photometry: &Photometry) -> (Vec<f32>, Vec<f32>) {
     use rayon::prelude::*;
-    let maker = PatternMaker::new(View::projector(rig), plan.spot_deg, rig.projector.irradiance);
+    let projector = View::projector(rig);
+    let maker = PatternMaker::new(projector.clone(), plan.spot_deg, rig.projector.irradiance);
     let (width_px, height_px) = maker.size_px();
     let field = photometry.intensity.over(width_px, height_px);
     (0..directions.grid.len())
@@ -279,12 +293,26 @@ fn light(rig: &Rig, plan: &Plan, directions: &Directions, photometry: &Photometr
         .map(|index| {
             let w: DVec3 = directions.grid.direction(index);
             let lit = directions.reasons[index].is_none().then(|| maker.lit_set(w).ok());
-            let ratio = lit
-                .flatten()
-                .map_or(1.0, |lit| lit.irradiance / maker.irradiance_of(&lit, &field));
-            ratio as f32
+            let Some((lit, at)) = lit.flatten().zip(projector.pixel(w).ok()) else {
+                return (1.0, 0.0);
+            };
+            let [x, y] = place(&projector, at);
+            let relative = photometry.intensity.relative_uncertainty_at(x, y);
+            (
+                (lit.irradiance / maker.irradiance_of(&lit, &field)) as f32,
+                (relative * relative) as f32,
+            )
         })
-        .collect()
+        .unzip()
+}
+
+/// The image position `at` (pixels) as fields take it, −1 to 1 over the image.
+fn place(view: &View, at: DVec2) -> [f64; 2] {
+    let half = |at: f64, size_px: u32| 2.0 * at / f64::from(size_px) - 1.0;
+    [
+        half(at.x, view.pinhole().width_px()),
+        half(at.y, view.pinhole().height_px()),
+    ]
 }
 
 /// Angles from each cell of the disk to its neighbours.

@@ -97,6 +97,8 @@ fn check_rig(path: &Path, rig: &Rig, found: &str) -> Result<(), CalibrateError> 
 pub struct Applied {
     /// Standard uncertainty (k = 1, RMS) of the directions of camera and projector, degrees; zero if nobody knows.
     pub direction_deg: [f64; 2],
+    /// Standard uncertainty (k = 1) of where the edges of hole, rim and wire are, degrees; zero if nobody knows.
+    pub edge_deg: f64,
     /// Light, throughput and camera.
     pub photometry: Option<Photometry>,
 }
@@ -163,6 +165,7 @@ impl Calibration {
                 .geometry
                 .as_ref()
                 .map_or([0.0; 2], |geometry| [geometry.camera_deg, geometry.projector_deg]),
+            edge_deg: self.geometry.as_ref().map_or(0.0, Geometry::edge_deg),
             photometry: self.photometry.clone(),
         }
     }

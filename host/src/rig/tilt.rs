@@ -18,7 +18,8 @@ use crate::optics::SampleFrame;
 /// Largest tilt, degrees.
 const LARGEST_DEG: f64 = 80.0;
 /// What a tilt is written as.
-const EXPECTED: &str = "TILT:TOWARDS or TILT:TOWARDS:TURN in degrees, a tilt from 0 to 80, the others from -360 to 360";
+const EXPECTED: &str =
+    "TILT:TOWARDS or TILT:TOWARDS:TURN in degrees, a tilt from 0 to 80, the others from -360 to 360";
 
 /// How the holder tilts the sample against the rig's own sample frame, degrees.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -124,7 +125,10 @@ mod tests {
             let rig = tilted(&format!("{tilt_deg}:{towards_deg}:33"));
             let frame = SampleFrame::of(&rig.sample).s_to_m;
             let expected = from_degrees(tilt_deg, towards_deg);
-            assert!((frame.z_axis - expected).length() < 1e-12, "{tilt_deg} {towards_deg}");
+            assert!(
+                (frame.z_axis - expected).length() < 1e-12,
+                "{tilt_deg} {towards_deg}"
+            );
             // The centre was above F1 and still is along the normal.
             assert!((DVec3::from(rig.sample.offset_m) - 1e-3 * expected).length() < 1e-12);
             // A turn about the normal, and nothing else, is between it and the one that is not turned.
@@ -144,6 +148,11 @@ mod tests {
         let tilted = rig.tilted(Some("10:180".parse().unwrap())).unwrap();
         let after = SampleFrame::of(&tilted.sample).s_to_m;
         let lean = DMat3::from_rotation_y(-10_f64.to_radians());
-        assert!((after - lean * before).to_cols_array().iter().all(|part| part.abs() < 1e-12));
+        assert!(
+            (after - lean * before)
+                .to_cols_array()
+                .iter()
+                .all(|part| part.abs() < 1e-12)
+        );
     }
 }

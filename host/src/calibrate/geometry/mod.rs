@@ -185,6 +185,22 @@ impl Geometry {
     pub fn read(dir: &Path) -> Result<Self, CalibrateError> {
         read_json(&dir.join(GEOMETRY))
     }
+
+    /// Standard uncertainty (k = 1) of where the edges of hole, rim and wire are, degrees: that of the angle of theirs that
+    /// is known worst; 0 if the camera sees no edge.
+    #[must_use]
+    pub fn edge_deg(&self) -> f64 {
+        if self.edges == 0 {
+            return 0.0;
+        }
+        let of_edges = |found: &&Found| {
+            ["mirror.edge_", "wire."]
+                .iter()
+                .any(|part| found.name.starts_with(part))
+        };
+        let angles = self.parameters.iter().filter(of_edges);
+        angles.map(|found| found.standard_uncertainty).fold(0.0, f64::max)
+    }
 }
 
 /// How uncertain the directions of one device are.

@@ -9,14 +9,18 @@
 //! | | one | the spot at all levels of grey |
 //! | | one | black |
 //! | | one per 16 incident directions | one of each direction |
+//! | standard, at each tilt that is asked for | one | black |
+//! | | one per 16 incident directions | one of each direction |
 //! | second standard, if there is one | one | black |
 //! | | two | one of each of 32 directions |
 //! | light trap | one per exposure time of the series | black |
+//!
+//! A tilted sample is seen in parts of both images that the untilted standard does not reach: light and throughput are known
+//! there only if the standard was captured at such a tilt.
 
 use std::path::Path;
 use std::sync::Arc;
 
-use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use serde_json::Map;
 
@@ -30,7 +34,7 @@ use crate::pattern::PatternMaker;
 use crate::pilot::Tests;
 use crate::plan::{self, Directions};
 use crate::progress::Progress;
-use crate::rig::Rig;
+use crate::rig::{Rig, Tilt};
 use crate::schedule::Timing;
 use crate::setup::Setup;
 use crate::store::{RawLayout, RawStore};
@@ -56,6 +60,8 @@ pub struct Request {
     pub standard: String,
     /// A second standard of another reflectance, for the interreflection.
     pub second_standard: Option<String>,
+    /// Tilts at which the standard is captured too: those at which samples will be measured.
+    pub tilts: Vec<Tilt>,
     /// Longest exposure time, seconds; `None` for the longest that does not saturate.
     pub exposure_s: Option<f64>,
     /// Pixels a side of the camera's image.
@@ -84,6 +90,16 @@ pub struct Views {
     pub(super) times_s: Vec<f64>,
     /// Exposure time of the incident directions, seconds.
     pub(super) exposure_s: f64,
+    /// How the standard stood.
+    pub(super) stands: Vec<Stand>,
+}
+
+/// The standard as it stood.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Stand {
+    /// Its tilt; none first.
+    pub(super) tilt: Option<Tilt>,
     /// Indices of the incident directions in the grid of [`STEP_DEG`], whole segments of them.
     pub(super) directions: Vec<usize>,
 }
@@ -94,10 +110,12 @@ pub(super) enum Shows {
     /// Half of one spot, half black, of the exposure time of this index.
     Series(usize),
     Levels,
-    Black,
-    /// Incident directions from this place in [`Views::directions`] on.
-    Directions(usize),
+    /// Darkness, of the stand of this index.
+    Black(usize),
+    /// Incident directions of the stand of this index, from this place in [`Stand::directions`] on.
+    Directions(usize, usize),
     SecondBlack,
+    /// Of the first stand.
     SecondDirections(usize),
     /// Darkness, of the exposure time of this index.
     Dark(usize),
@@ -114,22 +132,29 @@ impl Views {
         dir.join(VIEWS).is_file()
     }
 
-    /// The rig with the camera's image as captured.
-    pub(super) fn scaled(&self) -> Result<Rig, CalibrateError> {
-        Ok(self.rig.with_image_size(self.image_size)?)
+    /// The rig with the standard as it stood, the camera's image as captured.
+    pub(super) fn rig_of(&self, stand: usize) -> Result<Rig, CalibrateError> {
+        Ok(self
+            .rig
+            .tilted(self.stands[stand].tilt)?
+            .with_image_size(self.image_size)?)
     }
 
     /// All segments in their order.
     pub(super) fn segments(&self) -> Vec<Shows> {
-        let chunks = || (0..self.directions.len() / SEGMENT).map(|chunk| chunk * SEGMENT);
+        let chunks =
+            |stand: usize| (0..self.stands[stand].directions.len() / SEGMENT).map(|chunk| chunk * SEGMENT);
         let mut all: Vec<Shows> = (0..self.times_s.len()).map(Shows::Series).collect();
-        all.extend([Shows::Levels, Shows::Black]);
-        all.extend(chunks().map(Shows::Directions));
+        all.push(Shows::Levels);
+        for stand in 0..self.stands.len() {
+            all.push(Shows::Black(stand));
+            all.extend(chunks(stand).map(|first| Shows::Directions(stand, first)));
+        }
         if self.second_standard.is_some() {
             all.push(Shows::SecondBlack);
             // Spread over all of them.
-            let every = (self.directions.len() / SEGMENT / SECOND).max(1);
-            all.extend(chunks().step_by(every).take(SECOND).map(Shows::SecondDirections));
+            let every = (self.stands[0].directions.len() / SEGMENT / SECOND).max(1);
+            all.extend(chunks(0).step_by(every).take(SECOND).map(Shows::SecondDirections));
         }
         all.extend((0..self.times_s.len()).map(Shows::Dark));
         all
@@ -147,11 +172,6 @@ impl Views {
         let grid = Grid::ThetaPhi { step_deg: STEP_DEG };
         Ok(Directions::new(rig, &grid).map_err(plan::PlanError::from)?)
     }
-
-    /// Incident direction at a place in [`Views::directions`].
-    pub(super) fn direction(&self, grid: &Directions, place: usize) -> DVec3 {
-        grid.grid.direction(self.directions[place])
-    }
 }
 
 /// Captures the views of `request` with the rig of the calibration in `dir`, into it.
@@ -165,14 +185,14 @@ pub fn capture(
     progress: &dyn Progress,
 ) -> Result<(), CalibrateError> {
     let full = Rig::load(&dir.join(RIG).display().to_string())?;
-    let rig = full.with_image_size(request.image_size)?;
     let parse = |spec: &str| -> Result<Held, CalibrateError> {
         let sample = crate::sample::parse(spec).map_err(crate::measure::MeasureError::from)?;
         Ok(Held::Sample(Arc::from(sample)))
     };
     let standard = parse(&request.standard)?;
     let second = request.second_standard.as_deref().map(parse).transpose()?;
-    let behaviour = plan::Request {
+    let trap = parse("lambert:0")?;
+    let untilted = plan::Request {
         grid: Grid::ThetaPhi { step_deg: STEP_DEG },
         image_size: request.image_size,
         exposure_s: None,
@@ -183,23 +203,24 @@ pub fn capture(
         noise: request.noise,
         seed: request.seed,
     };
-    let grid = Views::grid(&rig)?;
-    let maker = maker(&rig);
-    let lit = |place: usize| {
-        maker
-            .lit_set(grid.grid.direction(place))
-            .map_or_else(|_| Vec::new(), |lit| lit.pixels)
-    };
-    let mut directions: Vec<usize> = grid.measurable().collect();
-    directions.truncate(directions.len() / SEGMENT * SEGMENT);
-    let mut instrument = setup.open_held(&rig, standard, &behaviour)?;
-    let exposure_s = if let Some(exposure_s) = request.exposure_s {
-        exposure_s
-    } else {
-        let patterns: Vec<Vec<u32>> = directions.iter().step_by(5).map(|at| lit(*at)).collect();
-        Tests::take(&rig, &patterns, &mut instrument)?
-            .longest_s
-            .clamp(1e-5, 10.0)
+    let tilts: Vec<Option<Tilt>> = std::iter::once(None)
+        .chain(request.tilts.iter().copied().map(Some))
+        .collect();
+    let holders: Vec<Holder> = tilts
+        .iter()
+        .map(|tilt| {
+            Holder::new(
+                &full,
+                &plan::Request {
+                    tilt: *tilt,
+                    ..untilted.clone()
+                },
+            )
+        })
+        .collect::<Result<_, _>>()?;
+    let exposure_s = match request.exposure_s {
+        Some(exposure_s) => exposure_s,
+        None => longest_s(&holders, &standard, setup)?,
     };
     let views = Views {
         rig: full,
@@ -211,9 +232,16 @@ pub fn capture(
             .map(|halvings| exposure_s / f64::from(1 << halvings))
             .collect(),
         exposure_s,
-        directions,
+        stands: holders
+            .iter()
+            .zip(tilts)
+            .map(|(holder, tilt)| Stand {
+                tilt,
+                directions: holder.directions.clone(),
+            })
+            .collect(),
     };
-    let format = rig.frame_format();
+    let format = holders[0].rig.frame_format();
     let segments = views.segments();
     let layout = RawLayout {
         exposures: segments.len() * SEGMENT,
@@ -224,59 +252,135 @@ pub fn capture(
         bits: format.bits,
     };
     let raw = RawStore::create(&dir.join(RAW), layout, Map::new())?;
-    // The direction of the series: one of those nearest to 45°.
-    let series = *views
-        .directions
-        .iter()
-        .min_by(|a, b| {
-            let off = |at: usize| (grid.grid.angles_deg(at).0 - 45.0).abs();
-            off(**a).total_cmp(&off(**b))
-        })
-        .ok_or_else(|| CalibrateError::Views {
-            expected: format!("at least {SEGMENT} incident directions that the projector can light"),
-            found: "fewer".to_owned(),
-            advice: "check the rig",
-        })?;
+    let series = holders[0].series()?;
     progress.begin("standard", layout.exposures, "exposures");
-    let take = |index: usize, shows: Shows, instrument: &mut Instrument| -> Result<(), CalibrateError> {
+    // What is in the holder, and the instrument with it in.
+    let mut held: Option<((usize, InHolder), Instrument)> = None;
+    for (index, shows) in segments.into_iter().enumerate() {
+        let (stand, what) = shows.in_holder();
+        let holder = &holders[stand];
+        let instrument = match &mut held {
+            Some((before, instrument)) if *before == (stand, what) => instrument,
+            _ => {
+                let sample = match (what, &second) {
+                    (InHolder::Second, Some(second)) => second,
+                    (InHolder::Trap, _) => &trap,
+                    _ => &standard,
+                };
+                let instrument = setup.open_held(&holder.rig, sample.clone(), &holder.request)?;
+                &mut held.insert(((stand, what), instrument)).1
+            }
+        };
         let exposure_s = views.exposure_of(shows);
-        let timing = Timing::new(&rig, exposure_s).map_err(plan::PlanError::from)?;
+        let timing = Timing::new(&holder.rig, exposure_s).map_err(plan::PlanError::from)?;
         let shots = instrument.take(
             SEGMENT,
             &[timing],
             |exposure, image| match shows {
-                Shows::Series(_) if exposure < SEGMENT / 2 => image.light(&lit(series)),
+                Shows::Series(_) if exposure < SEGMENT / 2 => image.light(&holder.lit(series)),
                 Shows::Levels => {
-                    image.light(&lit(series));
+                    image.light(&holder.lit(series));
                     image.set_level(super::level(exposure));
                 }
-                Shows::Directions(first) | Shows::SecondDirections(first) => {
-                    image.light(&lit(views.directions[first + exposure]));
+                Shows::Directions(_, first) | Shows::SecondDirections(first) => {
+                    image.light(&holder.lit(holder.directions[first + exposure]));
                 }
-                Shows::Series(_) | Shows::Black | Shows::SecondBlack | Shows::Dark(_) => {}
+                Shows::Series(_) | Shows::Black(_) | Shows::SecondBlack | Shows::Dark(_) => {}
             },
             &mut Tally::default(),
             |taken| progress.reach(index * SEGMENT + taken),
         )?;
         raw.write_segment(index, &segment_of(shots, 0, exposure_s))?;
-        Ok(())
-    };
-    let mut second_instrument = second
-        .map(|held| setup.open_held(&rig, held, &behaviour))
-        .transpose()?;
-    let mut dark = setup.open_held(&rig, parse("lambert:0")?, &behaviour)?;
-    for (index, shows) in segments.into_iter().enumerate() {
-        let instrument = match (shows, &mut second_instrument) {
-            (Shows::Dark(_), _) => &mut dark,
-            (Shows::SecondBlack | Shows::SecondDirections(_), Some(second)) => second,
-            _ => &mut instrument,
-        };
-        take(index, shows, instrument)?;
     }
     progress.end();
     let text = serde_json::to_string_pretty(&views).expect("JSON values can be written");
     write_whole(&dir.join(VIEWS), text.as_bytes())?;
     Ok(())
+}
+
+/// What is in the holder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum InHolder {
+    Standard,
+    Second,
+    Trap,
+}
+
+impl Shows {
+    /// The stand, and what stands there.
+    fn in_holder(self) -> (usize, InHolder) {
+        match self {
+            Self::Series(_) | Self::Levels => (0, InHolder::Standard),
+            Self::Black(stand) | Self::Directions(stand, _) => (stand, InHolder::Standard),
+            Self::SecondBlack | Self::SecondDirections(_) => (0, InHolder::Second),
+            Self::Dark(_) => (0, InHolder::Trap),
+        }
+    }
+}
+
+/// The holder at one tilt.
+struct Holder {
+    request: plan::Request,
+    /// The rig with the tilt, its camera image scaled.
+    rig: Rig,
+    grid: Directions,
+    /// Indices of the directions that are lit, whole segments of them.
+    directions: Vec<usize>,
+    maker: PatternMaker,
+}
+
+impl Holder {
+    fn new(full: &Rig, request: &plan::Request) -> Result<Self, CalibrateError> {
+        let rig = request.rig(full)?;
+        let grid = Views::grid(&rig)?;
+        let mut directions: Vec<usize> = grid.measurable().collect();
+        directions.truncate(directions.len() / SEGMENT * SEGMENT);
+        Ok(Self {
+            request: request.clone(),
+            maker: maker(&rig),
+            rig,
+            grid,
+            directions,
+        })
+    }
+
+    /// Pixels that light the incident direction of this index.
+    fn lit(&self, index: usize) -> Vec<u32> {
+        self.maker
+            .lit_set(self.grid.grid.direction(index))
+            .map_or_else(|_| Vec::new(), |lit| lit.pixels)
+    }
+
+    /// The direction of the series: one of those nearest to 45°.
+    fn series(&self) -> Result<usize, CalibrateError> {
+        let off = |at: usize| (self.grid.grid.angles_deg(at).0 - 45.0).abs();
+        let nearest = self
+            .directions
+            .iter()
+            .min_by(|a, b| off(**a).total_cmp(&off(**b)));
+        nearest.copied().ok_or_else(|| CalibrateError::Views {
+            expected: format!("at least {SEGMENT} incident directions that the projector can light"),
+            found: "fewer".to_owned(),
+            advice: "check the rig",
+        })
+    }
+}
+
+/// The longest exposure time in s that saturates `standard` at no stand.
+fn longest_s(holders: &[Holder], standard: &Held, setup: &Setup) -> Result<f64, CalibrateError> {
+    let mut longest_s = 10.0_f64;
+    for holder in holders {
+        let mut instrument = setup.open_held(&holder.rig, standard.clone(), &holder.request)?;
+        let patterns: Vec<Vec<u32>> = holder
+            .directions
+            .iter()
+            .step_by(5)
+            .map(|at| holder.lit(*at))
+            .collect();
+        let tests = Tests::take(&holder.rig, &patterns, &mut instrument)?;
+        longest_s = longest_s.min(tests.longest_s);
+    }
+    Ok(longest_s.max(1e-5))
 }
 
 /// Patterns of the incident directions.

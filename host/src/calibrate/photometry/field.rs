@@ -14,33 +14,52 @@ pub(super) const TERMS: usize = (DEGREE + 1) * (DEGREE + 2) / 2 - 1;
 
 /// A field relative to the middle of its logarithm.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(transparent)]
+#[serde(deny_unknown_fields)]
 pub struct SmoothField {
     /// c_ij in the order of i + j, then of i.
     coefficients: Vec<f64>,
+    /// Mean of the terms over the pairs that determined them. About it the field is not correlated with the scale of the
+    /// whole, nor with the other field.
+    centre: Vec<f64>,
+    /// Covariance of the coefficients by noise, [row, column]: large for what the standard did not show.
+    covariance: Vec<Vec<f64>>,
 }
 
 impl SmoothField {
-    pub(super) fn new(coefficients: Vec<f64>) -> Self {
-        Self { coefficients }
+    pub(super) fn new(coefficients: Vec<f64>, centre: Vec<f64>, covariance: Vec<Vec<f64>>) -> Self {
+        Self {
+            coefficients,
+            centre,
+            covariance,
+        }
     }
 
     /// Whether it has as many coefficients as it should.
     pub(super) fn is_whole(&self) -> bool {
-        self.coefficients.len() == TERMS && self.coefficients.iter().all(|c| c.is_finite())
+        let is_row = |row: &[f64]| row.len() == TERMS && row.iter().all(|c| c.is_finite());
+        is_row(&self.coefficients)
+            && is_row(&self.centre)
+            && self.covariance.len() == TERMS
+            && self.covariance.iter().all(|row| is_row(row))
     }
 
     /// The field at (`x`, `y`), −1 to 1 over the image.
     #[must_use]
     pub fn at(&self, x: f64, y: f64) -> f64 {
-        let terms = terms(x, y);
-        let sum: f64 = self
-            .coefficients
-            .iter()
-            .zip(terms)
-            .map(|(c, term)| c * term)
-            .sum();
-        sum.exp()
+        dot(&self.coefficients, &terms(x, y)).exp()
+    }
+
+    /// Relative standard uncertainty (k = 1) of the field at (`x`, `y`), −1 to 1 over the image, by noise, against its mean
+    /// over what was seen.
+    #[must_use]
+    pub fn relative_uncertainty_at(&self, x: f64, y: f64) -> f64 {
+        let mut terms = terms(x, y);
+        for (term, centre) in terms.iter_mut().zip(&self.centre) {
+            *term -= centre;
+        }
+        let rows = self.covariance.iter().map(|row| dot(row, &terms));
+        let variance: f64 = rows.zip(terms).map(|(row, term)| row * term).sum();
+        variance.max(0.0).sqrt()
     }
 
     /// The field at every pixel centre of an image, row by row.
@@ -56,6 +75,10 @@ impl SmoothField {
             })
             .collect()
     }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// All P_i(x)·P_j(y) but the constant, in the order of the coefficients.
@@ -100,8 +123,13 @@ mod tests {
     fn a_field_of_one_term_is_that_term() {
         let mut coefficients = vec![0.0; TERMS];
         coefficients[1] = 0.2; // i = 1, j = 0
-        let field = SmoothField::new(coefficients);
+        let mut covariance = vec![vec![0.0; TERMS]; TERMS];
+        covariance[1][1] = 0.01_f64.powi(2);
+        let mut centre = vec![0.0; TERMS];
+        centre[1] = 0.2;
+        let field = SmoothField::new(coefficients, centre, covariance);
         assert!((field.at(0.5, -0.7) - (0.2_f64 * 0.5).exp()).abs() < 1e-15);
+        assert!((field.relative_uncertainty_at(0.5, -0.7) - 0.01 * 0.3).abs() < 1e-15);
         assert!(field.is_whole());
         let over = field.over(4, 2);
         assert!((over[0] - (0.2_f64 * -0.75).exp()).abs() < 1e-15 && over.len() == 8);

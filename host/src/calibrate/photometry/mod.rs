@@ -8,6 +8,8 @@
 //! | `field` | smooth fields over an image |
 //! | `rank_one` | light and throughput from the standard |
 //!
+//! The standard may be seen at several tilts, as samples will be.
+//!
 //! The signal model of [`crate::assemble`] has one number per pair of projector and camera pixel, K·T_o·E_p, and it is a
 //! product: two smooth fields, which some thousand frames of a standard of known f determine (`rank_one`).
 //!
@@ -106,8 +108,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         &Rig::load(&rig_path.display().to_string())?,
         &rig_hash(&views.rig),
     )?;
-    let rig = views.scaled()?;
-    let grid = Views::grid(&rig)?;
+    let rig = views.rig_of(0)?;
     let raw = RawStore::open(&dir.join(capture::RAW))?;
     let shows = views.segments();
     let segments: Vec<Segment> = (0..raw.segments())
@@ -137,7 +138,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         camera,
         range: saturation_dn - camera.dark_dn,
     };
-    let black = linear.mean(&frames_of(Shows::Black));
+    let black = linear.mean(&frames_of(Shows::Black(0)));
     let dark = linear.mean(&series[series.len() - 1].dark);
     let stray = black
         .iter()
@@ -148,30 +149,44 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     let projector_response = linear.levels(&frames_of(Shows::Levels), &black);
 
     let standard = crate::sample::parse(&views.standard).map_err(crate::measure::MeasureError::from)?;
-    let mut seen = Seen::new(&views, &rig, &grid, saturation_dn);
-    for wanted in shows.iter().copied() {
-        if let Shows::Directions(first) = wanted {
-            seen.add(
-                first,
-                &frames_of(wanted),
-                &linear,
-                &black,
-                standard.as_ref(),
-                &views.standard,
-            )?;
+    let mut all = Vec::new();
+    for stand in 0..views.stands.len() {
+        let mut seen = Seen::new(&views, stand)?;
+        let black = linear.mean(&frames_of(Shows::Black(stand)));
+        for wanted in shows.iter().copied() {
+            let Shows::Directions(of, first) = wanted else {
+                continue;
+            };
+            if of == stand {
+                let frames = frames_of(wanted);
+                seen.add(
+                    first,
+                    &frames,
+                    &linear,
+                    &black,
+                    standard.as_ref(),
+                    &views.standard,
+                )?;
+            }
         }
+        all.push(seen);
     }
-    if seen.saturated_share() > SATURATED {
+    let (saturated, values) = all
+        .iter()
+        .map(Seen::saturated)
+        .fold((0, 0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
+    let saturated_share = saturated as f64 / values.max(1) as f64;
+    if saturated_share > SATURATED {
         return Err(CalibrateError::Views {
             expected: format!(
                 "frames of the standard with at most {} % saturated",
                 100.0 * SATURATED
             ),
-            found: format!("{:.1} %", 100.0 * seen.saturated_share()),
+            found: format!("{:.1} %", 100.0 * saturated_share),
             advice: "take them with a shorter --exposure-ms, or let it be found",
         });
     }
-    let fields = fit(&seen).ok_or_else(|| CalibrateError::Views {
+    let fields = fit(&all).ok_or_else(|| CalibrateError::Views {
         expected: "frames of the standard that determine light and throughput".to_owned(),
         found: "too little of the image lit".to_owned(),
         advice: "is the standard in place, and lit?",
@@ -182,13 +197,13 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         Some(spec) => {
             let second = crate::sample::parse(spec).map_err(crate::measure::MeasureError::from)?;
             let black = linear.mean(&frames_of(Shows::SecondBlack));
-            let mut other = Seen::new(&views, &rig, &grid, saturation_dn);
+            let mut other = Seen::new(&views, 0)?;
             for wanted in shows.iter().copied() {
                 if let Shows::SecondDirections(first) = wanted {
                     other.add(first, &frames_of(wanted), &linear, &black, second.as_ref(), spec)?;
                 }
             }
-            interreflection(&seen, &other, own, interreflected(second.as_ref()))
+            interreflection(&all[0], &other, own, interreflected(second.as_ref()))
         }
     };
     let exposure_s = views.exposure_s;

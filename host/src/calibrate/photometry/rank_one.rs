@@ -11,13 +11,12 @@
 use glam::DVec3;
 
 use super::Linear;
-use super::capture::{Views, maker};
+use super::capture::{Stand, Views, maker};
 use super::field::{SmoothField, TERMS, terms};
 use crate::calibrate::CalibrateError;
 use crate::linear_fit::least_squares;
 use crate::optics::{DirectionMap, View};
 use crate::plan::Directions;
-use crate::rig::Rig;
 use crate::sample::Sample;
 
 /// Pairs that take part, about.
@@ -44,8 +43,9 @@ struct Pair {
 
 /// Frames of a standard as far as they were seen.
 pub(super) struct Seen<'a> {
-    views: &'a Views,
-    grid: &'a Directions,
+    stand: &'a Stand,
+    grid: Directions,
+    exposure_s: f64,
     channels: usize,
     saturation_dn: f64,
     /// Pixels that take part: index, place in the image (−1 to 1) and direction.
@@ -67,7 +67,11 @@ pub(super) struct Fields {
 }
 
 impl<'a> Seen<'a> {
-    pub(super) fn new(views: &'a Views, rig: &Rig, grid: &'a Directions, saturation_dn: f64) -> Self {
+    /// Of the stand of index `stand`, where nothing was seen yet.
+    pub(super) fn new(views: &'a Views, stand: usize) -> Result<Self, CalibrateError> {
+        let rig = &views.rig_of(stand)?;
+        let stand = &views.stands[stand];
+        let grid = Views::grid(rig)?;
         let map = DirectionMap::of(&View::camera(rig));
         let half = |at: f64, size: usize| 2.0 * at / size as f64 - 1.0;
         let (width, height) = (map.width_px, map.height_px);
@@ -92,9 +96,11 @@ impl<'a> Seen<'a> {
         let projector = View::projector(rig);
         let clearance_rad = (rig.light.spot_deg / 2.0 + EDGE_DEG).to_radians();
         let (projector_width, projector_height) = maker.size_px();
-        let lit = (0..views.directions.len())
-            .map(|place| {
-                let w = views.direction(grid, place);
+        let lit = stand
+            .directions
+            .iter()
+            .map(|index| {
+                let w = grid.grid.direction(*index);
                 let at = projector.pixel(w).ok()?;
                 // A spot that an edge cuts is as strong as the edge is where it should be.
                 let distances = projector.edge_distances_rad(at.x, at.y);
@@ -115,17 +121,18 @@ impl<'a> Seen<'a> {
                 Some((at, lit.irradiance))
             })
             .collect();
-        Self {
-            views,
+        Ok(Self {
+            stand,
             grid,
+            exposure_s: views.exposure_s,
             channels: rig.camera.channels as usize,
-            saturation_dn,
+            saturation_dn: f64::from(rig.saturation_dn()),
             pixels,
             lit,
             pairs: Vec::new(),
             saturated: 0,
             values: 0,
-        }
+        })
     }
 
     /// Takes the frames of the directions from the place `first` on. `black` is the black frame, linear; `standard` is what
@@ -139,7 +146,7 @@ impl<'a> Seen<'a> {
         standard: &dyn Sample,
         spec: &str,
     ) -> Result<(), CalibrateError> {
-        let total = self.pixels.len() * self.views.directions.len();
+        let total = self.pixels.len() * self.stand.directions.len();
         let every = (total * self.channels / PAIRS).max(1);
         let gain = linear.camera.gain_e_per_dn;
         let read_dn = linear.camera.read_noise_e / gain;
@@ -147,7 +154,7 @@ impl<'a> Seen<'a> {
             let Some((_, irradiance)) = self.lit[place] else {
                 continue;
             };
-            let wi = self.views.direction(self.grid, place);
+            let wi = self.grid.grid.direction(self.stand.directions[place]);
             let lobe = standard.incident(wi);
             // Another start in each frame, so that all pixels take part.
             for &(index, _, wo) in self.pixels.iter().skip(place * 7 % every).step_by(every) {
@@ -195,7 +202,7 @@ impl<'a> Seen<'a> {
                         place: place as u32,
                         channel: channel as u8,
                         // The mean of a logarithm lies half its variance too low.
-                        log: (signal / (self.views.exposure_s * f * irradiance)).ln() + 0.5 * relative,
+                        log: (signal / (self.exposure_s * f * irradiance)).ln() + 0.5 * relative,
                         variance: relative,
                     });
                 }
@@ -204,9 +211,9 @@ impl<'a> Seen<'a> {
         Ok(())
     }
 
-    /// Share of the values that were saturated.
-    pub(super) fn saturated_share(&self) -> f64 {
-        self.saturated as f64 / self.values.max(1) as f64
+    /// How many values were saturated, and of how many.
+    pub(super) const fn saturated(&self) -> (u64, u64) {
+        (self.saturated, self.values)
     }
 
     /// Mean of q here over q there, of the pairs that both have, and its standard uncertainty.
@@ -226,22 +233,18 @@ impl<'a> Seen<'a> {
     }
 }
 
-/// Both fields and the sensitivities; `None` if the pairs do not determine them.
-pub(super) fn fit(seen: &Seen) -> Option<Fields> {
-    let channels = seen.channels;
+/// Both fields and the sensitivities from all that was `seen`; `None` if the pairs do not determine them.
+pub(super) fn fit(seen: &[Seen]) -> Option<Fields> {
+    let channels = seen[0].channels;
     let unknowns = channels + 2 * TERMS;
-    let mut place_of_pixel = std::collections::HashMap::new();
-    for (index, at, _) in &seen.pixels {
-        place_of_pixel.insert(*index as u32, *at);
-    }
-    let row = |pair: &Pair| -> Option<Vec<f64>> {
-        let mut row = vec![0.0; unknowns];
-        row[pair.channel as usize] = 1.0;
-        let [x, y] = *place_of_pixel.get(&pair.pixel)?;
-        row[channels..channels + TERMS].copy_from_slice(&terms(x, y));
-        let ([x, y], _) = seen.lit[pair.place as usize]?;
-        row[channels + TERMS..].copy_from_slice(&terms(x, y));
-        Some(row)
+    let rows: Vec<Rows> = seen.iter().map(Rows::of).collect();
+    let pairs = || {
+        rows.iter().flat_map(|rows| {
+            rows.seen
+                .pairs
+                .iter()
+                .filter_map(|pair| Some((rows.row(pair)?, pair)))
+        })
     };
     // A weak pull to zero keeps terms in their place that only the unlit corners of the images could show.
     let pull = (0..2 * TERMS).map(|term| {
@@ -249,26 +252,65 @@ pub(super) fn fit(seen: &Seen) -> Option<Fields> {
         row[channels + term] = 1.0;
         (row, 0.0, 1.0)
     });
-    let rows = seen
-        .pairs
-        .iter()
-        .filter_map(|pair| Some((row(pair)?, pair.log, pair.variance.recip())));
-    let (found, covariance) = least_squares(unknowns, rows.chain(pull))?;
+    let weighted = pairs().map(|(row, pair)| (row, pair.log, pair.variance.recip()));
+    let (found, covariance) = least_squares(unknowns, weighted.chain(pull))?;
     let (mut excess, mut count) = (0.0, 0_u32);
     let mut uncertainties = Vec::new();
-    for pair in seen.pairs.iter().step_by(seen.pairs.len().div_ceil(2000).max(1)) {
-        let row = nalgebra::DVector::from_vec(row(pair)?);
+    let mut mean = nalgebra::DVector::zeros(unknowns);
+    let total: usize = seen.iter().map(|seen| seen.pairs.len()).sum();
+    for (row, pair) in pairs().step_by(total.div_ceil(2000).max(1)) {
+        let row = nalgebra::DVector::from_vec(row);
+        mean += &row;
         excess += (row.dot(&found) - pair.log).powi(2) - pair.variance;
         count += 1;
         uncertainties.push((&covariance * &row).dot(&row).max(0.0).sqrt());
     }
     uncertainties.sort_by(f64::total_cmp);
-    let coefficients = |first: usize| found.rows(first, TERMS).iter().copied().collect();
+    mean /= f64::from(count.max(1));
+    let field = |first: usize| {
+        let block = covariance.view((first, first), (TERMS, TERMS));
+        SmoothField::new(
+            found.rows(first, TERMS).iter().copied().collect(),
+            mean.rows(first, TERMS).iter().copied().collect(),
+            block
+                .row_iter()
+                .map(|row| row.iter().copied().collect())
+                .collect(),
+        )
+    };
     Some(Fields {
         sensitivity: (0..channels).map(|channel| found[channel].exp()).collect(),
-        throughput: SmoothField::new(coefficients(channels)),
-        intensity: SmoothField::new(coefficients(channels + TERMS)),
+        throughput: field(channels),
+        intensity: field(channels + TERMS),
         uncertainty: *uncertainties.get(uncertainties.len() / 2)?,
         residual: (excess / f64::from(count.max(1))).max(0.0).sqrt(),
     })
+}
+
+/// The rows of least squares that pairs make.
+struct Rows<'a> {
+    seen: &'a Seen<'a>,
+    /// Place in the image of each pixel that takes part.
+    places: std::collections::HashMap<u32, [f64; 2]>,
+}
+
+impl<'a> Rows<'a> {
+    fn of(seen: &'a Seen<'a>) -> Self {
+        let places = seen.pixels.iter().map(|(index, at, _)| (*index as u32, *at));
+        Self {
+            seen,
+            places: places.collect(),
+        }
+    }
+
+    fn row(&self, pair: &Pair) -> Option<Vec<f64>> {
+        let channels = self.seen.channels;
+        let mut row = vec![0.0; channels + 2 * TERMS];
+        row[pair.channel as usize] = 1.0;
+        let [x, y] = *self.places.get(&pair.pixel)?;
+        row[channels..channels + TERMS].copy_from_slice(&terms(x, y));
+        let ([x, y], _) = self.seen.lit[pair.place as usize]?;
+        row[channels + TERMS..].copy_from_slice(&terms(x, y));
+        Some(row)
+    }
 }

@@ -3,6 +3,7 @@
 use super::*;
 use crate::optics::{DirectionMap, View};
 use crate::progress::Silent;
+use crate::rig::Tilt;
 use crate::setup::Setup;
 use crate::virtual_rig::{Tolerances, Truth};
 
@@ -32,6 +33,7 @@ fn calibrated(
     let mut request = Request {
         standard: "lambert:0.98".to_owned(),
         second_standard: second.map(str::to_owned),
+        tilts: Vec::new(),
         exposure_s: None,
         image_size: SIZE,
         truth: Some(path.display().to_string()),
@@ -116,6 +118,37 @@ fn fields_camera_response_and_interreflection_are_found() {
         "the field is not uniform: {lowest} {highest}"
     );
     assert!(median <= 0.005 && worst < 0.02, "{median} {worst}");
+}
+
+#[test]
+fn where_no_standard_was_seen_the_fields_are_uncertain_and_a_tilted_one_shows_them() {
+    let tilt: Tilt = "51:84:40".parse().unwrap();
+    let (truth, untilted) = calibrated(None, |_| {});
+    let (_, tilted) = calibrated(None, |request| request.tilts = vec![tilt]);
+    // Of the camera's image: what the tilted sample shows and the untilted one does not.
+    let rig = truth.rig.with_image_size(SIZE).unwrap();
+    let (before, after) = (
+        DirectionMap::of(&View::camera(&rig)),
+        DirectionMap::of(&View::camera(&rig.tilted(Some(tilt)).unwrap())),
+    );
+    let half = |at: usize| 2.0 * (at as f64 + 0.5) / f64::from(SIZE) - 1.0;
+    let places: Vec<[f64; 2]> = after
+        .measurable()
+        .filter(|(index, w, _)| w.z > 0.2 && before.directions[*index].is_err())
+        .map(|(index, ..)| [half(index % SIZE as usize), half(index / SIZE as usize)])
+        .collect();
+    assert!(places.len() > 50, "{}", places.len());
+    let medians = [untilted.unwrap(), tilted.unwrap()].map(|found| {
+        let seen: Vec<f64> = places
+            .iter()
+            .map(|[x, y]| found.throughput.relative_uncertainty_at(*x, *y))
+            .collect();
+        let mut sorted = seen;
+        sorted.sort_by(f64::total_cmp);
+        sorted[sorted.len() / 2]
+    });
+    println!("{medians:?}");
+    assert!(medians[0] > 5.0 * medians[1] && medians[1] < 0.005, "{medians:?}");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use rcg::calibrate::RIG;
 use rcg::calibrate::photometry::{Photometry, Request, Views, calibrate, capture};
 use rcg::measurement::write_whole;
 use rcg::progress::Progress as _;
-use rcg::rig::Rig;
+use rcg::rig::{Rig, Tilt};
 use rcg::setup::Setup;
 
 use crate::Done;
@@ -28,6 +28,15 @@ pub(crate) struct Args {
     /// A second, darker standard, which shows the interreflection; none to do without
     #[arg(long, value_name = "SAMPLE", default_value = "lambert:0.2")]
     second_standard: String,
+    /// Tilts at which the standard is captured too: those of `rcg measure --tilt`, whose samples are seen in other parts of
+    /// the images
+    #[arg(
+        long,
+        value_name = "TILT:TOWARDS[:TURN],...",
+        value_delimiter = ',',
+        allow_hyphen_values = true
+    )]
+    tilts: Vec<Tilt>,
     /// Standard uncertainty (k = 1) of the standard's reflectance, percent
     #[arg(long, value_name = "PERCENT", default_value_t = 0.25)]
     standard_uncertainty_percent: f64,
@@ -72,6 +81,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         let request = Request {
             standard: args.standard.clone(),
             second_standard: (args.second_standard != "none").then(|| args.second_standard.clone()),
+            tilts: args.tilts.clone(),
             exposure_s: args.exposure_ms.map(|ms| ms * 1e-3),
             image_size: args.image_size,
             truth: args.truth.clone(),
