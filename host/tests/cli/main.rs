@@ -21,6 +21,7 @@ mod bad_studies;
 #[cfg(target_os = "linux")]
 mod bad_trigger_box;
 mod brackets;
+mod calibrations;
 mod command;
 mod directions;
 #[cfg(target_os = "linux")]

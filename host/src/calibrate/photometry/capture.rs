@@ -24,9 +24,11 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::Map;
 
+use super::rank_one::positive;
 use crate::brackets::Brackets;
 use crate::calibrate::{CalibrateError, RIG, read_json, segment_of};
 use crate::capture::{Instrument, Tally};
+use crate::direction::from_degrees;
 use crate::incident::Grid;
 use crate::measurement::write_whole;
 use crate::optics::View;
@@ -35,6 +37,7 @@ use crate::pilot::Tests;
 use crate::plan::{self, Directions};
 use crate::progress::Progress;
 use crate::rig::{Rig, Tilt};
+use crate::sample::Sample;
 use crate::schedule::Timing;
 use crate::setup::Setup;
 use crate::store::{RawLayout, RawStore};
@@ -190,6 +193,9 @@ pub fn capture(
         Ok(Held::Sample(Arc::from(sample)))
     };
     let standard = parse(&request.standard)?;
+    if let Held::Sample(sample) = &standard {
+        check_standard(sample.as_ref(), &request.standard)?;
+    }
     let second = request.second_standard.as_deref().map(parse).transpose()?;
     let trap = parse("lambert:0")?;
     let untilted = plan::Request {
@@ -295,6 +301,23 @@ pub fn capture(
     progress.end();
     let text = serde_json::to_string_pretty(&views).expect("JSON values can be written");
     write_whole(&dir.join(VIEWS), text.as_bytes())?;
+    Ok(())
+}
+
+/// Refuses a standard that is not above 0 all over, before it costs a capture.
+fn check_standard(sample: &dyn Sample, spec: &str) -> Result<(), CalibrateError> {
+    let directions = || {
+        let rings = (0..=8).map(|ring| 10.0 * f64::from(ring));
+        rings.flat_map(|theta_deg| (0..8).map(move |turn| from_degrees(theta_deg, 45.0 * f64::from(turn))))
+    };
+    for wi in directions() {
+        let lobe = sample.incident(wi);
+        for wo in directions() {
+            for f in lobe.f(wo) {
+                positive(f, spec, wi, wo)?;
+            }
+        }
+    }
     Ok(())
 }
 

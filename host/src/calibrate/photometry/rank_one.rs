@@ -166,22 +166,7 @@ impl<'a> Seen<'a> {
                     } else {
                         f[channel]
                     };
-                    let is_positive = f > 0.0;
-                    if !is_positive {
-                        return Err(CalibrateError::Content {
-                            path: spec.to_owned(),
-                            field: format!(
-                                "standard, f at incident θ {:.1}° and outgoing θ {:.1}°",
-                                wi.z.acos().to_degrees(),
-                                wo.z.acos().to_degrees()
-                            ),
-                            expected:
-                                "a number above 0 in every direction that is seen; give another standard, or \
-                                       mend its file"
-                                    .to_owned(),
-                            found: format!("{f}"),
-                        });
-                    }
+                    let f = positive(f, spec, wi, wo)?;
                     let dn = f64::from(frame[at]);
                     self.values += 1;
                     if dn >= self.saturation_dn {
@@ -231,6 +216,27 @@ impl<'a> Seen<'a> {
         }
         (weights > 0.0).then(|| ((sum / weights).exp(), weights.sqrt().recip()))
     }
+}
+
+/// `f` in sr⁻¹ of the standard named `spec`, which has light to show only if it is above 0.
+///
+/// # Errors
+/// [`CalibrateError::Content`] with the directions.
+pub(super) fn positive(f: f64, spec: &str, wi: DVec3, wo: DVec3) -> Result<f64, CalibrateError> {
+    if f > 0.0 {
+        return Ok(f);
+    }
+    Err(CalibrateError::Content {
+        path: spec.to_owned(),
+        field: format!(
+            "standard, f at incident θ {:.1}° and outgoing θ {:.1}°",
+            wi.z.acos().to_degrees(),
+            wo.z.acos().to_degrees()
+        ),
+        expected: "a number above 0 in every direction that is seen; give another standard, or mend its file"
+            .to_owned(),
+        found: format!("{f}"),
+    })
 }
 
 /// Both fields and the sensitivities from all that was `seen`; `None` if the pairs do not determine them.

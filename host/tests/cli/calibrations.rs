@@ -1,0 +1,207 @@
+//! Calibration and filling: from the command to what measurements make of it, and what is refused.
+
+use std::fs;
+use std::path::Path;
+
+use crate::answers::number;
+use crate::command::{refuses, run, text};
+use crate::tensor_file::{bytes, material};
+
+/// A rig that strays from its file, and where its calibration goes.
+struct Lab {
+    folder: tempfile::TempDir,
+}
+
+impl Lab {
+    fn new() -> Self {
+        let lab = Self {
+            folder: tempfile::tempdir().unwrap(),
+        };
+        run(&["truth", "--seed", "2", "--out", &lab.at("truth.toml")], "").done();
+        lab
+    }
+
+    fn at(&self, name: &str) -> String {
+        text(&self.folder.path().join(name)).to_owned()
+    }
+
+    /// `rcg calibrate` of the rig as it really is.
+    fn calibrate(&self, what: &str, image_size: &str, rest: &[&str]) -> Vec<String> {
+        let (out, truth) = (self.at("calibration"), self.at("truth.toml"));
+        let all = [
+            "calibrate",
+            what,
+            "--out",
+            &out,
+            "--truth",
+            &truth,
+            "--image-size",
+            image_size,
+        ];
+        all.iter().chain(rest).map(|part| (*part).to_owned()).collect()
+    }
+
+    fn measure(&self, name: &str, step_deg: &str, rest: &[&str]) -> Vec<String> {
+        let (out, truth) = (self.at(name), self.at("truth.toml"));
+        let all = [
+            "measure",
+            "--out",
+            &out,
+            "--truth",
+            &truth,
+            "--sample",
+            "lambert:0.5",
+            "--step",
+            step_deg,
+        ];
+        let all = all.iter().chain(&["--image-size", "32"]).chain(rest);
+        all.map(|part| (*part).to_owned()).collect()
+    }
+}
+
+#[test]
+fn a_calibrated_rig_measures_what_is_there_tilted_too() {
+    let lab = Lab::new();
+    let geometry = run(
+        &[&lab.calibrate("geometry", "96", &[])[..], &["--json".to_owned()]].concat(),
+        "",
+    )
+    .object();
+    assert!(number(&geometry, "camera_deg") < 0.05 && number(&geometry, "projector_deg") < 0.05);
+    let standards = lab.calibrate("photometry", "48", &["--tilts", "51:84:40", "--json"]);
+    let photometry = run(&standards, "").object();
+    assert!(number(&photometry, "field_uncertainty") < 0.005);
+    let calibration = lab.at("calibration");
+    for file in [
+        "rig.toml",
+        "geometry.json",
+        "geometry-residuals.png",
+        "photometry.json",
+    ] {
+        assert!(Path::new(&calibration).join(file).is_file(), "{file}");
+    }
+    // What was captured is fitted again without a new capture, and found again.
+    assert_eq!(run(&standards, "").object(), photometry);
+
+    let median = |name: &str, rest: &[&str]| {
+        let object = run(&lab.measure(name, "15", &[rest, &["--json"]].concat()), "").object();
+        number(&object, "evaluation.against_reference.relative_error.median")
+    };
+    let with = ["--calibration", calibration.as_str()];
+    assert!(median("without", &[]) > 0.05);
+    assert!(median("with", &with) < 0.015);
+    let tilted = ["--tilt", "51:84:40"];
+    assert!(median("tilted", &[&with[..], &tilted[..]].concat()) < 0.015);
+
+    // Another rig, another calibration on resumption, another tilt.
+    let other = lab.measure("other", "15", &[&with[..], &["--rig", "rcg-2"]].concat());
+    refuses(
+        &other,
+        "",
+        2,
+        &[
+            "geometry.json",
+            "expected a calibration of rig rcg-2",
+            "calibrate this rig",
+        ],
+    );
+    assert!(!Path::new(&lab.at("other")).exists());
+    let again = lab.measure("with", "15", &["--tilt", "10:0", "--resume"]);
+    refuses(&again, "", 2, &["tilt: expected", "10"]);
+
+    // All that was captured together, and by itself again with --repeat.
+    let (first, second) = (lab.at("with"), lab.at("tilted"));
+    let filled = run(
+        &["fill", &first, &second, "--out", &lab.at("both.zarr"), "--json"],
+        "",
+    )
+    .object();
+    assert!((number(&filled, "alignments.0.scale") - 1.0).abs() < 0.02);
+    let both = run(
+        &[
+            "evaluate",
+            &lab.at("both.zarr"),
+            "--reference",
+            "lambert:0.5",
+            "--json",
+        ],
+        "",
+    )
+    .object();
+    assert!(number(&both, "coverage") > 0.999);
+}
+
+#[test]
+fn views_that_say_too_little_are_refused_by_name() {
+    let lab = Lab::new();
+    let views = lab.calibrate("geometry", "64", &["--tilts", "10:30,10:30"]);
+    refuses(
+        &views,
+        "",
+        2,
+        &[
+            "calibration views: expected views that determine",
+            "other tilts, in other azimuths",
+        ],
+    );
+    let tilt = lab.calibrate("geometry", "64", &["--tilts", "10"]);
+    assert_eq!(run(&tilt, "").code, Some(2));
+}
+
+#[test]
+fn standards_that_say_nothing_are_refused_by_name() {
+    let lab = Lab::new();
+    let saturated = lab.calibrate("photometry", "32", &["--exposure-ms", "300"]);
+    refuses(
+        &saturated,
+        "",
+        2,
+        &[
+            "calibration views: expected frames of the standard",
+            "saturated",
+            "--exposure-ms",
+        ],
+    );
+
+    let negative = lab.at("negative.bsdf");
+    // Measured files with values below 0 are read as 0.
+    fs::write(&negative, bytes(&material(-0.3))).unwrap();
+    let lab = Lab::new();
+    let standard = lab.calibrate("photometry", "32", &["--standard", &negative]);
+    refuses(
+        &standard,
+        "",
+        2,
+        &[
+            "negative.bsdf",
+            "standard, f at incident",
+            "a number above 0",
+            "found 0",
+        ],
+    );
+    assert!(!Path::new(&lab.at("calibration/photometry.json")).exists());
+}
+
+#[test]
+fn captures_that_do_not_go_together_are_refused_by_name() {
+    let lab = Lab::new();
+    let [one, other, out] = ["one", "other", "out.zarr"].map(|name| lab.at(name));
+    run(&lab.measure("one", "15", &[]), "").done();
+    run(&lab.measure("other", "30", &[]), "").done();
+    refuses(
+        &["fill", &one, &other, "--out", &out],
+        "",
+        2,
+        &["other", "incident directions: expected 144", "found 36"],
+    );
+    refuses(&["fill", &one, &lab.at("none"), "--out", &out], "", 2, &["none"]);
+    refuses(
+        &["fill", &one, "--out", &format!("{one}/brdf.zarr")],
+        "",
+        2,
+        &["output: expected another file"],
+    );
+    let tilted = lab.measure("tilted", "15", &["--tilt", "95:0"]);
+    assert_eq!(run(&tilted, "").code, Some(2));
+    assert!(!Path::new(&out).exists());
+}
