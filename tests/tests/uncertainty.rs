@@ -4,7 +4,7 @@ use std::path::Path;
 
 use rcg::brackets::Brackets;
 use rcg::brdf::Brdf;
-use rcg::calibrate::{Calibration, geometry, photometry};
+use rcg::calibrate::{Calibration, Conditions, geometry, photometry};
 use rcg::evaluate::evaluate;
 use rcg::incident::Grid;
 use rcg::measure::{assemble_measurement, capture, prepare};
@@ -36,10 +36,12 @@ fn calibrated(nominal: &Rig, truth: &str, tilts: &[&str], dir: &Path) -> Calibra
     let request = geometry::Request {
         rig: nominal.clone(),
         tilts: vec![[0.0, 0.0], [15.0, 0.0], [15.0, 120.0], [15.0, 240.0]],
-        image_size: 128,
-        truth: Some(truth.to_owned()),
-        noise: true,
-        seed: 1,
+        conditions: Conditions {
+            image_size: 128,
+            truth: Some(truth.to_owned()),
+            noise: true,
+            seed: 1,
+        },
     };
     geometry::capture(&request, dir, &Setup::default(), &Silent).unwrap();
     geometry::calibrate(dir).unwrap();
@@ -48,10 +50,12 @@ fn calibrated(nominal: &Rig, truth: &str, tilts: &[&str], dir: &Path) -> Calibra
         second_standard: Some("lambert:0.2".to_owned()),
         tilts: tilts.iter().map(|tilt| tilt.parse().unwrap()).collect(),
         exposure_s: None,
-        image_size: 64,
-        truth: Some(truth.to_owned()),
-        noise: true,
-        seed: 2,
+        conditions: Conditions {
+            image_size: 64,
+            truth: Some(truth.to_owned()),
+            noise: true,
+            seed: 2,
+        },
     };
     photometry::capture(&request, dir, &Setup::default(), &Silent).unwrap();
     photometry::calibrate(dir, STANDARD).unwrap();

@@ -20,15 +20,47 @@ use sha2::{Digest as _, Sha256};
 use geometry::{GEOMETRY, Geometry};
 use photometry::{PHOTOMETRY, Photometry};
 
+use crate::brackets::Brackets;
 use crate::capture::{CaptureError, Captured};
+use crate::incident::Grid;
 use crate::measure::MeasureError;
 use crate::measurement::{Measurement, MeasurementError, hex, write_whole};
-use crate::plan::PlanError;
-use crate::rig::{Rig, RigError};
+use crate::plan::{self, PlanError};
+use crate::rig::{Rig, RigError, Tilt};
 use crate::store::{ExposureRecord, Segment, StoreError};
 
 /// Name of the calibrated rig's file.
 pub const RIG: &str = "rig.toml";
+
+/// How the views of a calibration are captured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Conditions {
+    /// Pixels a side of the camera's image.
+    pub image_size: u32,
+    /// How the virtual rig really is; see [`plan::Request::truth`].
+    pub truth: Option<String>,
+    /// Whether the virtual rig is noisy.
+    pub noise: bool,
+    /// Source of all chance of the virtual rig.
+    pub seed: u64,
+}
+
+impl Conditions {
+    /// What an instrument is opened for, with what it holds tilted by `tilt`.
+    fn request(&self, grid: Grid, tilt: Option<Tilt>) -> plan::Request {
+        plan::Request {
+            grid,
+            image_size: self.image_size,
+            exposure_s: None,
+            brackets: Brackets::default(),
+            sample: None,
+            truth: self.truth.clone(),
+            tilt,
+            noise: self.noise,
+            seed: self.seed,
+        }
+    }
+}
 
 /// A calibration that measurements take into account.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,6 +4,7 @@ mod geometry;
 mod photometry;
 
 use clap::Subcommand;
+use rcg::calibrate::Conditions;
 
 use crate::Done;
 use crate::output::Output;
@@ -13,6 +14,32 @@ use crate::output::Output;
 pub(crate) enum Command {
     Geometry(geometry::Args),
     Photometry(photometry::Args),
+}
+
+/// How the views are captured.
+#[derive(Clone, Debug, clap::Args)]
+pub(crate) struct ConditionArgs {
+    /// How the virtual rig really is: a file that `rcg truth` writes [default: as the rig file says]
+    #[arg(long, value_name = "FILE")]
+    truth: Option<String>,
+    /// Switch shot and read noise of the virtual rig on or off
+    #[arg(long, value_name = "on|off", value_parser = ["on", "off"], default_value = "on")]
+    noise: String,
+    /// Seed of all chance of the virtual rig
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+}
+
+impl ConditionArgs {
+    /// The conditions for images of `image_size` pixels a side.
+    fn conditions(&self, image_size: u32) -> Conditions {
+        Conditions {
+            image_size,
+            truth: self.truth.clone(),
+            noise: self.noise == "on",
+            seed: self.seed,
+        }
+    }
 }
 
 pub(crate) fn run(command: &Command, rig: &str, output: &Output) -> Done {

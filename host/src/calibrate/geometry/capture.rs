@@ -6,8 +6,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::Map;
 
-use crate::brackets::Brackets;
-use crate::calibrate::{CalibrateError, read_json, segment_of};
+use crate::calibrate::{CalibrateError, Conditions, read_json, segment_of};
 use crate::capture::Tally;
 use crate::direction::from_degrees;
 use crate::incident::Grid;
@@ -43,14 +42,8 @@ pub struct Request {
     /// Tilts of the flat mirror against the sample's normal and the azimuths towards which it is tilted, sample frame,
     /// degrees.
     pub tilts: Vec<[f64; 2]>,
-    /// Pixels a side of the camera's image.
-    pub image_size: u32,
-    /// How the virtual rig really is; see [`plan::Request::truth`].
-    pub truth: Option<String>,
-    /// Whether the virtual rig is noisy.
-    pub noise: bool,
-    /// Source of all chance of the virtual rig.
-    pub seed: u64,
+    /// How they are captured.
+    pub conditions: Conditions,
 }
 
 /// What was captured.
@@ -61,7 +54,7 @@ pub struct Views {
     pub rig: Rig,
     /// As in [`Request::tilts`].
     pub tilts: Vec<[f64; 2]>,
-    /// As in [`Request::image_size`].
+    /// As in [`Conditions::image_size`].
     pub image_size: u32,
 }
 
@@ -103,7 +96,7 @@ pub fn capture(
     let views = Views {
         rig: request.rig.clone(),
         tilts: request.tilts.clone(),
-        image_size: request.image_size,
+        image_size: request.conditions.image_size,
     };
     let rig = views.scaled()?;
     let stripes = views.stripes();
@@ -123,17 +116,9 @@ pub fn capture(
         bits: format.bits,
     };
     let raw = RawStore::create(&dir.join(RAW), layout, Map::new())?;
-    let behaviour = plan::Request {
-        grid: Grid::ThetaPhi { step_deg: 15.0 },
-        image_size: request.image_size,
-        exposure_s: None,
-        brackets: Brackets::default(),
-        sample: None,
-        truth: request.truth.clone(),
-        tilt: None,
-        noise: request.noise,
-        seed: request.seed,
-    };
+    let opened_for = request
+        .conditions
+        .request(Grid::ThetaPhi { step_deg: 15.0 }, None);
     let spot = PatternMaker::new(View::projector(&rig), SPOT_DEG, 1.0)
         .lit_set(lit_direction(&rig))
         .map(|lit| lit.pixels)
@@ -146,7 +131,7 @@ pub fn capture(
     let mut done = 0;
     for (index, held) in held.into_iter().enumerate() {
         let is_mirror = matches!(held, Held::Mirror(_));
-        let mut instrument = setup.open_held(&rig, held, &behaviour)?;
+        let mut instrument = setup.open_held(&rig, held, &opened_for)?;
         let draw = |exposure: usize, image: &mut BitPattern| match exposure {
             exposure if is_mirror => stripes.draw(exposure, image),
             0 => image.light(&spot),

@@ -1,6 +1,7 @@
 //! From a rig that is 3 mm and 2° off the true one is found, and views that do not determine it are refused.
 
 use super::*;
+use crate::calibrate::Conditions;
 use crate::direction::angle_between;
 use crate::progress::Silent;
 use crate::setup::Setup;
@@ -24,10 +25,12 @@ fn calibrated(
     let request = Request {
         rig: nominal.clone(),
         tilts: tilts.to_vec(),
-        image_size: 160,
-        truth: Some(path.display().to_string()),
-        noise: true,
-        seed,
+        conditions: Conditions {
+            image_size: 160,
+            truth: Some(path.display().to_string()),
+            noise: true,
+            seed,
+        },
     };
     let dir = folder.path().join("calibration");
     capture(&request, &dir, &Setup::default(), &Silent).unwrap();

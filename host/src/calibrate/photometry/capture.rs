@@ -25,8 +25,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Map;
 
 use super::rank_one::positive;
-use crate::brackets::Brackets;
-use crate::calibrate::{CalibrateError, RIG, read_json, segment_of};
+use crate::calibrate::{CalibrateError, Conditions, RIG, read_json, segment_of};
 use crate::capture::{Instrument, Tally};
 use crate::direction::from_degrees;
 use crate::incident::Grid;
@@ -67,14 +66,8 @@ pub struct Request {
     pub tilts: Vec<Tilt>,
     /// Longest exposure time, seconds; `None` for the longest that does not saturate.
     pub exposure_s: Option<f64>,
-    /// Pixels a side of the camera's image.
-    pub image_size: u32,
-    /// How the virtual rig really is; see [`plan::Request::truth`].
-    pub truth: Option<String>,
-    /// Whether the virtual rig is noisy.
-    pub noise: bool,
-    /// Source of all chance of the virtual rig.
-    pub seed: u64,
+    /// How they are captured.
+    pub conditions: Conditions,
 }
 
 /// What was captured.
@@ -87,7 +80,7 @@ pub struct Views {
     pub(super) standard: String,
     /// As in [`Request::second_standard`].
     pub(super) second_standard: Option<String>,
-    /// As in [`Request::image_size`].
+    /// As in [`Conditions::image_size`].
     pub(super) image_size: u32,
     /// Exposure times of the series, seconds, ascending.
     pub(super) times_s: Vec<f64>,
@@ -198,30 +191,14 @@ pub fn capture(
     }
     let second = request.second_standard.as_deref().map(parse).transpose()?;
     let trap = parse("lambert:0")?;
-    let untilted = plan::Request {
-        grid: Grid::ThetaPhi { step_deg: STEP_DEG },
-        image_size: request.image_size,
-        exposure_s: None,
-        brackets: Brackets::default(),
-        sample: None,
-        truth: request.truth.clone(),
-        tilt: None,
-        noise: request.noise,
-        seed: request.seed,
-    };
     let tilts: Vec<Option<Tilt>> = std::iter::once(None)
         .chain(request.tilts.iter().copied().map(Some))
         .collect();
     let holders: Vec<Holder> = tilts
         .iter()
         .map(|tilt| {
-            Holder::new(
-                &full,
-                &plan::Request {
-                    tilt: *tilt,
-                    ..untilted.clone()
-                },
-            )
+            let grid = Grid::ThetaPhi { step_deg: STEP_DEG };
+            Holder::new(&full, request.conditions.request(grid, *tilt))
         })
         .collect::<Result<_, _>>()?;
     let exposure_s = match request.exposure_s {
@@ -232,7 +209,7 @@ pub fn capture(
         rig: full,
         standard: request.standard.clone(),
         second_standard: request.second_standard.clone(),
-        image_size: request.image_size,
+        image_size: request.conditions.image_size,
         times_s: (0..TIMES)
             .rev()
             .map(|halvings| exposure_s / f64::from(1 << halvings))
@@ -353,13 +330,13 @@ struct Holder {
 }
 
 impl Holder {
-    fn new(full: &Rig, request: &plan::Request) -> Result<Self, CalibrateError> {
+    fn new(full: &Rig, request: plan::Request) -> Result<Self, CalibrateError> {
         let rig = request.rig(full)?;
         let grid = Views::grid(&rig)?;
         let mut directions: Vec<usize> = grid.measurable().collect();
         directions.truncate(directions.len() / SEGMENT * SEGMENT);
         Ok(Self {
-            request: request.clone(),
+            request,
             maker: maker(&rig),
             rig,
             grid,

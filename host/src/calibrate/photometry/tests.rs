@@ -1,6 +1,7 @@
 //! A rig with ±30 % in light and throughput is found to better than half a percent, and so are the camera's numbers.
 
 use super::*;
+use crate::calibrate::Conditions;
 use crate::optics::{DirectionMap, View};
 use crate::progress::Silent;
 use crate::rig::Tilt;
@@ -35,10 +36,12 @@ fn calibrated(
         second_standard: second.map(str::to_owned),
         tilts: Vec::new(),
         exposure_s: None,
-        image_size: SIZE,
-        truth: Some(path.display().to_string()),
-        noise: true,
-        seed: 1,
+        conditions: Conditions {
+            image_size: SIZE,
+            truth: Some(path.display().to_string()),
+            noise: true,
+            seed: 1,
+        },
     };
     change(&mut request);
     let found = capture(&request, folder.path(), &Setup::default(), &Silent)

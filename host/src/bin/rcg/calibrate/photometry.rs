@@ -46,15 +46,8 @@ pub(crate) struct Args {
     /// Pixels a side of the camera's image
     #[arg(long, value_name = "N", default_value_t = 96)]
     image_size: u32,
-    /// How the virtual rig really is: a file that `rcg truth` writes [default: as the rig file says]
-    #[arg(long, value_name = "FILE")]
-    truth: Option<String>,
-    /// Switch shot and read noise of the virtual rig on or off
-    #[arg(long, value_name = "on|off", value_parser = ["on", "off"], default_value = "on")]
-    noise: String,
-    /// Seed of all chance of the virtual rig
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
+    #[command(flatten)]
+    conditions: super::ConditionArgs,
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
@@ -83,10 +76,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             second_standard: (args.second_standard != "none").then(|| args.second_standard.clone()),
             tilts: args.tilts.clone(),
             exposure_s: args.exposure_ms.map(|ms| ms * 1e-3),
-            image_size: args.image_size,
-            truth: args.truth.clone(),
-            noise: args.noise == "on",
-            seed: args.seed,
+            conditions: args.conditions.conditions(args.image_size),
         };
         capture(&request, &args.out, &Setup::default(), output)?;
     }
