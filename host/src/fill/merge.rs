@@ -8,7 +8,9 @@
 //! three times the usual take no part.
 //!
 //! Then every sample is the mean of what the captures say, weighted by inverse variance; a turn is applied by looking up
-//! the turned pair.
+//! the turned pair. Noise averages out; the standard, the fields and blur do not, because all captures share them. The files
+//! have one number for both, so [`COMMON`] of each variance is taken to be shared: with weights w = 1/σ² the variance is
+//! (1 − common)/Σw + common·(Σwσ/Σw)².
 
 use std::path::Path;
 
@@ -37,6 +39,8 @@ const FEWEST: usize = 200;
 const STEP_DEG: f64 = 0.5;
 /// Relative uncertainty that every sample has beside its own: interpolation.
 const LEAST: f64 = 5e-3;
+/// Share of the variance of a sample that captures have in common.
+const COMMON: f64 = 0.5;
 /// Rounds of turning and solving.
 const ROUNDS: usize = 4;
 /// Turns below this many times their uncertainty are not applied.
@@ -213,12 +217,15 @@ fn merged_chunk(
     let samples = range.len() * cells;
     let mut sums = vec![0.0_f64; samples * channels];
     let mut weights = vec![0.0_f64; samples * channels];
+    // Σ w·σ.
+    let mut roots = vec![0.0_f64; samples * channels];
     let mut provenance = vec![Provenance::Missing.code(); samples];
     let mut add = |sample: usize, f: &[f32], sigma: &[f32], scale: f64, code: u8| {
         for channel in 0..channels {
             let weight = (f64::from(sigma[channel]) * scale).max(1e-12).powi(-2);
             sums[sample * channels + channel] += weight * scale * f64::from(f[channel]);
             weights[sample * channels + channel] += weight;
+            roots[sample * channels + channel] += weight.sqrt();
         }
         // With another capture in it, it is merged.
         provenance[sample] = if provenance[sample] == Provenance::Missing.code() {
@@ -283,9 +290,11 @@ fn merged_chunk(
             .collect(),
         sigma: weights
             .iter()
-            .map(|weight| {
+            .zip(&roots)
+            .map(|(weight, root)| {
+                let variance = (1.0 - COMMON) / weight + COMMON * (root / weight).powi(2);
                 f16::from_f64(if *weight > 0.0 {
-                    weight.sqrt().recip().min(65_504.0)
+                    variance.sqrt().min(65_504.0)
                 } else {
                     0.0
                 })
