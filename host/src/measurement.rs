@@ -6,7 +6,6 @@
 //! report) appears under its name only when it is whole. `manifest.json` says how far things are.
 
 use std::fs;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::sync_channel;
 
@@ -23,8 +22,11 @@ use crate::plan::{Directions, Exposure, Plan, PlanError, Request};
 use crate::rig::{Rig, RigError};
 use crate::store::{RawLayout, RawStore, Segment, StoreError};
 
+mod files;
 mod segment;
 
+pub use files::write_whole;
+use files::{io, write_synced};
 pub(crate) use segment::take_segment;
 
 /// Files that a directory can hold before it is a measurement.
@@ -467,35 +469,5 @@ pub(crate) fn hex(bytes: &[u8]) -> String {
     bytes.iter().fold(String::new(), |mut text, byte| {
         write!(text, "{byte:02x}").expect("strings take everything");
         text
-    })
-}
-
-fn io(path: &Path, source: std::io::Error) -> MeasurementError {
-    MeasurementError::Io {
-        path: path.display().to_string(),
-        source,
-    }
-}
-
-/// Writes a file so that it is whole or not there.
-///
-/// # Errors
-/// [`MeasurementError::Io`].
-pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), MeasurementError> {
-    let temporary = path.with_extension("tmp");
-    write_synced(&temporary, bytes)?;
-    fs::rename(&temporary, path).map_err(|source| {
-        fs::remove_file(&temporary).ok();
-        io(path, source)
-    })
-}
-
-/// Writes a file to the disk, or removes what was written of it.
-fn write_synced(path: &Path, bytes: &[u8]) -> Result<(), MeasurementError> {
-    let written =
-        fs::File::create(path).and_then(|mut file| file.write_all(bytes).and_then(|()| file.sync_all()));
-    written.map_err(|source| {
-        fs::remove_file(path).ok();
-        io(path, source)
     })
 }
