@@ -77,10 +77,15 @@ impl Request {
     /// # Errors
     /// [`PlanError::ImageSize`]; [`PlanError::Toml`] if the tilted sample is out of sight.
     pub fn rig(&self, rig: &Rig) -> Result<Rig, PlanError> {
-        if !(8..=4096).contains(&self.image_size) {
-            return Err(PlanError::ImageSize(self.image_size));
-        }
+        self.check_image_size()?;
         Ok(rig.tilted(self.tilt)?.with_image_size(self.image_size)?)
+    }
+
+    fn check_image_size(&self) -> Result<(), PlanError> {
+        if (8..=4096).contains(&self.image_size) {
+            return Ok(());
+        }
+        Err(PlanError::ImageSize(self.image_size))
     }
 }
 
@@ -140,7 +145,9 @@ pub enum PlanError {
     ImageSize(u32),
     /// Two exposures of a pattern do not overlap.
     #[error(
-        "brackets: expected neighbouring exposure times at most {largest:.0} times apart, or the signals between          saturate the one and drown in the noise of the other; found {shorter_ms} and {longer_ms} ms, {found:.0} times          (put a time between them, or let `--brackets auto` choose)"
+        "brackets: expected neighbouring exposure times at most {largest:.0} times apart, or the signals between \
+         saturate the one and drown in the noise of the other; found {shorter_ms} and {longer_ms} ms, {found:.0} times \
+         (put a time between them, or let `--brackets auto` choose)"
     )]
     Apart {
         /// The shorter in ms.
@@ -238,9 +245,7 @@ impl Plan {
     /// # Panics
     /// If `exposures_s` is empty.
     pub fn bracketed(request: Request, rig: &Rig, exposures_s: &[f64]) -> Result<Self, PlanError> {
-        if !(8..=4096).contains(&request.image_size) {
-            return Err(PlanError::ImageSize(request.image_size));
-        }
+        request.check_image_size()?;
         let directions = Directions::new(rig, &request.grid)?;
         let count = directions.measurable().count();
         if count == 0 {
