@@ -1,25 +1,31 @@
 #!/usr/bin/env bash
 # All tests of RCG, on a fresh Debian machine with rustup too: builds the firmware for its real targets, checks
 # format and lints with warnings as errors, runs every test, and the firmware's trials in an emulated Pico. Installs what
-# is missing where it can.
+# is missing where it can. `./test.sh full` tries all pairs of options with each other, not only some.
 set -euo pipefail
 cd "$(dirname "$0")"
+case "${1:-}" in
+    "") ;;
+    full) export RCG_FULL=1 ;;
+    *) echo "test.sh: expected nothing or \`full\`, found $1" >&2; exit 2 ;;
+esac
 
-step() { printf '\n== %s\n' "$*"; }
-# Where apt is at hand. What is missing for all that shows up where it is used.
-install() {
-    if command -v apt-get >/dev/null && [ "$(id -u)" = 0 ]; then
-        apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@"
+. ./toolchain.sh
+
+began=$SECONDS
+step() {
+    if [ -n "${present:-}" ]; then
+        printf -- '-- %s: %d s\n' "$present" $((SECONDS - since))
     fi
+    present=$*
+    since=$SECONDS
+    printf '\n== %s\n' "$present"
 }
 
 step "toolchain"
-command -v cc >/dev/null || install gcc libc6-dev
-# rust-toolchain.toml names the toolchain; where rustup does not install by itself this does.
+need_compiler
+need_rust
 if command -v rustup >/dev/null; then
-    channel=$(sed -n 's/^channel = "\(.*\)"/\1/p' rust-toolchain.toml)
-    rustup run "$channel" rustc --version >/dev/null 2>&1 ||
-        rustup toolchain install "$channel" --profile minimal --no-self-update
     have() { rustup "$1" list --installed --toolchain "$channel" | grep -q "$2"; }
     for component in clippy rustfmt; do
         have component "$component" || rustup component add "$component" --toolchain "$channel"
@@ -31,14 +37,14 @@ fi
 rustc --version
 
 step "emulated Pico"
-command -v npm >/dev/null || install nodejs npm ca-certificates || true
+command -v npm >/dev/null || install_packages nodejs npm ca-certificates || true
 if command -v npm >/dev/null; then
     (cd hil/emulator && npm ci --no-audit --no-fund)
 else
     echo "no npm: the emulated Pico and its trials are skipped"
 fi
 # Another emulator of the PIO, to compare with.
-python3 -c 'import ensurepip, venv' 2>/dev/null || install python3 python3-venv || true
+python3 -c 'import ensurepip, venv' 2>/dev/null || install_packages python3 python3-venv || true
 if python3 -c 'import ensurepip, venv' 2>/dev/null; then
     [ -x hil/emulator/.venv/bin/pip ] || python3 -m venv hil/emulator/.venv
     hil/emulator/.venv/bin/pip install --quiet --disable-pip-version-check -r hil/emulator/requirements.txt
@@ -72,7 +78,7 @@ step "tests and trials"
 rm -f target/hil-figures.txt
 cargo test --workspace --all-features
 
-step "passed"
+step "passed, in $((SECONDS - began)) s"
 if [ -f target/hil-figures.txt ]; then
     echo "what the trials measured:"
     cat target/hil-figures.txt

@@ -26,8 +26,6 @@ use crate::schedule::Timing;
 
 /// How often an exposure is tried.
 pub const ATTEMPTS: u8 = 8;
-/// Frames that are taken in between two events of the controller.
-const FRAMES_AT_ONCE: usize = 64;
 /// Frames may be this late after the last strobe.
 const FRAMES_LATE: Duration = Duration::from_millis(500);
 
@@ -255,20 +253,27 @@ impl Instrument {
         let period = Duration::from_secs_f64(longest_s);
         let Self { device, camera, .. } = self;
         let program = Timing::table(table.len() as u32, (steps / table.len()) as u32);
-        let ending = device.play(&program, &table, |event| -> Result<(), CaptureError> {
+        // Frames are taken in as long as the host may be busy with them.
+        let at_once = device.keep_alive() / 4;
+        let frames = &mut haul.frames;
+        let take_in = |device: &mut Device<Box<dyn Link>>| -> Result<(), CaptureError> {
+            let began = device.link().now();
+            while let Some(frame) = camera.next_frame(Duration::ZERO)? {
+                frames.push(frame);
+                if device.link().now().saturating_sub(began) >= at_once {
+                    break;
+                }
+            }
+            Ok(())
+        };
+        let (records, spurious_on) = (&mut haul.records, &mut haul.spurious_on);
+        let ending = device.play_with(&program, &table, take_in, |event| {
             match event {
-                Some(Event::Records { records, .. }) => haul.records.extend(records),
-                Some(Event::SpuriousStrobe { on, .. }) => haul.spurious_on.push(on.0),
+                Some(Event::Records { records: new, .. }) => records.extend(new),
+                Some(Event::SpuriousStrobe { on, .. }) => spurious_on.push(on.0),
                 _ => {}
             }
-            // More than an event has records, but not so many that the host falls silent over them.
-            for _ in 0..FRAMES_AT_ONCE {
-                let Some(frame) = camera.next_frame(Duration::ZERO)? else {
-                    break;
-                };
-                haul.frames.push(frame);
-            }
-            recorded(haul.records.len());
+            recorded(records.len());
             Ok(())
         })?;
         if ending.state != State::Done {

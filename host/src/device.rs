@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use rcg_protocol::{
-    Decoder, Event, Fault, Identity, Info, MAX_FRAME, PROTOCOL_VERSION, Program, Reply, Request, Response,
+    Decoder, Event, Fault, Identity, Info, MAX_FRAME, Micros, PROTOCOL_VERSION, Program, Reply, Request, Response,
     RunId, SCHEMA_HASH, STEPS_PER_APPEND, Seq, SessionId, Status, Step, ToDevice, ToHost, encode,
 };
 
@@ -56,6 +56,8 @@ pub struct Device<L> {
     /// Bytes that came so far.
     heard: u64,
     info: Option<Info>,
+    /// How long the host may be silent in a run of what was loaded last; zero for ever.
+    dead_man: Micros,
     /// What a [`Feed`] wants to hear of; collected while there is one.
     news: VecDeque<News>,
     feeding: bool,
@@ -87,6 +89,7 @@ impl<L: Link> Device<L> {
             corrupt: 0,
             heard: 0,
             info: None,
+            dead_man: Micros::DEFAULT_DEAD_MAN,
             news: VecDeque::new(),
             feeding: false,
         };
@@ -194,7 +197,7 @@ impl<L: Link> Device<L> {
                 found: steps.len(),
             });
         }
-        self.ask_room(&Request::Load(*program))?;
+        self.begin(program)?;
         for (batch, chunk) in steps.chunks(STEPS_PER_APPEND).enumerate() {
             let last = (batch + 1) * STEPS_PER_APPEND >= steps.len();
             self.append((batch * STEPS_PER_APPEND) as u64, chunk, last)?;
@@ -207,7 +210,16 @@ impl<L: Link> Device<L> {
     /// # Errors
     /// [`DeviceError`].
     pub fn begin(&mut self, program: &Program) -> Result<u32, DeviceError> {
-        self.ask_room(&Request::Load(*program))
+        let room = self.ask_room(&Request::Load(*program))?;
+        self.dead_man = program.dead_man;
+        Ok(room)
+    }
+
+    /// How long the host may be silent in a run of what was loaded last, zero for ever; the default if another host
+    /// has loaded it.
+    #[must_use]
+    pub const fn dead_man(&self) -> Micros {
+        self.dead_man
     }
 
     /// Adds up to [`STEPS_PER_APPEND`] steps; returns how many more fit.

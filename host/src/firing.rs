@@ -1,8 +1,13 @@
 //! What the trigger box shall fire, as people say it: times with their units, and brackets of exposures.
+//!
+//! # Design
+//! The trigger box refuses what it cannot make, but knows neither names nor units; so it is checked here before, against
+//! the limits that the box tells of itself. A time that is not 0 never becomes 0 by rounding: 0 has a meaning of its own.
 
+use std::fmt;
 use std::str::FromStr;
 
-use rcg_protocol::{Micros, Pulse, Step, Ticks};
+use rcg_protocol::{Info, Micros, Pace, Pulse, Step, Ticks};
 
 use crate::rig::Rig;
 use crate::schedule::{ScheduleError, Timing};
@@ -39,6 +44,16 @@ impl FromStr for Span {
     }
 }
 
+impl fmt::Display for Span {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Ticks(ticks) => write!(f, "{ticks} ticks"),
+            Self::Seconds(s) if s > 0.0 && s < 1e-3 => write!(f, "{} ns", (s * 1e15).round() / 1e6),
+            Self::Seconds(s) => write!(f, "{s} s"),
+        }
+    }
+}
+
 impl Span {
     /// In ticks of a clock of `clock_hz`, the nearest.
     #[must_use]
@@ -66,7 +81,132 @@ impl Span {
     }
 }
 
-/// Steps that differ in their exposure time only. What is not given comes from the rig.
+/// What the trigger box can make, for one pace.
+#[derive(Clone, Copy, Debug)]
+pub struct Limits {
+    /// Ticks per second.
+    pub clock_hz: u32,
+    /// Shortest distance of two edges, or of an edge and a border of the step, in ticks.
+    pub shortest: Ticks,
+    /// Longest step.
+    pub longest_period: Ticks,
+}
+
+impl Limits {
+    /// Those of the trigger box that says `info` of itself.
+    #[must_use]
+    pub fn new(info: &Info, pace: Pace) -> Self {
+        let shortest = match pace {
+            Pace::FreeRunning => info.shortest_free,
+            Pace::EachOnSync => info.shortest_sync,
+        };
+        Self {
+            clock_hz: info.clock_hz,
+            shortest: Ticks(u64::from(shortest)),
+            longest_period: info.longest_period,
+        }
+    }
+
+    /// `ticks` as people read it, such as `2 ms` or `24 ns (3 ticks)`.
+    fn words(self, ticks: Ticks) -> String {
+        let s = ticks.0 as f64 / f64::from(self.clock_hz);
+        let (scale, unit) = match s {
+            s if s >= 1.0 => (1.0, "s"),
+            s if s >= 1e-3 => (1e3, "ms"),
+            s if s >= 1e-6 => (1e6, "us"),
+            _ => (1e9, "ns"),
+        };
+        let number = (s * scale * 1e6).round() / 1e6;
+        if ticks.0 < 1000 {
+            format!("{number} {unit} ({} ticks)", ticks.0)
+        } else {
+            format!("{number} {unit}")
+        }
+    }
+
+    /// `span` in ticks; what is not 0 must not become 0.
+    fn ticks(self, option: &'static str, span: Span) -> Result<Ticks, FiringError> {
+        let ticks = span.ticks(self.clock_hz);
+        if ticks == Ticks::ZERO && span.seconds(self.clock_hz) > 0.0 {
+            return Err(FiringError::BelowTick {
+                option,
+                found: span,
+                tick_ns: 1e9 / f64::from(self.clock_hz),
+                shortest: self.words(self.shortest),
+            });
+        }
+        Ok(ticks)
+    }
+}
+
+/// Why the trigger box cannot fire that.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum FiringError {
+    /// An exposure time out of range.
+    #[error(transparent)]
+    Schedule(#[from] ScheduleError),
+    /// A time rounds to nothing.
+    #[error(
+        "{option}: expected 0 or at least {shortest}, found {found}, which rounds to 0 ticks of {tick_ns} ns"
+    )]
+    BelowTick {
+        /// The option.
+        option: &'static str,
+        /// What was asked for.
+        found: Span,
+        /// Length of a tick in ns.
+        tick_ns: f64,
+        /// The shortest time that the trigger box makes.
+        shortest: String,
+    },
+    /// A pulse does not end within its step.
+    #[error(
+        "step {step}: expected the {pulse} pulse to end within the period of {period}, found that it begins at {begins} \
+         and lasts {width}, {by} too long"
+    )]
+    Outside {
+        /// Number of the step.
+        step: usize,
+        /// Which pulse.
+        pulse: &'static str,
+        /// Its leading edge.
+        begins: String,
+        /// Its length.
+        width: String,
+        /// The period.
+        period: String,
+        /// How much it is too long.
+        by: String,
+    },
+    /// Two edges are too close.
+    #[error("step {step}: expected at least {shortest} between {first} and {second}, found {apart}")]
+    TooClose {
+        /// Number of the step.
+        step: usize,
+        /// The earlier one.
+        first: &'static str,
+        /// The later one.
+        second: &'static str,
+        /// How far they are apart.
+        apart: String,
+        /// How far they must be.
+        shortest: String,
+    },
+    /// A step is too long, or there is none.
+    #[error("step {step}: expected a period of {shortest} to {longest}, found {period}")]
+    Period {
+        /// Number of the step.
+        step: usize,
+        /// What was asked for.
+        period: String,
+        /// The shortest.
+        shortest: String,
+        /// The longest.
+        longest: String,
+    },
+}
+
+/// Steps that differ in their exposure time only. What is not given comes from the rig, as far as it fits what is given.
 #[derive(Clone, Debug, Default)]
 pub struct Bracket {
     /// Exposure times, one step each; 0 for a step without CAM.
@@ -80,117 +220,111 @@ pub struct Bracket {
 }
 
 impl Bracket {
-    /// The steps, in the order of the exposure times.
+    /// The steps, in the order of the exposure times; the trigger box with these `limits` can make them.
     ///
     /// # Errors
-    /// [`ScheduleError`] for an exposure time out of range.
-    pub fn steps(&self, rig: &Rig, clock_hz: u32) -> Result<Vec<Step>, ScheduleError> {
+    /// [`FiringError`] names the step and what in it cannot be.
+    pub fn steps(&self, rig: &Rig, limits: Limits) -> Result<Vec<Step>, FiringError> {
         let default = [Span::Seconds(rig.camera.exposure_s)];
         let exposures = if self.exposures.is_empty() {
             &default[..]
         } else {
             &self.exposures
         };
-        let ticks =
-            |span: Option<Span>, otherwise: Ticks| span.map_or(otherwise, |span| span.ticks(clock_hz));
+        let given = |option, span: Option<Span>| span.map(|span| limits.ticks(option, span)).transpose();
+        let cam_at = given("--cam-at", self.cam_at)?;
+        let proj_width = given("--proj-width", self.proj_width)?;
+        let period = given("--period", self.period)?;
         exposures
             .iter()
-            .map(|exposure| {
+            .enumerate()
+            .map(|(index, &exposure)| {
+                let width = limits.ticks("--exposure", exposure)?;
                 // The rig bounds the pace from a microsecond on; a pulse may well be shorter.
-                let step = Timing::new(rig, exposure.seconds(clock_hz).max(1e-6))?.step(clock_hz);
-                Ok(Step {
-                    proj: Pulse {
-                        at: Ticks::ZERO,
-                        width: ticks(self.proj_width, step.proj.width),
-                    },
-                    cam: Pulse {
-                        at: ticks(self.cam_at, step.cam.at),
-                        width: exposure.ticks(clock_hz),
-                    },
-                    period: ticks(self.period, step.period),
-                })
+                let exposure_s = exposure.seconds(limits.clock_hz).max(1e-6);
+                let rigs = Timing::new(rig, exposure_s)?.step(limits.clock_hz);
+                let shortest = limits.shortest;
+                // Where the period is given, what is not given makes room for what is.
+                let room = period.map_or(Ticks(u64::MAX), |period| period.saturating_sub(shortest));
+                let cam_at = cam_at.unwrap_or_else(|| rigs.cam.at.min(room.saturating_sub(width)));
+                let cam = Pulse { at: cam_at, width };
+                let proj = Pulse {
+                    at: Ticks::ZERO,
+                    width: proj_width.unwrap_or_else(|| clear_of(rigs.proj.width.min(room), cam, shortest)),
+                };
+                let end = |pulse: Pulse| pulse.at.checked_add(pulse.width).unwrap_or(pulse.at);
+                let needed = end(proj).max(end(cam)).checked_add(shortest).unwrap_or(Ticks::ZERO);
+                let step = Step {
+                    proj,
+                    cam,
+                    period: period.unwrap_or_else(|| rigs.period.max(needed)),
+                };
+                check(index, &step, limits).map(|()| step)
             })
             .collect()
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    const CLOCK_HZ: u32 = 125_000_000;
-
-    #[test]
-    fn times_have_units() {
-        for (text, ticks) in [
-            ("5us", 625),
-            ("5 \u{b5}s", 625),
-            ("33.3ms", 4_162_500),
-            ("1s", 125_000_000),
-            ("24 ns", 3),
-            ("3ticks", 3),
-            ("0us", 0),
-            ("2e-3s", 250_000),
-        ] {
-            assert_eq!(
-                text.parse::<Span>().unwrap().ticks(CLOCK_HZ),
-                Ticks(ticks),
-                "{text}"
-            );
-        }
-        for text in [
-            "5",
-            "",
-            "us",
-            "-1us",
-            "1.5ticks",
-            "5 minutes",
-            "nan s",
-            "infs",
-            "5us6",
-            "1e999s",
-        ] {
-            let error = text.parse::<Span>().unwrap_err();
-            assert!(error.starts_with("expected a time with its unit"), "{text}");
-        }
-        assert_eq!(
-            "2s".parse::<Span>().unwrap().micros(CLOCK_HZ),
-            Some(Micros(2_000_000))
-        );
-        assert_eq!("5000s".parse::<Span>().unwrap().micros(CLOCK_HZ), None);
-    }
-
-    #[test]
-    fn a_bracket_is_one_step_for_each_exposure_and_the_rigs_own_unless_told() {
-        let rig = Rig::load("rcg-1").unwrap();
-        let own = Timing::new(&rig, rig.camera.exposure_s).unwrap().step(CLOCK_HZ);
-        assert_eq!(Bracket::default().steps(&rig, CLOCK_HZ).unwrap(), [own]);
-        let exposures = vec![Span::Seconds(0.002), Span::Ticks(7), Span::Ticks(0)];
-        let bracket = Bracket {
-            exposures: exposures.clone(),
-            ..Bracket::default()
-        };
-        let steps = bracket.steps(&rig, CLOCK_HZ).unwrap();
-        let widths: Vec<u64> = steps.iter().map(|step| step.cam.width.0).collect();
-        assert_eq!(widths, [250_000, 7, 0]);
-        assert!(
-            steps[0].period > steps[1].period,
-            "each as short as the rig allows"
-        );
-        let told = Bracket {
-            exposures,
-            cam_at: Some(Span::Ticks(100)),
-            proj_width: Some(Span::Ticks(0)),
-            period: Some(Span::Seconds(0.0021)),
-        };
-        for step in told.steps(&rig, CLOCK_HZ).unwrap() {
-            assert_eq!((step.cam.at, step.period), (Ticks(100), Ticks(262_500)));
-            assert!(step.proj.is_none());
-        }
-        let long = Bracket {
-            exposures: vec![Span::Seconds(61.0)],
-            ..Bracket::default()
-        };
-        assert!(long.steps(&rig, CLOCK_HZ).is_err());
+/// The length of a PROJ pulse of `width`, or a little less, that ends with an edge of `cam` or clear of both.
+fn clear_of(width: Ticks, cam: Pulse, shortest: Ticks) -> Ticks {
+    let edges = [cam.at, cam.at + cam.width];
+    let near = |at: Ticks| at != width && at.0.abs_diff(width.0) < shortest.0;
+    match edges.into_iter().find(|&at| !cam.is_none() && near(at)) {
+        Some(edge) => edge,
+        None => width,
     }
 }
+
+/// Whether the trigger box can make `step`, the `index`-th.
+fn check(index: usize, step: &Step, limits: Limits) -> Result<(), FiringError> {
+    let words = |ticks| limits.words(ticks);
+    let period = step.period;
+    if period < limits.shortest || period > limits.longest_period {
+        return Err(FiringError::Period {
+            step: index,
+            period: words(period),
+            shortest: words(limits.shortest),
+            longest: words(limits.longest_period),
+        });
+    }
+    let mut edges = vec![(Ticks::ZERO, "the start of the step"), (period, "its end")];
+    let pulses = [
+        ("PROJ", step.proj, ["the leading edge of PROJ", "the trailing edge of PROJ"]),
+        ("CAM", step.cam, ["the leading edge of CAM", "the trailing edge of CAM"]),
+    ];
+    for (pulse, Pulse { at, width }, names) in pulses {
+        if width == Ticks::ZERO {
+            continue;
+        }
+        let end = at.0.saturating_add(width.0);
+        if end > period.0 {
+            return Err(FiringError::Outside {
+                step: index,
+                pulse,
+                begins: words(at),
+                width: words(width),
+                period: words(period),
+                by: words(Ticks(end - period.0)),
+            });
+        }
+        edges.extend([(at, names[0]), (Ticks(end), names[1])]);
+    }
+    edges.sort_by_key(|edge| edge.0);
+    let close = edges.windows(2).find(|pair| {
+        let apart = pair[1].0 - pair[0].0;
+        apart > Ticks::ZERO && apart < limits.shortest
+    });
+    match close {
+        None => Ok(()),
+        Some(pair) => Err(FiringError::TooClose {
+            step: index,
+            first: pair[0].1,
+            second: pair[1].1,
+            apart: words(pair[1].0 - pair[0].0),
+            shortest: words(limits.shortest),
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -7,8 +7,10 @@ use rcg_protocol::{Event, Fault, Program, RunId, State, Step, Ticks};
 use crate::device::{Device, DeviceError, Feed};
 use crate::link::Link;
 
-/// While a run goes on, the host makes itself heard this often, for the dead-man switch.
+/// While a run goes on, the host makes itself heard at least this often.
 const KEEP_ALIVE: Duration = Duration::from_millis(400);
+/// … and this many times within the dead-man time, of which one may go by with work and one with a lost answer.
+const SIGNS_OF_LIFE: u32 = 5;
 
 /// How a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,8 +49,32 @@ impl<L: Link> Device<L> {
         steps: &[Step],
         event: impl FnMut(Option<&Event>) -> Result<(), E>,
     ) -> Result<Ending, E> {
+        self.play_with(program, steps, |_| Ok(()), event)
+    }
+
+    /// As [`play`](Self::play), calling `work` at least as often as `event`. What it does shall end within a
+    /// [`keep_alive`](Self::keep_alive).
+    ///
+    /// # Errors
+    /// As [`play`](Self::play), or what `work` returns.
+    pub fn play_with<E: From<DeviceError>>(
+        &mut self,
+        program: &Program,
+        steps: &[Step],
+        work: impl FnMut(&mut Self) -> Result<(), E>,
+        event: impl FnMut(Option<&Event>) -> Result<(), E>,
+    ) -> Result<Ending, E> {
         self.load(program, steps)?;
-        self.fire(|_| Ok(()), event)
+        self.fire(work, event)
+    }
+
+    /// How often the host makes itself heard while a run goes on, so that the dead-man switch stays quiet.
+    #[must_use]
+    pub fn keep_alive(&self) -> Duration {
+        match Duration::from_micros(u64::from(self.dead_man().0)) {
+            Duration::ZERO => KEEP_ALIVE,
+            dead_man => KEEP_ALIVE.min(dead_man / SIGNS_OF_LIFE),
+        }
     }
 
     /// Plays the stream `steps`, which is fed while the run goes on; `program` says that it is one. Tells `event` as
@@ -65,7 +91,7 @@ impl<L: Link> Device<L> {
         let mut feed = Feed::new(steps, self.begin(program)?);
         feed.fill(self)?;
         self.set_feeding(true);
-        let ending = self.fire(|device| feed.advance(device), event);
+        let ending = self.fire(|device| Ok(feed.advance(device)?), event);
         self.set_feeding(false);
         ending
     }
@@ -73,7 +99,7 @@ impl<L: Link> Device<L> {
     /// Fires what is loaded and follows it.
     fn fire<E: From<DeviceError>>(
         &mut self,
-        work: impl FnMut(&mut Self) -> Result<(), DeviceError>,
+        work: impl FnMut(&mut Self) -> Result<(), E>,
         event: impl FnMut(Option<&Event>) -> Result<(), E>,
     ) -> Result<Ending, E> {
         let run = self.arm()?;
@@ -90,15 +116,16 @@ impl<L: Link> Device<L> {
     fn follow_while<E: From<DeviceError>>(
         &mut self,
         run: RunId,
-        mut work: impl FnMut(&mut Self) -> Result<(), DeviceError>,
+        mut work: impl FnMut(&mut Self) -> Result<(), E>,
         mut event: impl FnMut(Option<&Event>) -> Result<(), E>,
     ) -> Result<Ending, E> {
+        let keep_alive = self.keep_alive();
         let mut heard = self.link().now();
         let mut over = None;
         loop {
             work(self)?;
             let next = match over {
-                None => self.next_event(KEEP_ALIVE / 4)?,
+                None => self.next_event(keep_alive / 4)?,
                 // What was sent before the end is still on its way.
                 Some(ending) => match self.next_event(Duration::from_millis(1))? {
                     None => return Ok(ending),
@@ -122,7 +149,7 @@ impl<L: Link> Device<L> {
                 });
             }
             event(next.as_ref())?;
-            if over.is_none() && self.link().now().saturating_sub(heard) >= KEEP_ALIVE {
+            if over.is_none() && self.link().now().saturating_sub(heard) >= keep_alive {
                 heard = self.link().now();
                 // Notices an end whose event was lost, too.
                 let status = self.status()?;

@@ -50,11 +50,42 @@ pub enum Bound {
 }
 
 /// Times that do not fit together.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("exposure time in s: expected a number from 1e-6 to 60, found {exposure_s}")]
-pub struct ScheduleError {
-    /// What was asked for.
-    pub exposure_s: f64,
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ScheduleError {
+    /// The exposure time is out of range.
+    #[error("exposure time in ms: expected a number from 0.001 to 60000, found {}", .exposure_s * 1e3)]
+    Exposure {
+        /// What was asked for.
+        exposure_s: f64,
+    },
+    /// No trigger box makes steps that long.
+    #[error(
+        "rig {rig}: expected steps of at most {LONGEST_PERIOD_S} s, found that settling, exposure and read-out take \
+         {period_s} s"
+    )]
+    Period {
+        /// Name of the rig.
+        rig: String,
+        /// What it takes.
+        period_s: f64,
+    },
+}
+
+/// Longest step in seconds: that of a trigger box at 125 MHz, see [`rcg_firmware::pulse::LONGEST_PERIOD`].
+pub const LONGEST_PERIOD_S: f64 = 120.0;
+
+/// Edges that are not in the same tick are at least this far apart, in ticks: what the pulse engine wants when it waits
+/// for SYNC, which is more than it wants when it runs free.
+const APART: u64 = rcg_firmware::pulse::PACED_OVERHEAD as u64;
+
+fn within_longest(rig: &Rig, period_s: f64) -> Result<(), ScheduleError> {
+    if period_s <= LONGEST_PERIOD_S {
+        return Ok(());
+    }
+    Err(ScheduleError::Period {
+        rig: rig.name.clone(),
+        period_s,
+    })
 }
 
 impl Timing {
@@ -66,14 +97,16 @@ impl Timing {
     /// [`ScheduleError`] for an exposure time out of range.
     pub fn new(rig: &Rig, exposure_s: f64) -> Result<Self, ScheduleError> {
         if !(1e-6..=60.0).contains(&exposure_s) {
-            return Err(ScheduleError { exposure_s });
+            return Err(ScheduleError::Exposure { exposure_s });
         }
         let cam_at_s = rig.projector.settle_s;
+        let period_s = rig.step_period_s(exposure_s);
+        within_longest(rig, period_s)?;
         Ok(Self {
             proj_width_s: PROJ_PULSE_S.min(cam_at_s.max(1e-6)),
             cam_at_s,
             cam_width_s: exposure_s,
-            period_s: rig.step_period_s(exposure_s),
+            period_s,
         })
     }
 
@@ -87,6 +120,8 @@ impl Timing {
         steps
             .map(|(at, (&exposure_s, period_s))| {
                 let shown = Self::new(rig, exposure_s)?;
+                // A repetition may have to show the pattern before any of them.
+                within_longest(rig, period_s + shown.cam_at_s)?;
                 Ok(match at {
                     0 => Self { period_s, ..shown },
                     _ => Self {
@@ -123,16 +158,32 @@ impl Timing {
         }
     }
 
-    /// The step in ticks of a clock of `clock_hz`; times are rounded to the nearest tick, the period up.
+    /// The step in ticks of a clock of `clock_hz`; times are rounded to the nearest tick, the period up, and edges that
+    /// would be too close for the pulse engine move to the same tick or a few ticks apart.
     #[must_use]
     pub fn step(&self, clock_hz: u32) -> Step {
         let ticks = |s: f64| (s * f64::from(clock_hz)).round() as u64;
         let period = (self.period_s * f64::from(clock_hz) - 1e-6).ceil() as u64;
+        let cam_width = ticks(self.cam_width_s).max(APART);
+        let cam_at = match ticks(self.cam_at_s) {
+            0 => 0,
+            at => at.max(APART),
+        };
+        let near = |edge: &u64| edge.abs_diff(ticks(self.proj_width_s)) < APART;
+        let proj_width = match ticks(self.proj_width_s) {
+            0 => 0,
+            width => [cam_at, cam_at + cam_width]
+                .into_iter()
+                .find(near)
+                .unwrap_or(width)
+                .max(APART),
+        };
+        let end = proj_width.max(cam_at + cam_width);
         Step {
-            proj: Pulse::new(0, ticks(self.proj_width_s)),
-            cam: Pulse::new(ticks(self.cam_at_s), ticks(self.cam_width_s)),
+            proj: Pulse::new(0, proj_width),
+            cam: Pulse::new(cam_at, cam_width),
             // The engine wants a few ticks between the last edge and the end.
-            period: Ticks(period.max(ticks(self.cam_at_s) + ticks(self.cam_width_s) + 8)),
+            period: Ticks(period.max(end + 8)),
         }
     }
 
@@ -208,6 +259,61 @@ mod tests {
                         .expect("fits the engine");
                 }
             }
+        }
+    }
+
+    /// Whatever a rig file may say, each step of its schedules can be made, and lasts as it should to a few ticks.
+    #[test]
+    fn every_rig_has_steps_that_the_engine_makes() {
+        use proptest::prelude::*;
+        use rcg_firmware::pulse::WordFormat;
+        use rcg_protocol::{Pace, Polarity};
+        // From a few ticks to the longest, evenly in decades; nothing at all too.
+        let span = |low: f64, high: f64| {
+            prop_oneof![
+                1 => Just(0.0),
+                9 => (low.log10()..high.log10()).prop_map(|exponent| 10_f64.powf(exponent)),
+            ]
+        };
+        let worlds = (
+            (span(1e-9, 20.0), span(1e-7, 20.0), span(1e-9, 5.0), span(1e-9, 20.0)),
+            proptest::collection::vec(1e-6..20.0_f64, 1..6),
+            any::<bool>(),
+            prop_oneof![Just(125_000_000_u32), Just(200_000_000), Just(150_000_000)],
+        );
+        proptest!(|(((settle_s, min_period_s, delay_s, readout_s), mut exposures_s, overlap, clock_hz) in worlds)| {
+            let mut rig = Rig::load("rcg-1").unwrap();
+            rig.projector.settle_s = settle_s;
+            rig.projector.min_period_s = min_period_s.max(1e-7);
+            rig.camera.exposure_delay_s = delay_s;
+            rig.camera.readout_s = readout_s;
+            rig.camera.overlap = overlap;
+            exposures_s.sort_by(f64::total_cmp);
+            let series = Timing::series(&rig, &exposures_s).unwrap();
+            let again = series.iter().map(|timing| timing.shown(&series[0]));
+            for timing in series.iter().copied().chain(again) {
+                let step = timing.step(clock_hz);
+                for pace in [Pace::FreeRunning, Pace::EachOnSync] {
+                    let words = WordFormat::new(pace, Polarity::default()).encode(&step, 0);
+                    prop_assert!(words.is_ok(), "{timing:?} {step:?}: {words:?}");
+                }
+                let s = |ticks: Ticks| ticks.0 as f64 / f64::from(clock_hz);
+                prop_assert!((s(step.cam.width) - timing.cam_width_s).abs() < 1e-8);
+                prop_assert!((s(step.cam.at) - timing.cam_at_s).abs() < 5e-8);
+                prop_assert!(s(step.period) > timing.period_s - 1e-12);
+                prop_assert!(s(step.period) < timing.period_s + 6e-6, "{timing:?} {step:?}");
+            }
+        });
+    }
+
+    #[test]
+    fn steps_that_no_trigger_box_makes_are_refused() {
+        let mut rig = Rig::load("rcg-1").unwrap();
+        rig.projector.settle_s = 59.0;
+        rig.camera.readout_s = 30.0;
+        for exposures_s in [&[60.0][..], &[1.0, 60.0]] {
+            let refused = Timing::series(&rig, exposures_s).unwrap_err().to_string();
+            assert!(refused.starts_with("rig rcg-1: expected steps of at most 120 s"), "{refused}");
         }
     }
 

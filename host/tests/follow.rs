@@ -1,12 +1,16 @@
-//! A run whose end the host is not told of: the status says so, and what was sent before is not lost.
+//! Following a run: the host keeps the box alive while it waits, and notices an end that it is not told of.
 
 use std::time::Duration;
 
 use rcg::device::{Device, DeviceError, Patience};
 use rcg::link::{Link, LinkError, MemoryLink, memory_pair};
+use proptest::prelude::*;
+use rcg::rig::Rig;
+use rcg::virtual_rig::VirtualController;
 use rcg_protocol::{
-    Decoder, Event, Identity, Info, MAX_FRAME, PROTOCOL_VERSION, Reply, Request, Response, SCHEMA_HASH,
-    SessionId, State, Status, StepFlags, StepId, StepRecord, Ticks, ToDevice, ToHost, encode,
+    Decoder, Event, Extent, Fault, Identity, Info, MAX_FRAME, Micros, PROTOCOL_VERSION, Pace, Program, Pulse, Reply,
+    Request, Response, SCHEMA_HASH, SessionId, Start, State, Status, Step, StepFlags, StepId, StepRecord, Ticks,
+    ToDevice, ToHost, encode,
 };
 
 const RUN: u32 = 7;
@@ -114,4 +118,113 @@ fn a_lost_end_is_noticed_and_the_records_before_it_are_taken_in() {
     assert_eq!(steps, [0, 1, 2]);
     drop(device);
     peer.join().expect("the peer ends with the link");
+}
+
+/// A simulated trigger box with the rig `preset` at its pins.
+fn simulated(preset: &str) -> Device<VirtualController> {
+    let rig = Rig::load(preset).expect("a preset");
+    Device::connect(VirtualController::alone(&rig), 1, Patience::default()).expect("it answers")
+}
+
+fn program(steps: u32, dead_man: Micros, start: Start, pace: Pace) -> Program {
+    Program {
+        dead_man,
+        start,
+        pace,
+        ..Program::new(Extent::Table { steps, cycles: 1 })
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    /// A host that only waits keeps the box alive, however long a step or a wait for SYNC is and however short the
+    /// dead-man time.
+    #[test]
+    fn waiting_is_no_silence(
+        preset in 0..3_usize,
+        dead_man_us in prop_oneof![Just(0), 20_000..3_000_000_u32],
+        periods_s in proptest::collection::vec((-5.5..2.05_f64).prop_map(|exponent| 10_f64.powf(exponent)), 1..4),
+        on_sync in any::<bool>(),
+        paced in any::<bool>(),
+        streams in any::<bool>(),
+    ) {
+        let mut device = simulated(rcg::rig::PRESETS[preset]);
+        let steps: Vec<Step> = periods_s.iter().map(|s| {
+            let period = (s * 125e6) as u64;
+            Step { proj: Pulse::new(0, 10), cam: Pulse::new(20, period - 40), period: Ticks(period) }
+        }).collect();
+        let start = if on_sync { Start::OnSync } else { Start::AtOnce };
+        let pace = if paced { Pace::EachOnSync } else { Pace::FreeRunning };
+        let table = program(steps.len() as u32, Micros(dead_man_us), start, pace);
+        let mut triggers = Vec::new();
+        let take = |event: Option<&Event>| -> Result<(), DeviceError> {
+            if let Some(Event::Records { records, .. }) = event {
+                triggers.extend(records.iter().map(|record| record.trigger));
+            }
+            Ok(())
+        };
+        let ending = if streams {
+            let stream = Program { extent: Extent::Stream, ..table };
+            device.stream(&stream, steps.iter().copied(), take)
+        } else {
+            device.play(&table, &steps, take)
+        }.expect("it ends");
+        prop_assert_eq!((ending.state, ending.fault, ending.steps_done), (State::Done, None, steps.len() as u64));
+        prop_assert_eq!(triggers.len(), steps.len());
+        if !paced {
+            let begins = steps.iter().scan(0, |at, step| { let begin = *at; *at += step.period.0; Some(begin) });
+            let expected: Vec<Ticks> = begins.map(|begin| Ticks(begin + 20)).collect();
+            prop_assert_eq!(triggers, expected);
+        }
+    }
+
+    /// A host that is silent is missed in time, in the middle of a step too, and no edge comes after.
+    #[test]
+    fn silence_is_noticed_in_the_middle_of_a_step(
+        dead_man_us in 20_000..3_000_000_u32,
+        period_s in (-3.0..2.05_f64).prop_map(|exponent| 10_f64.powf(exponent)),
+    ) {
+        let mut device = simulated("rcg-1");
+        let period = (period_s * 125e6) as u64;
+        let step = Step { proj: Pulse::new(0, 10), cam: Pulse::new(20, period - 40), period: Ticks(period) };
+        let program = Program {
+            dead_man: Micros(dead_man_us),
+            ..Program::new(Extent::Table { steps: 1, cycles: 100_000 })
+        };
+        device.load(&program, &[step]).expect("it fits");
+        device.arm().expect("it is loaded");
+        device.start().expect("it is armed");
+        let ended = loop {
+            match device.next_event(Duration::from_secs(200)).expect("the link holds") {
+                Some(Event::Ended { state, fault, at, .. }) => break (state, fault, at),
+                Some(_) => {}
+                None => panic!("a host that is silent for 200 s is not missed"),
+            }
+        };
+        prop_assert_eq!((ended.0, ended.1), (State::Fault, Some(Fault::HostLost)));
+        let limit = u64::from(dead_man_us) * 125;
+        prop_assert!((limit * 4 / 5..=limit).contains(&ended.2.0), "{:?} of {limit}", ended.2);
+    }
+}
+
+#[test]
+fn a_sync_that_does_not_come_in_time_is_a_fault_at_the_start_and_at_a_step() {
+    for (start, pace) in [(Start::OnSync, Pace::FreeRunning), (Start::AtOnce, Pace::EachOnSync)] {
+        let mut rig = Rig::load("rcg-1").expect("a preset");
+        rig.projector.min_period_s = 5.0;
+        let link = VirtualController::alone(&rig);
+        let mut device = Device::connect(link, 1, Patience::default()).expect("it answers");
+        let step = Step { proj: Pulse::new(0, 10), cam: Pulse::new(20, 100), period: Ticks(1000) };
+        for (timeout_us, state) in [(1_000_000, State::Fault), (6_000_000, State::Done), (0, State::Done)] {
+            let program = Program {
+                sync_timeout: Micros(timeout_us),
+                ..program(1, Micros::DEFAULT_DEAD_MAN, start, pace)
+            };
+            let ending = device.play(&program, &[step], |_| Ok::<(), DeviceError>(())).expect("it ends");
+            assert_eq!(ending.state, state, "{start:?} {pace:?} {timeout_us} us");
+            let missing = (state == State::Fault).then_some(Fault::SyncTimeout { step: StepId(0) });
+            assert_eq!(ending.fault, missing);
+        }
+    }
 }

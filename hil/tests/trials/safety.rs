@@ -8,7 +8,8 @@ use rcg_hil::bench::{Bench, Outcome};
 use rcg_hil::figures::Limit;
 use rcg_hil::image::Image;
 use rcg_hil::trace::{self, Edge};
-use rcg_protocol::{Fault, Micros, Program, State, Step, Ticks};
+use rcg::device::DeviceError;
+use rcg_protocol::{Extent, Fault, Micros, Program, Pulse, State, Step, Ticks};
 
 use crate::runs::{Result, check_edges, fire, follow, free_run_at_first_edge, load, take_edges};
 use crate::steps::{plain, solid, table};
@@ -18,6 +19,7 @@ crate::trials!("safety":
     stop_ends_between_steps [],
     steps_done_are_exact [],
     silence_ends_the_run [],
+    waiting_is_no_silence [Edges],
     dead_man_is_in_time [Edges],
     pulled_cable [Cable],
     panic [Memory],
@@ -179,6 +181,28 @@ fn silence_ends_the_run(bench: &mut Bench) -> Outcome {
         return Ok(());
     }
     Err(format!("expected the host to be lost, found {status:?}").into())
+}
+
+/// Steps that are many times as long as the dead-man time, with a host that does nothing but wait for their end.
+fn waiting_is_no_silence(bench: &mut Bench) -> Outcome {
+    let (program, _) = watched(bench);
+    let second = u64::from(bench.device.info().clock_hz);
+    let step = Step {
+        proj: Pulse::new(0, 1_000),
+        cam: Pulse::new(1_000, second * 2),
+        period: Ticks(second * 5 / 2),
+    };
+    let program = Program {
+        extent: Extent::Table { steps: 1, cycles: 2 },
+        ..program
+    };
+    let ending = bench
+        .device
+        .play(&program, &[step], |_| Ok::<(), DeviceError>(()))?;
+    if (ending.state, ending.fault, ending.steps_done) != (State::Done, None, 2) {
+        return Err(format!("expected two steps, found {ending:?}").into());
+    }
+    check_edges(bench, &program, [step; 2], &take_edges(bench))
 }
 
 fn dead_man_is_in_time(bench: &mut Bench) -> Outcome {

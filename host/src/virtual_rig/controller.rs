@@ -2,8 +2,9 @@
 //!
 //! # Design
 //! Bytes go through the firmware's decoder and session; its engine commands play the firmware's own words,
-//! edge by edge, into the stage. Virtual time moves only while the host waits for bytes, so a run proceeds
-//! exactly as fast as the host takes it in, and nothing piles up.
+//! edge by edge, into the stage. Virtual time moves only while the host waits for bytes, never beyond what the host waits
+//! for, and word by word: a run proceeds exactly as fast as the host takes it in, nothing piles up, and a host that makes
+//! itself heard while a long word lasts is heard in time.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -22,14 +23,45 @@ pub const CLOCK_HZ: u32 = 125_000_000;
 /// The controller polls its time-outs this often.
 const POLL: Ticks = Ticks(CLOCK_HZ as u64 / 1000);
 
+/// What the run is at.
+enum Phase {
+    /// Its first step begins at [`Run::started`].
+    Ahead,
+    /// Its words play. The reader's time is when the next one begins.
+    Playing,
+    /// A word waits for the SYNC edge at this time from the start, which is still to be told.
+    Synced(Ticks),
+    /// SYNC does not come before the time-out, which is over at this time from the start.
+    SyncLost(Ticks),
+    /// The last word is over; edges of STROBE may still come, until this time from the start.
+    Draining(Ticks),
+}
+
 /// The run that is being played. Times of the reader count from its start.
 struct Run {
     reader: Reader,
     started: Ticks,
+    phase: Phase,
+    /// Words of the present step that are still to be played, the next one last.
+    words: StepWords,
+    /// Whether a step has begun that is not over.
+    in_step: bool,
     steps: u64,
     strobes: VecDeque<StrobeEdge>,
     /// The SYNC edge that the session was told of last.
     last_sync: Option<Ticks>,
+}
+
+impl Run {
+    /// When something is to be done next, on the controller's clock.
+    fn due(&self) -> Ticks {
+        self.started
+            + match self.phase {
+                Phase::Ahead => Ticks::ZERO,
+                Phase::Playing | Phase::Synced(_) => self.reader.now(),
+                Phase::SyncLost(at) | Phase::Draining(at) => at,
+            }
+    }
 }
 
 /// A link to the simulated controller.
@@ -79,79 +111,125 @@ impl VirtualController {
 
     fn go(&mut self, start: Start) {
         let Some(reader) = self.primed.take() else { return };
+        let (mut started, mut phase) = (self.now, Phase::Ahead);
         if start == Start::OnSync {
-            self.now = self.stage.lock().next_sync(self.now) + Ticks(SYNC_LATENCY);
+            let edge = self.stage.lock().next_sync(self.now);
+            match self.sync_lost(edge - self.now) {
+                Some(timeout) => phase = Phase::SyncLost(timeout),
+                None => started = edge + Ticks(SYNC_LATENCY),
+            }
         }
         self.run = Some(Run {
             reader,
-            started: self.now,
+            started,
+            phase,
+            words: StepWords::new(),
+            in_step: false,
             steps: 0,
             strobes: VecDeque::new(),
             last_sync: None,
         });
-        self.session.begun(self.now);
+    }
+
+    /// The time-out of SYNC, if it is over when an edge has been awaited for so long.
+    fn sync_lost(&self, awaited: Ticks) -> Option<Ticks> {
+        let timeout = self.session.sequencer().program()?.sync_timeout.to_ticks(CLOCK_HZ);
+        (timeout > Ticks::ZERO && awaited > timeout).then_some(timeout)
     }
 
     fn halt(&mut self) {
         self.primed = None;
         let mut at = Ticks::ZERO;
         if let Some(mut run) = self.run.take() {
-            let mut stage = self.stage.lock();
-            at = self.now.saturating_sub(run.started).max(run.reader.now());
+            at = self.now.saturating_sub(run.started);
             run.reader.halt(at, |edge| {
-                stage.edge(edge.line, edge.level, run.started + edge.at);
+                self.stage
+                    .lock()
+                    .edge(edge.line, edge.level, run.started + edge.at);
             });
         }
         self.session.halted(at);
     }
 
-    /// Plays one step, or ends the run.
-    fn play(&mut self) {
-        let Some(mut run) = self.run.take() else { return };
-        let mut words = StepWords::new();
-        let push = |piece: &[u32]| {
-            words
-                .extend_from_slice(piece)
-                .expect("a step has room for its words");
-        };
-        if self.session.next_step(push).is_none() {
-            // The engine rests after its last word, as if one more of resting levels followed.
-            let end = run.reader.now();
-            let (stage, started, strobes) = (&self.stage, run.started, &mut run.strobes);
-            run.reader.halt(end, |edge| {
-                strobes.extend(stage.lock().edge(edge.line, edge.level, started + edge.at));
-            });
-            self.report_strobes(&mut run, Ticks(u64::MAX));
-            self.session.drained(self.now.saturating_sub(run.started));
+    /// Lets time go on, to `deadline` at most: to what the run does next, which is done, or to the next poll.
+    fn advance(&mut self, deadline: Ticks) {
+        let Some(mut run) = self.run.take() else {
+            self.now = (self.now + POLL).min(deadline);
             return;
+        };
+        let due = run.due();
+        self.now = self.now.max(due.min(deadline).min(self.now + POLL));
+        self.report_strobes(&mut run);
+        if self.now < due || self.proceed(&mut run) {
+            self.run = Some(run);
         }
-        let mut synced = None;
-        for &word in &words {
-            let stage = &self.stage;
-            let started = run.started;
-            let strobes = &mut run.strobes;
-            let next_sync = |from: Ticks| {
-                synced = Some(stage.lock().next_sync(started + from) - started);
-                synced
+    }
+
+    /// Does what is due in `run`; returns whether it goes on.
+    fn proceed(&mut self, run: &mut Run) -> bool {
+        match run.phase {
+            Phase::Ahead => {
+                self.session.begun(run.started);
+                run.phase = Phase::Playing;
+            }
+            Phase::Synced(edge) => {
+                self.report_syncs(run, edge);
+                run.phase = Phase::Playing;
+            }
+            Phase::SyncLost(_) => self.session.sync_missing(),
+            Phase::Draining(at) => {
+                self.session.drained(at);
+                return false;
+            }
+            Phase::Playing => self.play(run),
+        }
+        true
+    }
+
+    /// Plays the next word, of the next step if none of the present one is left.
+    fn play(&mut self, run: &mut Run) {
+        if run.words.is_empty() {
+            if std::mem::take(&mut run.in_step) {
+                run.steps += 1;
+                self.session.fired(run.steps, run.reader.now());
+            }
+            let words = &mut run.words;
+            let push = |piece: &[u32]| {
+                words
+                    .extend_from_slice(piece)
+                    .expect("a step has room for its words");
             };
-            let emit = |edge: Edge| {
-                strobes.extend(stage.lock().edge(edge.line, edge.level, started + edge.at));
-            };
-            if run.reader.play(word, next_sync, emit) == Played::NoSync {
-                self.session.sync_missing();
-                self.run = Some(run);
+            if self.session.next_step(push).is_none() {
+                // The engine rests after its last word, as if one more of resting levels followed.
+                let end = run.reader.now();
+                let (stage, started, strobes) = (&self.stage, run.started, &mut run.strobes);
+                run.reader.halt(end, |edge| {
+                    strobes.extend(stage.lock().edge(edge.line, edge.level, started + edge.at));
+                });
+                let last = run.strobes.back().map_or(end, |edge| edge.at - started);
+                run.phase = Phase::Draining(last.max(end));
                 return;
             }
+            run.words.reverse();
+            run.in_step = true;
         }
+        let word = run.words.pop().expect("a step has words");
+        let from = run.reader.now();
+        let (stage, started, strobes) = (&self.stage, run.started, &mut run.strobes);
+        let mut synced = None;
+        let next_sync = |from: Ticks| {
+            synced = Some(stage.lock().next_sync(started + from) - started);
+            synced
+        };
+        let emit = |edge: Edge| {
+            strobes.extend(stage.lock().edge(edge.line, edge.level, started + edge.at));
+        };
+        let played = run.reader.play(word, next_sync, emit);
+        debug_assert_eq!(played, Played::Through, "the projector's vsync goes on for ever");
         if let Some(edge) = synced {
-            self.report_syncs(&mut run, edge);
+            let lost = self.sync_lost(edge - from);
+            run.phase = lost.map_or(Phase::Synced(edge), |timeout| Phase::SyncLost(from + timeout));
         }
-        self.now = run.started + run.reader.now();
-        run.steps += 1;
-        let now = self.now;
-        self.report_strobes(&mut run, now);
-        self.session.fired(run.steps, run.reader.now());
-        self.run = Some(run);
     }
 
     /// Tells the session of the SYNC edges up to `begins_step`, which began a step.
@@ -169,10 +247,9 @@ impl VirtualController {
         run.last_sync = Some(begins_step);
     }
 
-    /// Tells the session of the strobe edges up to `until`.
-    fn report_strobes(&mut self, run: &mut Run, until: Ticks) {
-        while let Some(edge) = run.strobes.pop_front_if(|edge| edge.at <= until) {
-            self.now = self.now.max(edge.at);
+    /// Tells the session of the strobe edges that have come.
+    fn report_strobes(&mut self, run: &mut Run) {
+        while let Some(edge) = run.strobes.pop_front_if(|edge| edge.at <= self.now) {
             self.session
                 .strobe(edge.active, edge.at.saturating_sub(run.started));
         }
@@ -195,11 +272,7 @@ impl Link for VirtualController {
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, LinkError> {
         let deadline = self.now + Ticks((timeout.as_secs_f64() * f64::from(CLOCK_HZ)).round() as u64);
         while self.to_host.is_empty() && self.now < deadline {
-            if self.run.is_some() {
-                self.play();
-            } else {
-                self.now = (self.now + POLL).min(deadline);
-            }
+            self.advance(deadline);
             self.session.poll(self.now);
             self.act();
         }

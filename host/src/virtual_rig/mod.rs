@@ -152,7 +152,8 @@ impl SharedStage {
     }
 }
 
-/// Images that are computed at a time: all cores are busy, and the host is never silent for long in between.
+/// Images of 256 × 256 pixels that are computed at a time, fewer of larger ones: all cores are busy, and the host is never
+/// silent for long in between.
 const IMAGES: usize = 64;
 
 /// The simulated camera. Images are computed when they are fetched, on all cores.
@@ -184,7 +185,10 @@ impl Camera for VirtualCamera {
                 .as_mut()
                 .and_then(Attached::failure)
                 .map(ToString::to_string);
-            let shots: Vec<Shot> = self.stage.lock().take_shots(IMAGES);
+            let format = self.scene.format();
+            let pixels = format.width_px * format.height_px;
+            let images = (IMAGES * 65_536 / pixels).clamp(rayon::current_num_threads().min(IMAGES), IMAGES);
+            let shots: Vec<Shot> = self.stage.lock().take_shots(images);
             let frames: Vec<Frame> = shots
                 .into_par_iter()
                 .map(|shot| {

@@ -9,6 +9,7 @@ use rcg::calibrate::CalibrateError;
 use rcg::chart::ChartError;
 use rcg::device::DeviceError;
 use rcg::fill::FillError;
+use rcg::firing::FiringError;
 use rcg::fit::FitError;
 use rcg::link::LinkError;
 use rcg::measure::MeasureError;
@@ -223,6 +224,12 @@ impl Blame for FitError {
             Self::Store(error) => error.is_input(),
             Self::TooFew { .. } | Self::NoLobe { .. } => true,
         }
+    }
+}
+
+impl Blame for FiringError {
+    fn is_input(&self) -> bool {
+        true
     }
 }
 

@@ -3,8 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use rcg::firing::{Bracket, Span};
-use rcg::plan::PlanError;
+use rcg::firing::{Bracket, Limits, Span};
 use rcg::records::{RecordFile, flag_names};
 use rcg::rig::Rig;
 use rcg_protocol::{Event, Extent, Micros, Pace, Polarity, Program, Start, State, Step, StepRecord};
@@ -31,10 +30,10 @@ pub(crate) struct Args {
         allow_hyphen_values = true
     )]
     exposure: Vec<Span>,
-    /// Length of a step [default: as short as the rig allows]
+    /// Length of a step [default: as short as the rig and the other times allow]
     #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
     period: Option<Span>,
-    /// Leading edge of CAM from the start of the step [default: the rig's settling time]
+    /// Leading edge of CAM from the start of the step [default: the rig's settling time, or less if --period says so]
     #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
     cam_at: Option<Span>,
     /// Length of the PROJ pulse, which begins the step; 0us for none [default: 5us]
@@ -52,7 +51,7 @@ pub(crate) struct Args {
     /// End with a fault if SYNC does not come for so long [default: wait for ever]
     #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
     sync_timeout: Option<Span>,
-    /// Abort if this program is silent for so long; 0s for never [default: 2s]
+    /// Abort if this program is silent for so long, at least 20ms; 0s for never [default: 2s]
     #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
     dead_man: Option<Span>,
     /// Lines that rest high and pulse low
@@ -62,6 +61,9 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE")]
     records: Option<PathBuf>,
 }
+
+/// A host cannot be sure to be heard in less.
+const SHORTEST_DEAD_MAN: Micros = Micros(20_000);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum Line {
@@ -73,14 +75,14 @@ enum Line {
 
 impl Args {
     /// The steps that take turns, and how many are fired.
-    fn steps(&self, rig: &Rig, clock_hz: u32) -> Result<(Vec<Step>, u32), Failure> {
+    fn steps(&self, rig: &Rig, limits: Limits) -> Result<(Vec<Step>, u32), Failure> {
         let bracket = Bracket {
             exposures: self.exposure.clone(),
             cam_at: self.cam_at,
             proj_width: self.proj_width,
             period: self.period,
         };
-        let steps = bracket.steps(rig, clock_hz).map_err(PlanError::from)?;
+        let steps = bracket.steps(rig, limits)?;
         let turn = steps.len() as u32;
         let count = self.steps.unwrap_or_else(|| 100_u32.next_multiple_of(turn));
         if count.is_multiple_of(turn) {
@@ -92,13 +94,26 @@ impl Args {
         }
     }
 
+    const fn pace(&self) -> Pace {
+        if self.each_on_sync {
+            Pace::EachOnSync
+        } else {
+            Pace::FreeRunning
+        }
+    }
+
     fn program(&self, extent: Extent, clock_hz: u32) -> Result<Program, Failure> {
-        let micros = |name: &str, span: Option<Span>, default: Micros| {
+        let micros = |name: &str, span: Option<Span>, least: Micros, default: Micros| {
             let Some(span) = span else { return Ok(default) };
-            span.micros(clock_hz).ok_or_else(|| {
-                let found = span.seconds(clock_hz);
-                Failure::input(format!("--{name}: expected at most 4294 s, found {found} s"))
-            })
+            let none = span.seconds(clock_hz) <= 0.0;
+            span.micros(clock_hz)
+                .filter(|micros| none || *micros >= least)
+                .ok_or_else(|| {
+                    let least_ms = f64::from(least.0) * 1e-3;
+                    Failure::input(format!(
+                        "--{name}: expected 0s for none or from {least_ms} ms to 4294 s, found {span}"
+                    ))
+                })
         };
         let low = |line| self.active_low.contains(&line);
         Ok(Program {
@@ -108,19 +123,15 @@ impl Args {
             } else {
                 Start::AtOnce
             },
-            pace: if self.each_on_sync {
-                Pace::EachOnSync
-            } else {
-                Pace::FreeRunning
-            },
+            pace: self.pace(),
             polarity: Polarity {
                 proj_active_low: low(Line::Proj),
                 cam_active_low: low(Line::Cam),
                 sync_active_low: low(Line::Sync),
                 strobe_active_low: low(Line::Strobe),
             },
-            sync_timeout: micros("sync-timeout", self.sync_timeout, Micros(0))?,
-            dead_man: micros("dead-man", self.dead_man, Micros::DEFAULT_DEAD_MAN)?,
+            sync_timeout: micros("sync-timeout", self.sync_timeout, Micros(1), Micros(0))?,
+            dead_man: micros("dead-man", self.dead_man, SHORTEST_DEAD_MAN, Micros::DEFAULT_DEAD_MAN)?,
         })
     }
 }
@@ -160,7 +171,7 @@ impl Tally {
 
 pub(super) fn run(args: &Args, rig: &Rig, device: &mut TriggerBox, output: &Output) -> Done {
     let clock_hz = device.info().clock_hz;
-    let (steps, count) = args.steps(rig, clock_hz)?;
+    let (steps, count) = args.steps(rig, Limits::new(&device.info(), args.pace()))?;
     let cycles = count / steps.len() as u32;
     let extent = if args.stream {
         Extent::Stream
