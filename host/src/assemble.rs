@@ -35,6 +35,7 @@ use crate::provenance::Provenance;
 use crate::resample::Resampling;
 use crate::rig::Rig;
 use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
+use crate::text::by;
 
 mod coordinates;
 mod correction;
@@ -126,11 +127,13 @@ pub fn assemble(
     let brackets = plan.brackets();
     let layout = raw.layout();
     let format = rig.frame_format();
-    let found = (layout.exposures, layout.height, layout.width, layout.channels);
-    let expected = (plan.len(), format.height_px, format.width_px, format.channels);
+    let found = [layout.exposures, layout.height, layout.width, layout.channels];
+    let expected = [plan.len(), format.height_px, format.width_px, format.channels];
     if found != expected {
         return Err(mismatch(format!(
-            "expected (exposures, rows, columns, channels) = {expected:?} from the plan, found {found:?}"
+            "exposures × rows × columns × channels: expected {} from the plan, found {}",
+            by(&expected),
+            by(&found)
         )));
     }
     let channels = format.channels;
@@ -157,7 +160,11 @@ pub fn assemble(
         disk,
         &resampling.pixel_sr,
         &cut_relative2,
-    )?;
+    )
+    .map_err(|reason| AssembleError::Mismatch {
+        path: raw_path.with_file_name(Applied::FILE).display().to_string(),
+        reason,
+    })?;
     let writer = BrdfWriter::create(
         target,
         brdf_layout,

@@ -106,7 +106,7 @@ pub enum CaptureError {
     },
     /// An exposure failed again and again.
     #[error(
-        "exposure {exposure} of this segment: expected a frame, found none in {ATTEMPTS} attempts ({outcome:?})"
+        "exposure {exposure} of this segment: expected a frame, found none in {ATTEMPTS} attempts ({outcome})"
     )]
     GaveUp {
         /// Which one, from the start of the segment.

@@ -409,8 +409,19 @@ impl<L: Link> Device<L> {
         DeviceError::WrongReply {
             peer: self.link.peer().to_owned(),
             request,
-            reply: format!("{reply:?}"),
+            reply: name_of(reply),
         }
+    }
+}
+
+const fn name_of(reply: &Reply) -> &'static str {
+    match reply {
+        Reply::Identity(_) => "identity",
+        Reply::Info(_) => "info",
+        Reply::Pong(_) => "pong",
+        Reply::Status(_) => "status",
+        Reply::Room { .. } => "room",
+        Reply::Armed { .. } => "armed",
     }
 }
 

@@ -9,7 +9,7 @@
 //! | what to measure | [`incident`] (directions of light), [`pattern`], [`schedule`], [`pilot`] (exposure time), [`brackets`] (several of them), [`plan`], [`pace`] (how long it takes) |
 //! | the world | [`link`], [`device`] and [`run`] (trigger box), [`firing`] and [`records`] (by itself), [`camera`], [`projector`], or [`virtual_rig`] for all three |
 //! | capture | [`setup`] (which instrument), [`capture`] (fire, collect, repeat), [`pairing`] (which frame belongs to which trigger) |
-//! | files | [`store`] (Zarr), [`measurement`] (the directory and its stages) |
+//! | files | [`store`] (Zarr), [`measurement`] (the directory and its stages), [`whole_file`] (whole or not there), [`file_format`], [`text`] |
 //! | many directions at once | [`multiplex`] (codes, cells, demultiplexing) |
 //! | the result | [`assemble`] (with the private `resample`), [`disk`] (outgoing directions), [`provenance`], [`brdf`] (look-up) |
 //! | judgement | [`sample`] (known materials), [`reflectance`], [`evaluate`], [`fit`], [`render`], [`scan`], [`study`], [`chart`], [`report`], [`paper`] |
@@ -33,6 +33,7 @@ pub mod device;
 pub mod direction;
 pub mod disk;
 pub mod evaluate;
+pub mod file_format;
 pub mod fill;
 pub mod firing;
 pub mod fit;
@@ -68,4 +69,6 @@ pub mod setup;
 pub mod store;
 pub mod stripes;
 pub mod study;
+pub mod text;
 pub mod virtual_rig;
+pub mod whole_file;

@@ -21,6 +21,8 @@ use crate::pattern::{LitSet, PatternMaker};
 use crate::plan::{Directions, Exposure, Plan, PlanError, Request};
 use crate::rig::{Rig, RigError};
 use crate::store::{RawLayout, RawStore, Segment, StoreError};
+use crate::text::Maybe;
+use crate::whole_file::is_partial;
 
 mod files;
 mod segment;
@@ -154,7 +156,7 @@ impl Measurement {
         let names: Vec<_> = entries.flatten().map(|entry| entry.file_name()).collect();
         let ours = names
             .iter()
-            .all(|name| BEGINNINGS.iter().any(|beginning| name == beginning));
+            .all(|name| is_partial(name) || BEGINNINGS.iter().any(|beginning| name == beginning));
         let has = |wanted: &str| names.iter().any(|name| name == wanted);
         if ours && (has("plan.tmp") || !has("rig.toml")) {
             for name in names {
@@ -261,7 +263,9 @@ impl Measurement {
             expected,
             found,
         };
-        let text = |value: &dyn std::fmt::Debug| format!("{value:?}");
+        let name = |name: &Option<String>| Maybe(name.as_deref()).to_string();
+        let on = |noise: bool| if noise { "on" } else { "off" }.to_owned();
+        let ms = |exposure_s: Option<f64>| Maybe(exposure_s.map(|s| (s * 1e12).round() * 1e-9)).to_string();
         let other_grid = if held.grid != request.grid && held.grid.to_string() == request.grid.to_string() {
             format!("another {}", request.grid)
         } else {
@@ -270,18 +274,18 @@ impl Measurement {
         let fields: [(&'static str, String, String); 10] = [
             ("rig", self.rig.name.clone(), rig_name.to_owned()),
             ("grid", held.grid.to_string(), other_grid),
-            ("image-size", text(&held.image_size), text(&request.image_size)),
-            ("exposure-ms", text(&held.exposure_s), text(&request.exposure_s)),
+            ("image-size", held.image_size.to_string(), request.image_size.to_string()),
+            ("exposure-ms", ms(held.exposure_s), ms(request.exposure_s)),
             (
                 "brackets",
                 held.brackets.to_string(),
                 request.brackets.to_string(),
             ),
-            ("sample", text(&held.sample), text(&request.sample)),
-            ("truth", text(&held.truth), text(&request.truth)),
-            ("tilt", text(&held.tilt), text(&request.tilt)),
-            ("noise", text(&held.noise), text(&request.noise)),
-            ("seed", text(&held.seed), text(&request.seed)),
+            ("sample", name(&held.sample), name(&request.sample)),
+            ("truth", name(&held.truth), name(&request.truth)),
+            ("tilt", Maybe(held.tilt).to_string(), Maybe(request.tilt).to_string()),
+            ("noise", on(held.noise), on(request.noise)),
+            ("seed", held.seed.to_string(), request.seed.to_string()),
         ];
         match fields.into_iter().find(|(_, held, asked)| held != asked) {
             Some((field, expected, found)) => Err(differs(field, expected, found)),

@@ -26,6 +26,18 @@ pub enum Outcome {
     Disputed,
 }
 
+impl std::fmt::Display for Outcome {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Paired(_) => "a frame",
+            Self::MissedTrigger => "the camera missed its trigger",
+            Self::DroppedFrame => "the frame was lost on its way",
+            Self::NoRecord => "the trigger box's record did not arrive",
+            Self::Disputed => "frame and strobe contradict each other",
+        })
+    }
+}
+
 /// All steps of a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Pairing {

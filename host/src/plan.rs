@@ -17,6 +17,8 @@ use crate::schedule::{ScheduleError, Timing};
 
 mod check;
 
+/// Pixels a side of camera images and of the outgoing grid.
+pub const IMAGE_SIZES_PX: std::ops::RangeInclusive<u32> = 8..=4096;
 /// Black patterns at the start of a measurement: dark level and stray light of each exposure time.
 pub const BLACK_EXPOSURES: usize = 16;
 /// A segment holds about this many bytes of frames.
@@ -82,7 +84,7 @@ impl Request {
     }
 
     fn check_image_size(&self) -> Result<(), PlanError> {
-        if (8..=4096).contains(&self.image_size) {
+        if IMAGE_SIZES_PX.contains(&self.image_size) {
             return Ok(());
         }
         Err(PlanError::ImageSize(self.image_size))
@@ -350,7 +352,7 @@ impl Plan {
             path: path.display().to_string(),
             reason,
         };
-        let text = std::fs::read_to_string(path)
+        let text = crate::text::read(path)
             .map_err(|e| fail(format!("expected a plan, found no readable file: {e}")))?;
         // Another version may have other keys, which are no mistakes of the user's.
         if let Ok(Version { format }) = toml::from_str(&text)

@@ -1,44 +1,55 @@
 //! Step records as lines of a file, for people and other programs.
 //!
-//! CSV with a header line, or where the name ends in `.jsonl` one JSON object a line. Columns: `step` (from 0),
+//! CSV with a header line (`.csv`), or one JSON object a line (`.jsonl`), as the name of the file ends; whole or not
+//! there, like every file. Columns: `step` (from 0),
 //! `trigger_ticks` (from the start of the run), `strobe_delay_ticks` (from the trigger) and `strobe_width_ticks` (empty
 //! or null where STROBE stayed at rest), `flags` (names with a blank between them).
 
-use std::fs::File;
 use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
 use rcg_protocol::{StepFlags, StepRecord};
 use serde_json::json;
 
+use crate::file_format::{FormatError, RECORDS};
+use crate::whole_file::WholeFile;
+
 /// A file of step records that cannot be written.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: expected a file that can be written, found: {source}", path.display())]
-pub struct RecordsError {
-    path: PathBuf,
-    source: io::Error,
+pub enum RecordsError {
+    /// The name of the file says that it is none.
+    #[error(transparent)]
+    Format(#[from] FormatError),
+    /// The file.
+    #[error("{}: expected a file that can be written, found: {source}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        source: io::Error,
+    },
 }
 
-/// A file of step records.
+/// A file of step records. It appears with [`finish`](Self::finish); until then what stood there before is there.
 #[derive(Debug)]
 pub struct RecordFile {
     path: PathBuf,
-    out: BufWriter<File>,
+    out: BufWriter<WholeFile>,
     json: bool,
 }
 
 impl RecordFile {
-    /// Creates the file, or empties it.
+    /// Begins the file.
     ///
     /// # Errors
     /// [`RecordsError`].
     pub fn create(path: &Path) -> Result<Self, RecordsError> {
-        let failed = |source| RecordsError {
+        let json = RECORDS.of(path)? == "jsonl";
+        let failed = |source| RecordsError::File {
             path: path.to_owned(),
             source,
         };
-        let mut out = BufWriter::new(File::create(path).map_err(failed)?);
-        let json = path.extension().is_some_and(|extension| extension == "jsonl");
+        let mut out = BufWriter::new(WholeFile::create(path).map_err(failed)?);
         if !json {
             let header = "step,trigger_ticks,strobe_delay_ticks,strobe_width_ticks,flags";
             writeln!(out, "{header}").map_err(failed)?;
@@ -79,17 +90,23 @@ impl RecordFile {
         self.checked(written)
     }
 
-    /// Writes what is still in memory.
+    /// Puts the file under its name, in place of an older one.
     ///
     /// # Errors
-    /// [`RecordsError`].
-    pub fn finish(mut self) -> Result<(), RecordsError> {
-        let flushed = self.out.flush();
-        self.checked(flushed)
+    /// [`RecordsError`]; the older one is still there then.
+    pub fn finish(self) -> Result<(), RecordsError> {
+        let finished = match self.out.into_inner() {
+            Ok(file) => file.finish(),
+            Err(error) => Err(error.into_error()),
+        };
+        finished.map_err(|source| RecordsError::File {
+            path: self.path,
+            source,
+        })
     }
 
     fn checked(&self, result: io::Result<()>) -> Result<(), RecordsError> {
-        result.map_err(|source| RecordsError {
+        result.map_err(|source| RecordsError::File {
             path: self.path.clone(),
             source,
         })

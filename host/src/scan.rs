@@ -8,8 +8,9 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use crate::brdf::Value;
-use crate::chart::{Axis, Chart, ChartError, Curve, Scale, extension};
+use crate::chart::{Axis, Chart, ChartError, Curve, Scale};
 use crate::direction::from_degrees;
+use crate::file_format::CHART_OR_TABLE;
 use crate::measurement::write_whole;
 use crate::reflectance::Reflectance;
 use crate::store::StoreError;
@@ -136,13 +137,9 @@ impl AzimuthScan {
     /// # Errors
     /// [`ChartError`].
     pub fn save(&self, title: &str, path: &Path) -> Result<(), ChartError> {
-        match extension(path).as_deref() {
-            Some("csv") => Ok(write_whole(path, self.csv().as_bytes())?),
-            Some("svg" | "png") => self.chart(title).save(path),
-            _ => Err(ChartError::Format {
-                path: path.display().to_string(),
-                formats: ".svg, .png or .csv",
-            }),
+        match CHART_OR_TABLE.of(path)? {
+            "csv" => Ok(write_whole(path, self.csv().as_bytes())?),
+            _ => self.chart(title).save(path),
         }
     }
 }

@@ -7,6 +7,8 @@ use crate::rig::Rig;
 
 /// Length of the PROJ pulse: inputs of projectors want a few microseconds.
 const PROJ_PULSE_S: f64 = 5e-6;
+/// Exposure times, seconds.
+pub const EXPOSURES_S: std::ops::RangeInclusive<f64> = 1e-6..=60.0;
 
 /// Times of one step in s from its start.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -96,7 +98,7 @@ impl Timing {
     /// # Errors
     /// [`ScheduleError`] for an exposure time out of range.
     pub fn new(rig: &Rig, exposure_s: f64) -> Result<Self, ScheduleError> {
-        if !(1e-6..=60.0).contains(&exposure_s) {
+        if !EXPOSURES_S.contains(&exposure_s) {
             return Err(ScheduleError::Exposure { exposure_s });
         }
         let cam_at_s = rig.projector.settle_s;

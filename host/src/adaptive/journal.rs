@@ -108,12 +108,17 @@ impl Journal {
     /// Opens what was begun in `dir`.
     pub(super) fn open(dir: &Path, rig: &Rig) -> Result<Self, AdaptiveError> {
         let path = dir.join(ASKED);
-        let text = fs::read_to_string(&path).map_err(|source| io(&path, source))?;
+        let text = crate::text::read(&path).map_err(|error| io(&path, error.into()))?;
         let asked: Asked = toml::from_str(&text).map_err(|error| explain(&text, &path, &error))?;
         if asked.rig != rig.to_toml() {
             return Err(differs(dir, "rig"));
         }
         Self::with(dir, asked, rig)
+    }
+
+    /// Where the frames lie.
+    pub(super) fn frames_path(&self) -> PathBuf {
+        self.dir.join(FRAMES)
     }
 
     fn with(dir: &Path, asked: Asked, rig: &Rig) -> Result<Self, AdaptiveError> {

@@ -203,7 +203,7 @@ impl Loop<'_> {
         let assembler =
             FrameAssembler::new(self.rig, &journal.frames.read_segment(0)?, self.disk).map_err(|reason| {
                 AdaptiveError::from(MeasurementError::Plan(PlanError::File {
-                    path: "adaptive.zarr".to_owned(),
+                    path: journal.frames_path().display().to_string(),
                     reason,
                 }))
             })?;

@@ -26,7 +26,6 @@
 use glam::{DVec2, DVec3};
 use half::f16;
 
-use super::AssembleError;
 use crate::calibrate::Applied;
 use crate::calibrate::photometry::{Interreflection, Photometry};
 use crate::disk::Disk;
@@ -73,7 +72,7 @@ pub(super) struct Correction {
 
 impl Correction {
     /// For images of `rig` that `plan` made, whose cells see the solid angles `pixel_sr`; edges make `cut_relative2` of the
-    /// relative variance of the light of each incident direction.
+    /// relative variance of the light of each incident direction. Or what is wrong with `applied`.
     pub(super) fn new(
         rig: &Rig,
         plan: &Plan,
@@ -82,20 +81,17 @@ impl Correction {
         disk: Disk,
         pixel_sr: &[f64],
         cut_relative2: &[f32],
-    ) -> Result<Self, AssembleError> {
+    ) -> Result<Self, String> {
         let channels = rig.camera.channels as usize;
         let (mut cells, mut rows) = (vec![1.0; disk.len() * channels], vec![1.0; directions.grid.len()]);
         let (mut cell_relative2, mut row_relative2) = (vec![0.0; disk.len()], vec![0.0; rows.len()]);
         let mut relative = 0.0_f64;
         if let Some(photometry) = &applied.photometry {
             if photometry.sensitivity.len() != channels {
-                return Err(AssembleError::Mismatch {
-                    path: Applied::FILE.to_owned(),
-                    reason: format!(
-                        "photometry.sensitivity: expected {channels} channels as the camera has, found {}",
-                        photometry.sensitivity.len()
-                    ),
-                });
+                return Err(format!(
+                    "photometry.sensitivity: expected {channels} channels as the camera has, found {}",
+                    photometry.sensitivity.len()
+                ));
             }
             (cells, cell_relative2) = throughput(rig, photometry, disk);
             (rows, row_relative2) = light(rig, plan, directions, photometry);

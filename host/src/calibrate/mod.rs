@@ -286,8 +286,8 @@ fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, Calibrate
         expected: expected.to_owned(),
         found,
     };
-    let bytes = std::fs::read(path).map_err(|error| content("a readable file", error.to_string()))?;
-    serde_json::from_slice(&bytes)
+    let text = crate::text::read(path).map_err(|error| content("a readable file", error.to_string()))?;
+    serde_json::from_str(&text)
         .map_err(|error| content("a file as rcg calibrate writes it", error.to_string()))
 }
 

@@ -13,6 +13,7 @@ use std::path::Path;
 
 use plotters::prelude::*;
 
+use crate::file_format::{CHART, FormatError};
 use crate::measurement::{MeasurementError, write_whole};
 use crate::render::{PictureError, save};
 
@@ -77,15 +78,9 @@ impl Chart {
     /// # Errors
     /// [`ChartError`].
     pub fn save(&self, path: &Path) -> Result<(), ChartError> {
-        match extension(path).as_deref() {
-            Some("svg") => write_whole(path, self.svg().as_bytes())?,
-            Some("png") => save(&draw_svg(&self.svg(), 1.0), path)?,
-            _ => {
-                return Err(ChartError::Format {
-                    path: path.display().to_string(),
-                    formats: ".svg or .png",
-                });
-            }
+        match CHART.of(path)? {
+            "svg" => write_whole(path, self.svg().as_bytes())?,
+            _ => save(&draw_svg(&self.svg(), 1.0), path)?,
         }
         Ok(())
     }
@@ -172,23 +167,12 @@ fn mark<'a, DB: DrawingBackend + 'a>(index: usize, at: (i32, i32)) -> DynElement
     }
 }
 
-/// Extension of a file's name in small letters.
-#[must_use]
-pub fn extension(path: &Path) -> Option<String> {
-    Some(path.extension()?.to_str()?.to_ascii_lowercase())
-}
-
 /// Why a chart cannot be saved.
 #[derive(Debug, thiserror::Error)]
 pub enum ChartError {
     /// The name of the file says nothing of its format.
-    #[error("{path}: expected a file name that ends in {formats}")]
-    Format {
-        /// The file.
-        path: String,
-        /// What could stand there.
-        formats: &'static str,
-    },
+    #[error(transparent)]
+    Format(#[from] FormatError),
     /// The file.
     #[error(transparent)]
     File(#[from] MeasurementError),

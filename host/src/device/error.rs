@@ -58,7 +58,7 @@ pub enum DeviceError {
         /// What was asked.
         request: &'static str,
         /// What came.
-        reply: String,
+        reply: &'static str,
     },
     /// A batch of steps that the controller has no room for.
     #[error("port {peer}: expected a schedule of at most {limit} steps, found {found}")]

@@ -6,6 +6,7 @@ use super::histogram::LogHistogram;
 use super::is_judged;
 use crate::brdf::{Brdf, BrdfError};
 use crate::provenance::Provenance;
+use crate::text::by;
 
 /// How well two captures of one sample agree, for θ ≤ 80° both ways.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -24,13 +25,13 @@ pub struct Repeatability {
 /// # Errors
 /// [`BrdfError`] if the directions differ or a file cannot be read.
 pub fn repeatability(a: &Brdf, b: &Brdf) -> Result<Repeatability, BrdfError> {
-    let size = |brdf: &Brdf| (brdf.grid().len(), brdf.disk().size(), brdf.channels());
+    let size = |brdf: &Brdf| [brdf.grid().len(), brdf.disk().size(), brdf.channels()];
     if size(a) != size(b) {
         return Err(BrdfError::Content {
             path: b.path().display().to_string(),
             field: "incident directions, outgoing grid, channels",
-            expected: format!("{:?} as in {}", size(a), a.path().display()),
-            found: format!("{:?}", size(b)),
+            expected: format!("{} as in {}", by(&size(a)), a.path().display()),
+            found: by(&size(b)),
         });
     }
     let (cells, channels) = (a.disk().len(), a.channels());

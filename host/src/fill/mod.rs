@@ -134,7 +134,8 @@ pub fn fill(
             });
         }
     }
-    let merged_path = out.with_extension("merged.zarr");
+    // Hidden and of this process, so that it is nobody else's.
+    let merged_path = out.with_file_name(format!(".merged-{}.zarr", std::process::id()));
     let (merged, alignments) = if further.is_empty() {
         (base, Vec::new())
     } else {

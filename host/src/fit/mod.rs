@@ -202,7 +202,7 @@ impl Fit {
             .flat_map(|curve| &curve.points)
             .filter_map(|point| point.1);
         Chart {
-            title: format!("{name}: {:?} fitted", self.model),
+            title: format!("{name}: {} fitted", self.model.name()),
             y: Axis::covering("fit − f (% of the mean f there)", values),
             x: Axis {
                 label: "polar angle of the half vector (°)".to_owned(),

@@ -20,6 +20,14 @@ pub enum Model {
 }
 
 impl Model {
+    /// Its name.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Ward => "Ward",
+            Self::Ggx => "GGX",
+        }
+    }
+
     /// Name of the strength of the lobe.
     pub(super) const fn strength(self) -> &'static str {
         match self {

@@ -91,23 +91,13 @@ impl Grid {
             expected: expected.to_owned(),
             found,
         };
-        let text = std::fs::read_to_string(path)
+        let text = crate::text::read(path)
             .map_err(|error| fail(None, "a list of directions", format!("no readable text: {error}")))?;
         let mut directions_deg = Vec::new();
         for (index, line) in text.lines().enumerate() {
-            let content = line.split('#').next().unwrap_or_default().trim();
-            if content.is_empty() {
-                continue;
-            }
-            let numbers: Option<Vec<f64>> =
-                content.split_whitespace().map(|word| word.parse().ok()).collect();
-            let direction = numbers
-                .and_then(|numbers| <[f64; 2]>::try_from(numbers).ok())
-                .ok_or_else(|| {
-                    let found = format!("`{}`", content.chars().take(60).collect::<String>());
-                    fail(Some(index + 1), "two numbers, θ and φ in degrees", found)
-                })?;
-            directions_deg.push(direction);
+            let direction = crate::text::numbers(line)
+                .map_err(|found| fail(Some(index + 1), "two numbers, θ and φ in degrees", found))?;
+            directions_deg.extend(direction);
         }
         let grid = Self::List { directions_deg };
         // Complaints about the content name the file too.

@@ -5,6 +5,7 @@ use std::io::Write as _;
 use std::path::Path;
 
 use super::MeasurementError;
+use crate::whole_file;
 
 /// The error of the file at `path`.
 pub(super) fn io(path: &Path, source: std::io::Error) -> MeasurementError {
@@ -14,17 +15,12 @@ pub(super) fn io(path: &Path, source: std::io::Error) -> MeasurementError {
     }
 }
 
-/// Writes a file so that it is whole or not there.
+/// Writes a file so that it is whole or not there, as [`whole_file::write`].
 ///
 /// # Errors
 /// [`MeasurementError::Io`].
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), MeasurementError> {
-    let temporary = path.with_extension("tmp");
-    write_synced(&temporary, bytes)?;
-    fs::rename(&temporary, path).map_err(|source| {
-        fs::remove_file(&temporary).ok();
-        io(path, source)
-    })
+    whole_file::write(path, bytes).map_err(|source| io(path, source))
 }
 
 /// Writes a file to the disk, or removes what was written of it.

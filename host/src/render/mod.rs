@@ -9,8 +9,7 @@
 mod corrugated;
 mod sphere;
 
-use std::fs::File;
-use std::io::{Cursor, Write as _};
+use std::io::Cursor;
 use std::path::Path;
 
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -18,6 +17,8 @@ use image::{ImageError, Rgb, RgbImage};
 use rayon::prelude::*;
 
 use crate::brdf::Value;
+use crate::file_format::{FormatError, PICTURE};
+use crate::whole_file;
 
 pub use corrugated::corrugated;
 pub use sphere::{LitSphere, sphere};
@@ -169,13 +170,21 @@ pub fn automatic_exposure(rows: &[Vec<Picture>]) -> f32 {
 
 /// Why a picture cannot be saved.
 #[derive(Debug, thiserror::Error)]
-#[error("{path}: the picture cannot be written: {source}")]
-pub struct PictureError {
-    path: String,
-    source: ImageError,
+pub enum PictureError {
+    /// The name of the file says that it is none.
+    #[error(transparent)]
+    Format(#[from] FormatError),
+    /// The file.
+    #[error("{path}: the picture cannot be written: {source}")]
+    File {
+        /// The file.
+        path: String,
+        /// What is wrong.
+        source: ImageError,
+    },
 }
 
-/// Saves a picture as PNG, packed for speed rather than size: large pictures are bound by it.
+/// Saves a picture as PNG, whole or not at all; packed for speed rather than size: large pictures are bound by it.
 ///
 /// # Errors
 /// [`PictureError`].
@@ -183,7 +192,8 @@ pub fn save<P>(image: &image::ImageBuffer<P, Vec<u8>>, path: &Path) -> Result<()
 where
     P: image::PixelWithColorType<Subpixel = u8>,
 {
-    let fail = |source| PictureError {
+    PICTURE.of(path)?;
+    let fail = |source| PictureError::File {
         path: path.display().to_string(),
         source,
     };
@@ -195,12 +205,5 @@ where
             FilterType::Up,
         ))
         .map_err(fail)?;
-    let mut file = File::create(path).map_err(|error| fail(ImageError::IoError(error)))?;
-    file.write_all(bytes.get_ref()).map_err(|error| {
-        // Half a picture goes; a device stays.
-        if path.is_file() {
-            std::fs::remove_file(path).ok();
-        }
-        fail(ImageError::IoError(error))
-    })
+    whole_file::write(path, bytes.get_ref()).map_err(|error| fail(ImageError::IoError(error)))
 }

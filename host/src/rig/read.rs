@@ -19,9 +19,9 @@ impl Rig {
             return Rig::from_toml(text, Path::new(spec));
         }
         let path = Path::new(spec);
-        let text = std::fs::read_to_string(path).map_err(|found| RigError::Unreadable {
+        let text = crate::text::read(path).map_err(|found| RigError::Unreadable {
             path: path.to_path_buf(),
-            found,
+            found: found.into(),
         })?;
         Rig::from_toml(&text, path)
     }

@@ -9,6 +9,7 @@ use std::path::Path;
 
 use super::{Lens, Rig, RigError};
 use crate::optics::{Ellipsoid, Unmeasurable, View};
+use crate::text::listed;
 
 /// Side of the grid of pixels that is probed for a measurable direction.
 const PROBES: u32 = 48;
@@ -150,12 +151,12 @@ impl Rig {
             return Err(check.error(
                 &field("offset_m"),
                 expected,
-                format!("{:?} metres", lens.offset_m),
+                format!("{} metres", listed(&lens.offset_m)),
             ));
         }
         if !crate::optics::Pinhole::of(lens).covers_image() {
             let expected = "a distortion that can be undone everywhere in the image";
-            return Err(check.error(&field("distortion"), expected, format!("{:?}", lens.distortion)));
+            return Err(check.error(&field("distortion"), expected, listed(&lens.distortion)));
         }
         Ok(())
     }
@@ -223,7 +224,7 @@ impl Checker<'_> {
         Err(self.error(
             field,
             format!("numbers from -{limit} to {limit} {unit}"),
-            format!("{found:?}"),
+            listed(found),
         ))
     }
 }

@@ -23,6 +23,7 @@ use super::atomic::AtomicStore;
 use super::error::StoreError;
 use super::group::metadata_key;
 use super::header::Header;
+use crate::text::{by, listed};
 
 /// Bytes of the largest chunk that is accepted; more is a mistake in the layout or in a file.
 const LARGEST_CHUNK: usize = 1 << 32;
@@ -107,7 +108,7 @@ impl ArraySpec<'_> {
             (Some(row), Some(bytes)) if bytes > 0 && bytes <= LARGEST_CHUNK && self.shape[0] > 0 => {
                 Ok((row, bytes))
             }
-            _ => Err(format!("shape {:?} in chunks of {}", self.shape, self.chunk)),
+            _ => Err(format!("shape {} in chunks of {}", by(&self.shape), self.chunk)),
         }
     }
 }
@@ -173,8 +174,8 @@ impl ZarrArray {
         };
         expect(
             "shape",
-            format!("{:?}", spec.shape),
-            format!("{:?}", header.shape),
+            by(&spec.shape),
+            by(&header.shape),
         )?;
         expect(
             "data_type",
@@ -183,13 +184,13 @@ impl ZarrArray {
         )?;
         expect(
             "dimension_names",
-            format!("{:?}", spec.dims),
-            format!("{:?}", header.dims),
+            listed(&spec.dims),
+            listed(&header.dims),
         )?;
         expect(
             "chunk_grid.configuration.chunk_shape",
-            format!("{:?}", spec.chunk_shape()),
-            format!("{:?}", header.chunk_shape),
+            by(&spec.chunk_shape()),
+            by(&header.chunk_shape),
         )?;
         spec.sizes()
             .map_err(|found| StoreError::metadata(&header.path, "shape", SANE_SHAPE, found))?;

@@ -12,6 +12,7 @@ use zarrs::storage::ReadableStorageTraits as _;
 use super::atomic::AtomicStore;
 use super::error::StoreError;
 use super::group::{expect_field, metadata_key, parse, short};
+use crate::text::by;
 
 /// The parts of an array's `zarr.json` from which a layout is read.
 #[derive(Debug)]
@@ -76,12 +77,12 @@ impl Header {
         let shape = lengths("shape")?;
         let chunk_shape = lengths("chunk_grid.configuration.chunk_shape")?;
         if chunk_shape.len() != shape.len() || chunk_shape[1..] != shape[1..] {
-            let expected = format!("[any, {:?}]", &shape[1..]);
+            let expected = format!("any × {}", by(&shape[1..]));
             return Err(StoreError::metadata(
                 &path,
                 "chunk_grid.configuration.chunk_shape",
                 expected,
-                format!("{chunk_shape:?}"),
+                by(&chunk_shape),
             ));
         }
         let data_type = at("data_type");

@@ -10,6 +10,7 @@ use super::array::{ArraySpec, ElementType, ZarrArray, add_codes, described};
 use super::atomic::AtomicStore;
 use super::error::StoreError;
 use super::header::Header;
+use crate::text::{by, listed};
 
 /// Values of a small array, row-major.
 #[derive(Clone, Debug, PartialEq)]
@@ -106,8 +107,8 @@ pub(super) fn check(
         names.push(array.name);
         if array.shape.is_empty() || array.shape.len() != array.dims.len() {
             return wrong(
-                format!("one length for each of {:?}", array.dims),
-                format!("{:?}", array.shape),
+                format!("one length for each of {}", listed(&array.dims)),
+                by(&array.shape),
             );
         }
         for (&dim, &length) in array.dims.iter().zip(&array.shape) {
@@ -122,7 +123,7 @@ pub(super) fn check(
             .try_fold(1usize, |product, &length| product.checked_mul(length));
         if size != Some(array.data.len()) {
             return wrong(
-                format!("the values of shape {:?}", array.shape),
+                format!("the values of shape {}", by(&array.shape)),
                 format!("{} values", array.data.len()),
             );
         }

@@ -184,9 +184,9 @@ impl Truth {
     /// # Errors
     /// [`RigError`], one sentence.
     pub fn load(path: &Path) -> Result<Self, RigError> {
-        let text = std::fs::read_to_string(path).map_err(|found| RigError::Unreadable {
+        let text = crate::text::read(path).map_err(|found| RigError::Unreadable {
             path: path.to_path_buf(),
-            found,
+            found: found.into(),
         })?;
         let truth: Self = toml::from_str(&text).map_err(|error| explain(&text, path, &error))?;
         truth.rig.validate()?;

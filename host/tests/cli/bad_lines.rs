@@ -10,6 +10,10 @@ fn a_bad_line_is_named_and_the_answers_before_it_are_printed() {
         ("45 east", "45 east"),
         ("nan 0", "nan 0"),
         ("inf 0", "inf 0"),
+        ("45 1e400", "45 1e400"),
+        ("45\r0", "45\\r0"),
+        ("45 0\u{1b}[31m", "45 0\\u{1b}[31m"),
+        ("45\0 0", "45\\u{0} 0"),
     ] {
         let lines = format!("# a remark\n45 0\n\n50 10\n{bad}\n60 0\n");
         let outcome = run(&["map"], &lines);
@@ -25,6 +29,26 @@ fn a_bad_line_is_named_and_the_answers_before_it_are_printed() {
         outcome.stdout,
         run(&["value", "ward:brass"], "30 0 30 180\n").done()
     );
+}
+
+#[test]
+fn an_angle_that_is_none_is_refused() {
+    for (line, limit) in [("181 0", 180), ("-1e300 0", 180), ("45 3601", 3600), ("45 -1e18", 3600)] {
+        let limit = format!("from -{limit} to {limit} degrees");
+        refuses(&["map"], line, 2, &["stdin, line 1", &limit, "found"]);
+        refuses(&["value", "lambert"], &format!("45 0 {line}"), 2, &["stdin, line 1", &limit]);
+    }
+    run(&["map"], "-45 -720\n").done();
+}
+
+#[test]
+fn a_line_as_long_as_a_file_is_named_in_a_short_sentence() {
+    for line in ["7".repeat(1 << 20), "45 0 ".repeat(200_000), "\u{1b}".repeat(50_000)] {
+        let outcome = run(&["map"], &format!("45 0\n{line}\n"));
+        outcome.complains(2, &["stdin, line 2", "expected 2 numbers"]);
+        assert!(outcome.stderr.len() < 400, "{}", outcome.stderr.len());
+        assert!(!outcome.stderr.contains('\u{1b}'));
+    }
 }
 
 #[test]
@@ -74,6 +98,11 @@ fn a_line_that_is_no_text_is_refused() {
 }
 
 #[test]
+fn remarks_may_follow_numbers() {
+    assert_eq!(run(&["map"], "45\t0 # up\n").done(), run(&["map"], "45 0\n").done());
+}
+
+#[test]
 fn no_lines_are_no_answers() {
     assert_eq!(run(&["map"], "").done(), "");
     assert_eq!(run(&["map"], "\n# nothing\n").done(), "");
@@ -91,12 +120,12 @@ fn no_lines_are_no_answers() {
 #[test]
 fn an_image_size_out_of_range_is_refused() {
     for size in ["0", "100000"] {
-        let found = format!("found {size}");
+        let found = format!("found `{size}`");
         refuses(
             &["map", "--image-size", size],
             "45 0\n",
             2,
-            &["width_px", "expected", &found],
+            &["--image-size", "expected", &found],
         );
     }
 }

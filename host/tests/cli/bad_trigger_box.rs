@@ -198,7 +198,7 @@ fn an_answer_of_another_kind_fails() {
     with_peer(
         |_| Some(Reply::Pong(7)),
         |port| {
-            let parts = [port, "answer to `hello`", "another kind", "Pong"];
+            let parts = [port, "answer to `hello`", "another kind: pong"];
             refuses(&["controller", "info", "--port", port], "", 1, &parts);
         },
     );

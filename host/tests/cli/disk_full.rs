@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::command::{rcg, run, text};
+use crate::commands::{Scene, described};
 use crate::tree::{assert_same, files};
 
 /// A file system in memory, gone when it is dropped.
@@ -107,6 +108,47 @@ fn a_disk_that_fills_up_during_assembly() {
 fn a_disk_without_room_for_a_plan() {
     // One block is the directory's.
     fills_up(&[8], "");
+}
+
+#[test]
+fn no_command_leaves_half_a_file_on_a_full_disk_or_takes_the_old_one_away() {
+    // One block: enough for a name and nothing in it.
+    let disk = match SmallDisk::new(4) {
+        Ok(disk) => disk,
+        Err(reason) => {
+            println!("skipped: no small disk can be mounted: {reason}");
+            return;
+        }
+    };
+    let scene = Scene::new();
+    let mut failed = 0;
+    for command in described() {
+        for used in scene.uses(&command.words, disk.path()) {
+            let Some(file) = used.arguments.iter().map(Path::new).find(|word| word.starts_with(disk.path())) else {
+                continue;
+            };
+            let outcome = run(&used.arguments, used.stdin);
+            outcome.complains(1, &[text(disk.path())]);
+            assert!(
+                outcome.stderr.contains("No space left") || outcome.stderr.contains("disk full"),
+                "{outcome:?}"
+            );
+            let left = files(disk.path());
+            assert!(left.is_empty(), "{used:?} left {left:?}");
+            for entry in std::fs::read_dir(disk.path()).unwrap() {
+                std::fs::remove_dir_all(entry.unwrap().path()).unwrap();
+            }
+            failed += 1;
+            if file != disk.path() && file.extension().is_some_and(|ending| ending != "zarr") {
+                // An old one, which takes no block.
+                std::fs::write(file, "").unwrap();
+                run(&used.arguments, used.stdin).complains(1, &[text(file)]);
+                assert_eq!(files(disk.path()).len(), 1);
+                std::fs::remove_file(file).unwrap();
+            }
+        }
+    }
+    assert!(failed > 12, "{failed}");
 }
 
 #[test]

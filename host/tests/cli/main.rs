@@ -20,9 +20,11 @@ mod bad_samples;
 mod bad_studies;
 #[cfg(target_os = "linux")]
 mod bad_trigger_box;
+mod bad_values;
 mod brackets;
 mod calibrations;
 mod command;
+mod commands;
 mod directions;
 #[cfg(target_os = "linux")]
 mod disk_full;
@@ -32,10 +34,13 @@ mod grids;
 #[cfg(unix)]
 mod killed;
 mod multiplexed;
+mod outputs;
 mod pictures;
 mod pipes;
+mod plain_words;
 mod studies;
 mod tensor_file;
+mod texts;
 mod tree;
 mod trigger_box;
 mod values;

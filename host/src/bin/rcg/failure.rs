@@ -8,6 +8,7 @@ use rcg::brdf::BrdfError;
 use rcg::calibrate::CalibrateError;
 use rcg::chart::ChartError;
 use rcg::device::DeviceError;
+use rcg::file_format::FormatError;
 use rcg::fill::FillError;
 use rcg::firing::FiringError;
 use rcg::fit::FitError;
@@ -17,7 +18,9 @@ use rcg::measurement::MeasurementError;
 use rcg::multiplex::MultiplexError;
 use rcg::paper::PaperError;
 use rcg::plan::PlanError;
+use rcg::records::RecordsError;
 use rcg::reflectance::SourceError;
+use rcg::render::PictureError;
 use rcg::rig::RigError;
 use rcg::sample::SampleError;
 use rcg::store::StoreError;
@@ -39,6 +42,20 @@ impl Failure {
     /// Wrong input in one sentence.
     pub(crate) fn input(sentence: impl std::fmt::Display) -> Self {
         Self::Input(anyhow::anyhow!("{sentence}"))
+    }
+
+    /// The same failure of the thing at `place`, which its sentence names.
+    pub(crate) fn at(self, place: impl std::fmt::Display) -> Self {
+        let (place, sentence) = (place.to_string(), self.to_string());
+        if sentence.contains(&place) {
+            return self;
+        }
+        let error = anyhow::anyhow!("{place}: {sentence}");
+        match self {
+            Self::Input(_) => Self::Input(error),
+            Self::Failed(_) => Self::Failed(error),
+            Self::Partly(_, facts) => Self::Partly(error, facts),
+        }
     }
 
     /// The exit code.
@@ -242,12 +259,30 @@ impl Blame for SourceError {
     }
 }
 
+impl Blame for FormatError {
+    fn is_input(&self) -> bool {
+        true
+    }
+}
+
+impl Blame for PictureError {
+    fn is_input(&self) -> bool {
+        matches!(self, Self::Format(_))
+    }
+}
+
+impl Blame for RecordsError {
+    fn is_input(&self) -> bool {
+        matches!(self, Self::Format(_))
+    }
+}
+
 impl Blame for ChartError {
     fn is_input(&self) -> bool {
         match self {
-            Self::Format { .. } => true,
+            Self::Format(_) => true,
             Self::File(error) => error.is_input(),
-            Self::Picture(_) => false,
+            Self::Picture(error) => error.is_input(),
         }
     }
 }
@@ -288,14 +323,3 @@ impl From<io::Error> for Failure {
     }
 }
 
-impl From<rcg::records::RecordsError> for Failure {
-    fn from(error: rcg::records::RecordsError) -> Self {
-        Self::Failed(error.into())
-    }
-}
-
-impl From<rcg::render::PictureError> for Failure {
-    fn from(error: rcg::render::PictureError) -> Self {
-        Self::Failed(error.into())
-    }
-}

@@ -3,11 +3,13 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use rcg::file_format::CHART;
 use rcg::fit::{Fit, Model};
 use rcg::reflectance::Source;
 
 use crate::Done;
-use crate::output::Output;
+use crate::failure::Failure;
+use crate::output::{Output, to_write};
 
 /// Fit the parameters of a model, with their covariance.
 ///
@@ -41,10 +43,14 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         Kind::Ward => Model::Ward,
         Kind::Ggx => Model::Ggx,
     };
+    if let Some(path) = &args.residuals {
+        to_write(path, CHART)?;
+    }
     let fit = match Source::open(&args.brdf)? {
-        Source::Measured(brdf) => Fit::of_brdf(model, &brdf)?,
-        Source::Known(sample) => Fit::of_sample(model, sample.as_ref())?,
-    };
+        Source::Measured(brdf) => Fit::of_brdf(model, &brdf),
+        Source::Known(sample) => Fit::of_sample(model, sample.as_ref()),
+    }
+    .map_err(|error| Failure::from(error).at(&args.brdf))?;
     if let Some(path) = &args.residuals {
         fit.save_residuals(&args.brdf, path)?;
     }

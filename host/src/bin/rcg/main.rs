@@ -4,6 +4,7 @@
 //! One file per subcommand: it parses, calls the library and prints. Data go to stdout, progress and logs to
 //! stderr. Exit 0: done; 1: failed; 2: bad usage or input.
 
+mod arguments;
 mod assemble;
 mod calibrate;
 mod capture;
@@ -30,9 +31,14 @@ mod value;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use failure::Failure;
 use output::Output;
+use rcg::progress::Progress as _;
+use rcg::rig::Rig;
+
+/// The instrument, unless another is named.
+const RIG: &str = "rcg-1";
 
 /// Measures the four-angle BRDF of flat samples with an ellipsoidal mirror, a camera and a projector.
 ///
@@ -41,9 +47,9 @@ use output::Output;
 #[derive(Debug, Parser)]
 #[command(name = "rcg", version, max_term_width = 100, arg_required_else_help = true)]
 struct Cli {
-    /// The instrument: rcg-1, rcg-2, dmd, or a rig file (TOML)
-    #[arg(long, global = true, default_value = "rcg-1", value_name = "FILE|PRESET")]
-    rig: String,
+    /// The instrument: rcg-1, rcg-2, dmd, or a rig file (TOML) [default: rcg-1]
+    #[arg(long, global = true, value_name = "FILE|PRESET")]
+    rig: Option<String>,
     /// Print one JSON object instead of text
     #[arg(long, global = true)]
     json: bool,
@@ -90,33 +96,36 @@ enum Command {
     Controller(controller::Args),
 }
 
+impl Command {
+    /// Whether it takes the instrument from a file that it reads, or needs none.
+    const fn takes_no_rig(&self) -> bool {
+        matches!(
+            self,
+            Self::Capture(_)
+                | Self::Assemble(_)
+                | Self::Value(_)
+                | Self::Evaluate(_)
+                | Self::Fill(_)
+                | Self::Fit(_)
+                | Self::Render(_)
+                | Self::Plot(_)
+                | Self::Study(_)
+                | Self::Paper(_)
+        )
+    }
+}
+
 fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
+    if let Some(sentence) = arguments::complaint(std::env::args_os().skip(1)) {
+        return usage::refuse(&sentence);
+    }
+    let parsed = with_negative_numbers(Cli::command()).try_get_matches();
+    let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(error) => return usage::answer(&error),
     };
     let output = Output::new(cli.json, cli.quiet, cli.verbose);
-    let done = match &cli.command {
-        Command::Measure(args) => measure::run(args, &cli.rig, &output),
-        Command::Plan(args) => plan::run(args, &cli.rig, &output),
-        Command::Patterns(args) => patterns::run(args, &cli.rig, &output),
-        Command::Capture(args) => capture::run(args, &output),
-        Command::Calibrate(command) => calibrate::run(command, &cli.rig, &output),
-        Command::Assemble(args) => assemble::run(args, &output),
-        Command::Map(args) => map::run(args, &cli.rig, &output),
-        Command::Value(args) => value::run(args, &output),
-        Command::Evaluate(args) => evaluate::run(args, &output),
-        Command::Fill(args) => fill::run(args, &output),
-        Command::Fit(args) => fit::run(args, &output),
-        Command::Render(args) => render::run(args, &output),
-        Command::Plot(args) => plot::run(args, &output),
-        Command::Study(args) => study::run(args, &output),
-        Command::Multiplex(args) => multiplex::run(args, &cli.rig, &output),
-        Command::Truth(args) => truth::run(args, &cli.rig, &output),
-        Command::Paper(args) => paper::run(args, &output),
-        Command::Controller(args) => controller::run(args, &cli.rig, &output),
-    };
-    match done {
+    match done(&cli, &output) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) if failure.is_broken_pipe() => ExitCode::SUCCESS,
         Err(failure) => {
@@ -124,6 +133,52 @@ fn main() -> ExitCode {
             ExitCode::from(failure.exit_code())
         }
     }
+}
+
+fn done(cli: &Cli, output: &Output) -> Done {
+    if let Some(rig) = &cli.rig
+        && cli.command.takes_no_rig()
+    {
+        Rig::load(rig)?;
+        output.remark(&format!("--rig {rig} has no part in this command"));
+    }
+    let rig = cli.rig.as_deref().unwrap_or(RIG);
+    match &cli.command {
+        Command::Measure(args) => measure::run(args, rig, output),
+        Command::Plan(args) => plan::run(args, rig, output),
+        Command::Patterns(args) => patterns::run(args, rig, output),
+        Command::Capture(args) => capture::run(args, output),
+        Command::Calibrate(command) => calibrate::run(command, rig, output),
+        Command::Assemble(args) => assemble::run(args, output),
+        Command::Map(args) => map::run(args, rig, output),
+        Command::Value(args) => value::run(args, output),
+        Command::Evaluate(args) => evaluate::run(args, output),
+        Command::Fill(args) => fill::run(args, output),
+        Command::Fit(args) => fit::run(args, output),
+        Command::Render(args) => render::run(args, output),
+        Command::Plot(args) => plot::run(args, output),
+        Command::Study(args) => study::run(args, output),
+        Command::Multiplex(args) => multiplex::run(args, rig, output),
+        Command::Truth(args) => truth::run(args, rig, output),
+        Command::Paper(args) => paper::run(args, output),
+        Command::Controller(args) => controller::run(args, rig, output),
+    }
+}
+
+/// `command` with options that take a negative number for their value, to say what is wrong with it, and not for an option
+/// that does not exist.
+fn with_negative_numbers(command: clap::Command) -> clap::Command {
+    let names: Vec<String> = command
+        .get_subcommands()
+        .map(|below| below.get_name().to_owned())
+        .collect();
+    let command = command.mut_args(|argument| {
+        let takes_value = argument.get_long().is_some() && argument.get_action().takes_values();
+        argument.allow_negative_numbers(takes_value)
+    });
+    names
+        .into_iter()
+        .fold(command, |command, name| command.mut_subcommand(name, with_negative_numbers))
 }
 
 type Done = Result<(), Failure>;

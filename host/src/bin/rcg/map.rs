@@ -8,12 +8,13 @@ use rcg::rig::Rig;
 use serde_json::json;
 
 use crate::Done;
-use crate::numbers::lines_of;
+use crate::numbers::directions_of;
 use crate::output::Output;
+use crate::request::image_size;
 
 /// Directions on stdin to camera and projector pixels.
 ///
-/// Reads lines `theta phi` (degrees, sample frame; blank lines and those that begin with # are skipped) and
+/// Reads lines `theta phi` (degrees, sample frame; blank lines and what follows a # are skipped) and
 /// answers each with `cam_u cam_v proj_u proj_v` (pixels, centre of the first pixel = 0.5), or with
 /// `- reason`. With --spread each answer goes on with `parallax_mm cam_deg cam_mm proj_deg proj_mm`: how far apart camera
 /// and projector meet the sample, and for each of them the longest full width of its pixel's cone of directions (degrees)
@@ -21,7 +22,7 @@ use crate::output::Output;
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// Give pixels of a camera image of this size instead of the rig's own
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = image_size)]
     image_size: Option<u32>,
     /// Give parallax and blur of each direction too
     #[arg(long)]
@@ -36,7 +37,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let (camera, projector) = (View::camera(&rig), View::projector(&rig));
     let mut out = io::BufWriter::new(io::stdout().lock());
     let mut answers = Vec::new();
-    for line in lines_of(io::stdin().lock(), "theta phi in degrees") {
+    for line in directions_of(io::stdin().lock(), "theta phi in degrees") {
         let [theta_deg, phi_deg] = line?;
         let w = from_degrees(theta_deg, phi_deg);
         let pixels = || -> Result<_, Unmeasurable> {

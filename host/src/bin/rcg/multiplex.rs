@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 use crate::Done;
 use crate::output::Output;
-use crate::request::GridArgs;
+use crate::request::{GridArgs, image_size};
 
 /// Say whether multiplexed light pays: uncertainty of single, longer and multiplexed exposures in the same time.
 ///
@@ -29,7 +29,7 @@ pub(crate) struct Args {
     #[command(flatten)]
     grid: GridArgs,
     /// Camera image: pixels a side
-    #[arg(long, value_name = "N", default_value_t = 96)]
+    #[arg(long, value_name = "N", default_value_t = 96, value_parser = image_size)]
     image_size: u32,
     /// Most directions that are lit in one block, or auto for 7, 15, 31, 63, 127 and 255
     #[arg(long, value_name = "N|auto", default_value = "auto", value_parser = order)]

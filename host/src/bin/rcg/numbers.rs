@@ -1,39 +1,43 @@
 //! Lines of numbers on stdin.
 
-use std::io::{self, BufRead};
+use std::io::BufRead;
+
+use rcg::text::{TextError, lines, numbers};
 
 use crate::failure::Failure;
 
-/// The `N` numbers of every line that `reader` holds; blank lines and those that begin with # are skipped.
-pub(crate) fn lines_of<const N: usize>(
+/// Largest polar angle and azimuth that are taken, degrees. What is beyond is no angle but a mistake.
+const LARGEST_DEG: [f64; 2] = [180.0, 3600.0];
+
+/// The directions of every line that `reader` holds, `N` angles (θ, φ of each) in degrees; blank lines and what follows
+/// a # are skipped.
+pub(crate) fn directions_of<const N: usize>(
     reader: impl BufRead,
     names: &'static str,
 ) -> impl Iterator<Item = Result<[f64; N], Failure>> {
-    reader.lines().enumerate().filter_map(move |(index, line)| {
+    lines(reader).filter_map(move |(number, line)| {
+        let refused = |expected: &str, found: &str| {
+            Failure::input(format!("stdin, line {number}: expected {expected}, found {found}"))
+        };
+        let expected = || format!("{N} numbers ({names})");
         let line = match line {
             Ok(line) => line,
-            Err(error) if error.kind() == io::ErrorKind::InvalidData => {
-                return Some(Err(Failure::input(format!(
-                    "stdin, line {}: expected {N} numbers ({names}), found bytes that are no UTF-8 text",
-                    index + 1
-                ))));
-            }
-            Err(error) => return Some(Err(error.into())),
+            Err(TextError::Io(error)) => return Some(Err(error.into())),
+            Err(error) => return Some(Err(refused(&expected(), &error.to_string()))),
         };
-        let text = line.trim();
-        (!text.is_empty() && !text.starts_with('#')).then(|| {
-            let numbers: Option<Vec<f64>> = text
-                .split_whitespace()
-                .map(|word| word.parse().ok().filter(|n: &f64| n.is_finite()))
-                .collect();
-            numbers
-                .and_then(|numbers| <[f64; N]>::try_from(numbers).ok())
-                .ok_or_else(|| {
-                    Failure::input(format!(
-                        "stdin, line {}: expected {N} numbers ({names}), found `{text}`",
-                        index + 1
-                    ))
+        match numbers::<N>(&line) {
+            Ok(None) => None,
+            Ok(Some(angles)) => {
+                let mut with_limits = angles.iter().zip(LARGEST_DEG.into_iter().cycle());
+                Some(match with_limits.find(|(angle, largest)| angle.abs() > *largest) {
+                    None => Ok(angles),
+                    Some((angle, largest)) => {
+                        let expected = format!("an angle from -{largest} to {largest} degrees");
+                        Err(refused(&expected, &angle.to_string()))
+                    }
                 })
-        })
+            }
+            Err(found) => Some(Err(refused(&expected(), &found))),
+        }
     })
 }

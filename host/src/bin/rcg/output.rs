@@ -1,16 +1,24 @@
 //! Where data, progress and remarks go.
 
 use std::io::{self, IsTerminal as _, Write as _};
+use std::path::Path;
 use std::sync::Mutex;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
+use rcg::file_format::Formats;
+use rcg::measurement::MeasurementError;
 use rcg::progress::Progress;
+use rcg::text::{cut, plain};
+use rcg::whole_file;
 use serde::Serialize;
 use serde_json::Value;
 use tracing_subscriber::EnvFilter;
 
 use crate::failure::Failure;
+
+/// Characters of the longest complaint: a few hundred say all, the rest is what somebody's input was.
+const LONGEST_SENTENCE: usize = 1000;
 
 /// The command's voice.
 pub(crate) struct Output {
@@ -59,7 +67,11 @@ impl Output {
             serde_json::to_writer_pretty(&mut out, value).map_err(io::Error::from)?;
             writeln!(out)?;
         } else {
-            write!(out, "{}", text())?;
+            // Names of files and samples may hold what a terminal would obey.
+            for line in text().split_inclusive('\n') {
+                let end = if line.ends_with('\n') { "\n" } else { "" };
+                write!(out, "{}{end}", plain(line.trim_end_matches('\n')))?;
+            }
         }
         out.flush()?;
         Ok(())
@@ -82,13 +94,23 @@ impl Output {
 
 /// Says why the command ends with the code `exit`; with `facts` (an object or null) as an object on stdout too.
 pub(crate) fn complain(sentence: &str, exit: u8, facts: Option<Value>) {
+    let sentence = cut(&plain(sentence), LONGEST_SENTENCE);
     // Nobody is left to tell if this fails.
     if let Some(mut object) = facts {
-        object["error"] = sentence.into();
+        object["error"] = sentence.as_str().into();
         object["exit"] = exit.into();
         writeln!(io::stdout(), "{object}").ok();
     }
     writeln!(io::stderr(), "rcg: {sentence}").ok();
+}
+
+/// Refuses a file that cannot be written, before the work for it is done: its name must end in one of `formats`.
+pub(crate) fn to_write(path: &Path, formats: Formats) -> Result<(), Failure> {
+    formats.of(path)?;
+    whole_file::check(path).map_err(|source| {
+        let path = path.display().to_string();
+        MeasurementError::Io { path, source }.into()
+    })
 }
 
 /// Lines of (what, figure) as aligned text.
@@ -134,7 +156,7 @@ impl Progress for Output {
     fn remark(&self, line: &str) {
         if !self.quiet {
             // A reader of stderr that has gone is no reason to stop measuring.
-            writeln!(io::stderr(), "{line}").ok();
+            writeln!(io::stderr(), "{}", plain(line)).ok();
         }
     }
 

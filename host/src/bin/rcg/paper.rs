@@ -8,6 +8,7 @@ use rcg::study::Settings;
 
 use crate::Done;
 use crate::output::Output;
+use crate::request::image_size;
 
 /// Make every figure of the RCG paper from our own data, with a page that puts each beside what the paper says.
 ///
@@ -27,7 +28,7 @@ pub(crate) struct Args {
     )]
     step: f64,
     /// Camera images of the measurements: pixels a side
-    #[arg(long, value_name = "N", default_value_t = 96)]
+    #[arg(long, value_name = "N", default_value_t = 96, value_parser = image_size)]
     image_size: u32,
 }
 

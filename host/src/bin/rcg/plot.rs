@@ -2,13 +2,14 @@
 
 use std::path::PathBuf;
 
+use rcg::file_format::CHART_OR_TABLE;
 use rcg::reflectance::Source;
 use rcg::scan::{AzimuthScan, INCIDENT_DEG, THETA_R_DEG};
 use serde_json::json;
 
 use crate::Done;
 use crate::failure::Failure;
-use crate::output::Output;
+use crate::output::{Output, to_write};
 use crate::render::angles;
 
 /// Plot reflectance against the azimuth of the outgoing direction.
@@ -52,6 +53,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
             )));
         }
     }
+    to_write(&args.out, CHART_OR_TABLE)?;
     let source = Source::open(&args.brdf)?;
     let scan = AzimuthScan::new(
         source.reflectance(),

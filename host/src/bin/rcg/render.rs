@@ -2,16 +2,19 @@
 
 use std::path::PathBuf;
 
+use rcg::file_format::PICTURE;
 use rcg::reflectance::Source;
 use rcg::render::{automatic_exposure, corrugated, save, sheet, sphere};
 use serde_json::json;
 
 use crate::Done;
 use crate::failure::Failure;
-use crate::output::Output;
+use crate::output::{Output, to_write};
 
 /// Largest sheet of pictures: a byte for each of three colours must fit into memory a few times over.
 const MAX_PIXELS: u64 = 1 << 28;
+/// Lean of a corrugated sheet, degrees.
+const TILT_DEG: f64 = 30.0;
 
 /// Draw a BRDF or sample on a sphere or a corrugated sheet under distant lights.
 ///
@@ -34,11 +37,11 @@ pub(crate) struct Args {
     /// Polar angle and azimuth of a light in degrees; 0,0 is behind the camera, azimuth 90 is above; may be repeated
     #[arg(long, value_name = "THETA,PHI", default_value = "45,90", value_parser = angles)]
     light: Vec<(f64, f64)>,
-    /// Degrees by which the upper edge of the corrugated sheet leans away from the camera, 0 to 75
-    #[arg(long, value_name = "DEG", default_value_t = 30.0)]
-    tilt: f64,
+    /// Degrees by which the upper edge of the corrugated sheet leans away from the camera, 0 to 75 [default: 30]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    tilt: Option<f64>,
     /// Factor from radiance (light of unit irradiance) to white [default: bright parts are white]
-    #[arg(long, value_name = "FACTOR")]
+    #[arg(long, value_name = "FACTOR", allow_negative_numbers = true)]
     exposure: Option<f32>,
 }
 
@@ -56,7 +59,7 @@ enum Scene {
 pub(crate) fn angles(text: &str) -> Result<(f64, f64), String> {
     let parsed = text.split_once(',').and_then(|(theta, phi)| {
         let (theta, phi): (f64, f64) = (theta.trim().parse().ok()?, phi.trim().parse().ok()?);
-        ((0.0..=180.0).contains(&theta) && phi.is_finite()).then_some((theta, phi))
+        ((0.0..=180.0).contains(&theta) && phi.abs() <= 3600.0).then_some((theta, phi))
     });
     parsed.ok_or_else(|| "expected two angles in degrees such as 45,90".to_owned())
 }
@@ -69,10 +72,15 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
             "--exposure: expected a positive number, found {exposure}"
         )));
     }
-    if !(0.0..=75.0).contains(&args.tilt) {
+    let tilt_deg = args.tilt.unwrap_or(TILT_DEG);
+    if !(0.0..=75.0).contains(&tilt_deg) {
         return Err(Failure::input(format!(
-            "--tilt: expected a number of degrees from 0 to 75, found {}",
-            args.tilt
+            "--tilt: expected a number of degrees from 0 to 75, found {tilt_deg}"
+        )));
+    }
+    if args.tilt.is_some() && args.scene == Scene::Sphere {
+        return Err(Failure::input(format!(
+            "--tilt: expected --scene corrugated or both beside it, as spheres have none, found {tilt_deg} with a sphere"
         )));
     }
     let (size, pixels) = (args.size as usize, u64::from(args.size).pow(2));
@@ -83,6 +91,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
             args.light.len() as u64 * scenes
         )));
     }
+    to_write(&args.out, PICTURE)?;
     let source = Source::open(&args.brdf)?;
     let material = source.reflectance();
     let mut rows = Vec::new();
@@ -94,7 +103,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         let pictures = args
             .light
             .iter()
-            .map(|&light| corrugated(material, size, args.tilt, light));
+            .map(|&light| corrugated(material, size, tilt_deg, light));
         rows.push(pictures.collect::<Result<Vec<_>, _>>()?);
     }
     let exposure = args.exposure.unwrap_or_else(|| automatic_exposure(&rows));

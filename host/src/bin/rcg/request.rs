@@ -6,8 +6,9 @@ use rcg::brackets::Brackets;
 use rcg::calibrate::Calibration;
 use rcg::incident::Grid;
 use rcg::measure::DEFAULT_SAMPLE;
-use rcg::plan::{PlanError, Request};
+use rcg::plan::{IMAGE_SIZES_PX, PlanError, Request};
 use rcg::rig::{Rig, Tilt};
+use rcg::schedule::EXPOSURES_S;
 use rcg::setup::{Setup, TriggerBox};
 use rcg::virtual_rig::Mischief;
 
@@ -58,10 +59,10 @@ pub(crate) struct RequestArgs {
     #[command(flatten)]
     grid: GridArgs,
     /// Camera image and outgoing grid: pixels a side [default: 96]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = image_size)]
     image_size: Option<u32>,
     /// Exposure time in milliseconds [default: found by a pilot capture]
-    #[arg(long, value_name = "MS", allow_negative_numbers = true)]
+    #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = exposure_ms)]
     exposure_ms: Option<f64>,
     /// Exposures of each pattern, merged for high dynamic range: as many as a pilot capture proposes (auto), so many of
     /// its choice, or these times in milliseconds [default: 1]
@@ -216,6 +217,27 @@ impl SetupArgs {
             mischief,
             calibration: None,
         })
+    }
+}
+
+/// Pixels a side of an image.
+pub(crate) fn image_size(text: &str) -> Result<u32, String> {
+    match text.parse() {
+        Ok(size) if IMAGE_SIZES_PX.contains(&size) => Ok(size),
+        _ => Err(format!(
+            "expected a number of pixels from {} to {}",
+            IMAGE_SIZES_PX.start(),
+            IMAGE_SIZES_PX.end()
+        )),
+    }
+}
+
+/// An exposure time in milliseconds.
+pub(crate) fn exposure_ms(text: &str) -> Result<f64, String> {
+    let [low_ms, high_ms] = [EXPOSURES_S.start(), EXPOSURES_S.end()].map(|s| s * 1e3);
+    match text.parse() {
+        Ok(ms) if EXPOSURES_S.contains(&(ms * 1e-3)) => Ok(ms),
+        _ => Err(format!("expected a number of milliseconds from {low_ms} to {high_ms}")),
     }
 }
 

@@ -2,13 +2,15 @@
 
 use std::path::PathBuf;
 
+use rcg::file_format::TRUTH;
+use rcg::measurement::write_whole;
 use rcg::rig::Rig;
 use rcg::virtual_rig::{Tolerances, Truth};
 use serde_json::json;
 
 use crate::Done;
 use crate::failure::Failure;
-use crate::output::Output;
+use crate::output::{Output, to_write};
 
 /// Draw by chance how a virtual rig really is, where it differs from its rig file.
 ///
@@ -51,9 +53,9 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         angle_deg: args.angle_deg,
         field: args.field_percent / 100.0,
     };
+    to_write(&args.out, TRUTH)?;
     let truth = Truth::drawn(&Rig::load(rig)?, tolerances, args.seed)?;
-    std::fs::write(&args.out, truth.to_toml())
-        .map_err(|error| Failure::input(format!("{}: {error}", args.out.display())))?;
+    write_whole(&args.out, truth.to_toml().as_bytes())?;
     output.print(&json!({ "out": args.out, "truth": truth }), || {
         format!("{}\n", args.out.display())
     })

@@ -7,7 +7,7 @@ use rcg::reflectance::Source;
 use serde_json::json;
 
 use crate::Done;
-use crate::numbers::lines_of;
+use crate::numbers::directions_of;
 use crate::output::Output;
 
 /// Lines that are answered together: large tables are read once for all of them.
@@ -16,7 +16,7 @@ const BATCH: usize = 1 << 18;
 /// Pairs of directions on stdin to values of a BRDF.
 ///
 /// Reads lines `theta_i phi_i theta_o phi_o` (degrees; both directions point away from the surface; blank
-/// lines and those that begin with # are skipped) and answers each with `r g b` (f in 1/sr, without the
+/// lines and what follows a # are skipped) and answers each with `r g b` (f in 1/sr, without the
 /// cosine), or with `- reason`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -28,7 +28,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
     let source = Source::open(&args.brdf)?;
     let mut out = io::BufWriter::new(io::stdout().lock());
-    let mut lines = lines_of(io::stdin().lock(), "theta_i phi_i theta_o phi_o in degrees");
+    let mut lines = directions_of(io::stdin().lock(), "theta_i phi_i theta_o phi_o in degrees");
     let mut answers = Vec::new();
     loop {
         // What stands before a bad line is answered; then the line is named.

@@ -9,7 +9,9 @@ use rcg::rig::Rig;
 use rcg::setup::Setup;
 
 use crate::Done;
+use crate::failure::Failure;
 use crate::output::Output;
+use crate::request::image_size;
 
 /// Find poses, lenses, mirror and sample frame with a flat mirror and a diffuse standard in the sample's place.
 ///
@@ -32,7 +34,7 @@ pub(crate) struct Args {
     )]
     tilts: Vec<[f64; 2]>,
     /// Pixels a side of the camera's image
-    #[arg(long, value_name = "N", default_value_t = 256)]
+    #[arg(long, value_name = "N", default_value_t = 256, value_parser = image_size)]
     image_size: u32,
     #[command(flatten)]
     conditions: super::ConditionArgs,
@@ -62,7 +64,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         };
         capture(&request, &args.out, &Setup::default(), output)?;
     }
-    let geometry = calibrate(&args.out)?;
+    let geometry = calibrate(&args.out).map_err(|error| Failure::from(error).at(args.out.display()))?;
     output.print(&geometry, || text(&geometry))
 }
 

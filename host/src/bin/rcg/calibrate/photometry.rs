@@ -12,6 +12,7 @@ use rcg::setup::Setup;
 use crate::Done;
 use crate::failure::Failure;
 use crate::output::{Output, table};
+use crate::request::{exposure_ms, image_size};
 
 /// Find camera, projector's response, light, throughput and interreflection with reflectance standards.
 ///
@@ -41,10 +42,10 @@ pub(crate) struct Args {
     #[arg(long, value_name = "PERCENT", default_value_t = 0.25)]
     standard_uncertainty_percent: f64,
     /// Longest exposure time in milliseconds [default: the longest that does not saturate]
-    #[arg(long, value_name = "MS")]
+    #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = exposure_ms)]
     exposure_ms: Option<f64>,
     /// Pixels a side of the camera's image
-    #[arg(long, value_name = "N", default_value_t = 96)]
+    #[arg(long, value_name = "N", default_value_t = 96, value_parser = image_size)]
     image_size: u32,
     #[command(flatten)]
     conditions: super::ConditionArgs,
@@ -80,7 +81,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         };
         capture(&request, &args.out, &Setup::default(), output)?;
     }
-    let photometry = calibrate(&args.out, uncertainty)?;
+    let photometry = calibrate(&args.out, uncertainty)
+        .map_err(|error| Failure::from(error).at(args.out.display()))?;
     output.print(&photometry, || text(&photometry))
 }
 

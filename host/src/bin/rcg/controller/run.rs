@@ -57,7 +57,7 @@ pub(crate) struct Args {
     /// Lines that rest high and pulse low
     #[arg(long, value_name = "LINE[,LINE…]", value_delimiter = ',')]
     active_low: Vec<Line>,
-    /// Write a line for each step into this file: CSV, or JSON if its name ends in .jsonl
+    /// Write a line for each step into this file (.csv, or .jsonl for JSON); it appears when the run has ended
     #[arg(long, value_name = "FILE")]
     records: Option<PathBuf>,
 }
@@ -162,10 +162,12 @@ impl Tally {
         for name in flag_names(record.flags) {
             *self.flags.entry(name).or_default() += 1;
         }
-        if let Some(file) = &mut self.file {
-            file.write(record)?;
+        let written = self.file.as_mut().map_or(Ok(()), |file| file.write(record));
+        if written.is_err() {
+            // Half of the records do not pass for all.
+            self.file = None;
         }
-        Ok(())
+        Ok(written?)
     }
 }
 
@@ -188,13 +190,15 @@ pub(super) fn run(args: &Args, rig: &Rig, device: &mut TriggerBox, output: &Outp
     };
     let ending = if args.stream {
         let stream = steps.iter().copied().cycle().take(count as usize);
-        device.stream(&program, stream, |event| tally.take(event))?
+        device.stream(&program, stream, |event| tally.take(event))
     } else {
-        device.play(&program, &steps, |event| tally.take(event))?
+        device.play(&program, &steps, |event| tally.take(event))
     };
-    if let Some(file) = tally.file.take() {
+    // What was recorded before a run broke off is kept.
+    if let Some(file) = tally.file.take_if(|_| ending.is_ok() || tally.records > 0) {
         file.finish()?;
     }
+    let ending = ending?;
     let status = device.status()?;
     let duration_s = ending.at.map_or(0.0, |at| at.0 as f64 / f64::from(clock_hz));
     let mut value = status_value(&status, clock_hz);

@@ -1,0 +1,98 @@
+//! Values that no option of any command takes.
+
+use std::ffi::{OsStr, OsString};
+
+use crate::command::{Outcome, run};
+use crate::commands::{Scene, described};
+use crate::tree::files;
+
+/// Options that name what is written: any text can be such a name.
+const WRITTEN: [&str; 1] = ["--out"];
+
+/// Values, and whether a file or folder that is written could bear them for a name.
+fn values() -> Vec<(OsString, bool)> {
+    let text = |value: &str| (OsString::from(value), true);
+    let mut values: Vec<(OsString, bool)> = ["nan", "inf", "-inf", "1e400", "-1e400", "1e-400x", "\u{1b}[31m\r\n7\u{7}"]
+        .map(text)
+        .to_vec();
+    values.push((OsString::new(), false));
+    values.push((OsString::from("7".repeat(100_000)), false));
+    #[cfg(unix)]
+    {
+        use std::os::unix::ffi::OsStringExt as _;
+        values.push((OsString::from_vec(b"caf\xe9".to_vec()), false));
+    }
+    values
+}
+
+/// One short sentence that no terminal obeys.
+fn is_plain(outcome: &Outcome, what: &[OsString]) {
+    let what: Vec<_> = what.iter().map(|word| word.to_string_lossy().chars().take(60).collect::<String>()).collect();
+    assert!(
+        matches!(outcome.code, Some(1 | 2)),
+        "{what:?} ended with {:?}: {:.300} {:.300}",
+        outcome.code,
+        outcome.stdout,
+        outcome.stderr
+    );
+    outcome.complains(outcome.code.unwrap(), &[]);
+    let sentence = outcome.stderr.trim_end_matches('\n');
+    assert!(!sentence.contains(char::is_control), "{what:?}: {sentence:?}");
+    assert!(sentence.chars().count() <= 1100, "{what:?}: {} characters", sentence.len());
+    assert_eq!(outcome.stdout, "", "{what:?}");
+}
+
+#[test]
+fn every_option_of_every_command_refuses_what_is_no_value_and_leaves_nothing() {
+    let scene = Scene::new();
+    let before = files(scene.folder());
+    let out = scene.folder().join("out");
+    let mut refused = 0;
+    for command in described() {
+        let used = scene.uses(&command.words, &out).into_iter().next();
+        let (words, stdin) = used.map_or_else(
+            || (command.words.clone(), ""),
+            |used| (used.arguments, used.stdin),
+        );
+        for option in &command.options {
+            for (value, can_be_written) in values() {
+                if can_be_written && WRITTEN.contains(&option.name.as_str()) {
+                    continue;
+                }
+                let mut arguments: Vec<OsString> = words.iter().map(OsString::from).collect();
+                if let Some(at) = arguments.iter().position(|argument| argument == OsStr::new(&option.name)) {
+                    arguments.drain(at..at + 2);
+                }
+                arguments.extend([OsString::from(&option.name), value.clone()]);
+                let outcome = run(&arguments, stdin);
+                is_plain(&outcome, &arguments);
+                // Where there is no file of that name the system says so; everything else is the user's input.
+                assert_eq!(outcome.code, Some(2), "{arguments:?}: {}", outcome.stderr);
+                assert!(!out.exists(), "{arguments:?} left something");
+                refused += 1;
+            }
+        }
+    }
+    assert!(files(scene.folder()) == before);
+    assert!(refused > 500, "{refused}");
+}
+
+#[test]
+fn no_argument_in_any_place_is_obeyed_by_the_terminal() {
+    let evil = "\u{1b}]0;title\u{7}\r\u{202e}";
+    for arguments in [
+        &["value", evil][..],
+        &["evaluate", evil],
+        &["fill", evil, "--out", "x"],
+        &["capture", evil],
+        &["assemble", evil],
+        &[evil],
+        &["plan", evil],
+        &["plan", &format!("--{evil}")],
+        &["controller", "info", "--port", evil],
+    ] {
+        let outcome = run(arguments, "");
+        is_plain(&outcome, &arguments.iter().map(OsString::from).collect::<Vec<_>>());
+        assert!(!outcome.stderr.contains('\u{202e}'), "{}", outcome.stderr);
+    }
+}

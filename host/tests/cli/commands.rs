@@ -1,0 +1,188 @@
+//! All commands and their options, as the program's own help tells them, and a quick and valid use of each.
+//!
+//! # Design
+//! Tables over all commands are drawn from the help, so that a new option is tested by being there. A new command fails
+//! [`every_command_has_a_use`] until it has a line in [`Scene::uses`].
+
+use std::path::{Path, PathBuf};
+
+use crate::command::{quick, run, text};
+
+/// An option that takes a value.
+#[derive(Clone, Debug)]
+pub(crate) struct Valued {
+    /// With its dashes.
+    pub(crate) name: String,
+    /// What stands for the value.
+    pub(crate) value: String,
+}
+
+/// A command without commands below it.
+#[derive(Clone, Debug)]
+pub(crate) struct Described {
+    /// The words that call it.
+    pub(crate) words: Vec<String>,
+    pub(crate) options: Vec<Valued>,
+}
+
+/// All commands.
+pub(crate) fn described() -> Vec<Described> {
+    let (mut open, mut found) = (vec![Vec::<String>::new()], Vec::new());
+    while let Some(words) = open.pop() {
+        let mut arguments = words.clone();
+        arguments.push("--help".to_owned());
+        let outcome = run(&arguments, "");
+        let help = outcome.done();
+        let below: Vec<&str> = section(help, "Commands:")
+            .filter_map(|line| line.strip_prefix("  ")?.split(' ').next())
+            .filter(|name| !name.is_empty() && *name != "help")
+            .collect();
+        if below.is_empty() {
+            let options = help.lines().filter_map(valued).collect();
+            found.push(Described { words, options });
+        }
+        open.extend(below.iter().map(|name| [&words[..], &[(*name).to_owned()]].concat()));
+    }
+    found.sort_by(|a, b| a.words.cmp(&b.words));
+    found
+}
+
+fn section<'a>(help: &'a str, head: &str) -> impl Iterator<Item = &'a str> {
+    let lines = help.lines().skip_while(move |line| *line != head).skip(1);
+    lines.take_while(|line| !line.is_empty())
+}
+
+fn valued(line: &str) -> Option<Valued> {
+    let line = line.trim_start();
+    let mut words = line.split_whitespace().filter(|_| line.starts_with('-'));
+    let name = words.find(|word| word.starts_with("--"))?;
+    let value = words.next()?.strip_prefix('<')?;
+    Some(Valued {
+        name: name.to_owned(),
+        value: value.trim_end_matches('>').to_owned(),
+    })
+}
+
+/// A folder with what commands read.
+pub(crate) struct Scene {
+    folder: tempfile::TempDir,
+}
+
+/// A valid use of a command.
+#[derive(Clone, Debug)]
+pub(crate) struct Use {
+    /// Words, arguments and options.
+    pub(crate) arguments: Vec<String>,
+    pub(crate) stdin: &'static str,
+}
+
+impl Scene {
+    /// With a measurement, and one that is only planned.
+    pub(crate) fn new() -> Self {
+        let scene = Self {
+            folder: tempfile::tempdir().unwrap(),
+        };
+        run(&quick(&scene.path("measured")), "").done();
+        let plan = ["plan", "--step", "30", "--image-size", "8", "--exposure-ms", "4", "--out"];
+        run(&[&plan[..], &[text(&scene.path("planned"))]].concat(), "").done();
+        scene
+    }
+
+    pub(crate) fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Uses of the command that `words` call, which write into `out`; none of one that takes minutes.
+    ///
+    /// # Panics
+    /// If there is no line for the command.
+    pub(crate) fn uses(&self, words: &[String], out: &Path) -> Vec<Use> {
+        let (measured, planned) = (self.path("measured"), self.path("planned"));
+        let brdf = measured.join("brdf.zarr");
+        let file = |name: &str| text(&out.join(name)).to_owned();
+        let (dir, brdf, planned) = (text(out).to_owned(), text(&brdf).to_owned(), text(&planned).to_owned());
+        let measured = text(&measured).to_owned();
+        let tiny = "--step 30 --image-size 8";
+        let lines: Vec<String> = match words.join(" ").as_str() {
+            "measure" => vec![format!("--out {dir} {tiny} --exposure-ms 4")],
+            "plan" => vec![format!("--out {dir} {tiny} --exposure-ms 4")],
+            "patterns" => vec![format!("--out {dir} --step 45")],
+            "capture" => vec![planned],
+            "assemble" => vec![measured],
+            "calibrate geometry" => vec![format!("--out {dir} --image-size 64")],
+            "calibrate photometry" => vec![format!("--out {dir} --image-size 16")],
+            "map" | "controller info" | "controller status" | "controller stop" | "controller abort" => {
+                vec![String::new()]
+            }
+            "value" => vec![brdf],
+            "evaluate" => vec![format!("{brdf} --reference ward:brass")],
+            "fit" => ["svg", "png"]
+                .map(|ending| format!("ward:brass --model ward --residuals {}", file(&format!("fit.{ending}"))))
+                .to_vec(),
+            "fill" => vec![format!("{brdf} --out {}", file("whole.zarr"))],
+            "render" => vec![format!("lambert --size 8 --out {}", file("a.png"))],
+            "plot" => ["svg", "png", "csv"]
+                .map(|ending| format!("lambert --azimuths 8 --out {}", file(&format!("a.{ending}"))))
+                .to_vec(),
+            "study" => vec![format!(
+                "--sample lambert --intervals 45 --image-sizes 8 --coarse-intervals 45 --out {dir}"
+            )],
+            "multiplex" => vec!["--step 30 --image-size 8 --order 3".to_owned()],
+            "truth" => vec![format!("--out {}", file("truth.toml"))],
+            "controller run" => ["csv", "jsonl"]
+                .map(|ending| format!("--steps 3 --records {}", file(&format!("r.{ending}"))))
+                .to_vec(),
+            "controller bench" => vec!["--count 3".to_owned()],
+            // Minutes and gigabytes.
+            "paper" => vec![],
+            other => panic!("`rcg {other}` has no use here: add a quick one"),
+        };
+        let stdin = match words[0].as_str() {
+            "map" => "45 0\n",
+            "value" => "45 0 45 180\n",
+            _ => "",
+        };
+        let port: &[&str] = if words[0] == "controller" { &["--port", "sim"] } else { &[] };
+        lines
+            .iter()
+            .map(|line| Use {
+                arguments: words
+                    .iter()
+                    .map(String::as_str)
+                    .chain(line.split_whitespace())
+                    .chain(port.iter().copied())
+                    .map(str::to_owned)
+                    .collect(),
+                stdin,
+            })
+            .collect()
+    }
+}
+
+#[test]
+fn every_command_has_a_use() {
+    let scene = Scene::new();
+    let commands = described();
+    assert!(commands.len() > 20, "{commands:?}");
+    for command in &commands {
+        for option in ["--rig"] {
+            assert!(command.options.iter().any(|found| found.name == option), "{command:?}");
+        }
+        let out = scene.path("out");
+        for used in scene.uses(&command.words, &out) {
+            // Files have a folder, directories make theirs.
+            let makes = used.arguments.contains(&text(&out).to_owned());
+            if !makes {
+                std::fs::create_dir_all(&out).unwrap();
+            }
+            run(&used.arguments, used.stdin).done();
+            if out.exists() {
+                std::fs::remove_dir_all(&out).unwrap();
+            }
+        }
+    }
+}
