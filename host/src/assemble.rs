@@ -37,6 +37,7 @@ use crate::rig::Rig;
 use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
 use crate::text::by;
 
+mod agreement;
 mod coordinates;
 mod correction;
 mod edges;
@@ -68,8 +69,8 @@ pub struct Assembled {
     pub measured: u64,
     /// Samples that no pixel could see without saturating.
     pub saturated: u64,
-    /// Largest f that does not saturate over the noise-equivalent f, see [`dynamic_range`].
-    pub dynamic_range: f64,
+    /// Largest f that does not saturate over the noise-equivalent f, see [`dynamic_range`]; `None` if there is none.
+    pub dynamic_range: Option<f64>,
 }
 
 /// Why assembly failed.
@@ -94,14 +95,13 @@ pub enum AssembleError {
 /// The dynamic range of exposures of `exposures_s` seconds (ascending) of the camera of `rig`, at any incident direction:
 /// the largest f that does not saturate the shortest over the noise-equivalent f, which is the standard deviation (k = 1)
 /// of f in the longest where there is no light. For one exposure it is that of the camera (EMVA 1288: saturation capacity
-/// over temporal dark noise).
+/// over temporal dark noise). `None` without an exposure, or if the camera has neither range nor noise.
 #[must_use]
-pub fn dynamic_range(rig: &Rig, exposures_s: &[f64]) -> f64 {
-    let (Some(shortest_s), Some(longest_s)) = (exposures_s.first(), exposures_s.last()) else {
-        return 0.0;
-    };
+pub fn dynamic_range(rig: &Rig, exposures_s: &[f64]) -> Option<f64> {
+    let (shortest_s, longest_s) = (exposures_s.first()?, exposures_s.last()?);
     let range_dn = f64::from(rig.saturation_dn()) - rig.camera.dark_dn;
-    (range_dn / shortest_s) / (dark_noise_dn(rig, *longest_s) / longest_s)
+    let ratio = (range_dn / shortest_s) / (dark_noise_dn(rig, *longest_s) / longest_s);
+    (ratio.is_finite() && ratio > 0.0).then_some(ratio)
 }
 
 /// Assembles the frames of `raw` into `brdf.zarr` at `target`; `progress` is told the number of frames done.
@@ -193,9 +193,17 @@ pub fn assemble(
         dynamic_range: dynamic_range(rig, &plan.exposures_s()),
         ..Assembled::default()
     };
+    let exposures_s = plan.exposures_s();
+    let agree = |number: usize, segment: &Segment| {
+        let first = raw.segment_range(number).start;
+        agreement::check(first, &segment.records, &patterns, &exposures_s).map_err(mismatch)
+    };
     let black = (0..(BLACK_EXPOSURES * brackets).div_ceil(layout.segment))
         .map(|segment| raw.read_segment(segment))
         .collect::<Result<Vec<_>, _>>()?;
+    for (number, segment) in black.iter().enumerate() {
+        agree(number, segment)?;
+    }
     let radiometry = plan
         .exposures_s()
         .into_iter()
@@ -239,6 +247,7 @@ pub fn assemble(
                 let segment = rx
                     .recv()
                     .map_err(|_| mismatch("the reading thread has ended".to_owned()))??;
+                agree(next_segment, &segment)?;
                 if next_segment >= low {
                     window.insert(next_segment, segment);
                 }

@@ -14,7 +14,12 @@ use crate::interpolation::{Cells, Errors};
 use crate::optics::Unmeasurable;
 use crate::store::{BrdfReader, BrdfRows, StoreError};
 
+mod agreement;
+pub(crate) mod evidence;
+mod known;
 mod values;
+
+pub use known::KnownBrdf;
 
 /// Array of the errors by which interpolation is chosen, [region, branch], relative to white.
 pub(crate) const ERRORS: &str = "interpolation_error";
@@ -221,13 +226,14 @@ impl Brdf {
     /// The rows of a chunk, or `None` if nothing of it was measured.
     ///
     /// # Errors
-    /// [`StoreError`].
+    /// [`StoreError`], also if its arrays contradict each other.
     pub fn chunk(&self, chunk: usize) -> Result<Option<BrdfRows>, StoreError> {
-        if self.reader.chunk_is_present(chunk) {
-            self.reader.read_chunk(chunk).map(Some)
-        } else {
-            Ok(None)
+        if !self.reader.chunk_is_present(chunk) {
+            return Ok(None);
         }
+        let rows = self.reader.read_chunk(chunk)?;
+        agreement::check(self, chunk, &rows)?;
+        Ok(Some(rows))
     }
 }
 

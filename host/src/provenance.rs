@@ -45,6 +45,13 @@ impl Provenance {
         Self::ALL.get(usize::from(code)).copied()
     }
 
+    /// Whether a value of this origin was measured itself. What is derived from others (exchanged, interpolated, modelled) is
+    /// no evidence beside them.
+    #[must_use]
+    pub const fn is_seen(self) -> bool {
+        matches!(self, Self::Measured | Self::Merged)
+    }
+
     /// The word for it in files, tables and reports.
     #[must_use]
     pub const fn name(self) -> &'static str {

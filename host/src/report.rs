@@ -10,7 +10,7 @@ use crate::adaptive::{Adapted, Stop};
 use crate::assemble::Assembled;
 use crate::brdf::Brdf;
 use crate::capture::Tally;
-use crate::evaluate::Evaluation;
+use crate::evaluate::{Albedo, Evaluation, JUDGED_THETA_DEG, Quantile, RECIPROCAL_THETA_DEG};
 use crate::measurement::{Measurement, MeasurementError, write_whole};
 use crate::plan::Exposure;
 use crate::reflectance::Reflectance;
@@ -134,7 +134,8 @@ fn frames(measurement: &Measurement) -> Result<RgbImage, StoreError> {
         .collect();
     let (width, height, channels) = (layout.width, layout.height, layout.channels);
     let mut image = RgbImage::new((width * FRAMES) as u32, height as u32);
-    for column in 0..FRAMES {
+    // Without a lit pattern there is nothing to show.
+    for column in 0..if lit.is_empty() { 0 } else { FRAMES } {
         // From steep to grazing incidence, at different azimuths.
         let exposure = lit[(lit.len() - 1) * (2 * column + 1) / (2 * FRAMES)];
         let segment = raw.read_segment(exposure / layout.segment)?;
@@ -204,9 +205,11 @@ pub fn lines(summary: &Summary) -> Vec<(&'static str, String)> {
 }
 
 fn adaptive_line(adapted: &Adapted) -> (&'static str, String) {
+    let decibels = |db: Option<f64>| or_none(db, |db| format!("{db:.1} dB"));
     let predicted = format!(
-        "{} captures, {:.1} dB predicted (f·cosθi at exposure 1, clipped to 1)",
-        adapted.captures, adapted.predicted_db
+        "{} captures, {} predicted (f·cosθi at exposure 1, clipped to 1)",
+        adapted.captures,
+        decibels(adapted.predicted_db)
     );
     let why = match (adapted.stop, adapted.goal.target_db) {
         (Stop::Target, _) => "the target is reached".to_owned(),
@@ -214,8 +217,8 @@ fn adaptive_line(adapted: &Adapted) -> (&'static str, String) {
         (stop, target_db) => {
             let why = match stop {
                 Stop::Noise => format!(
-                    "more captures cannot help: noise alone allows {:.1} dB",
-                    adapted.noise_limit_db
+                    "more captures cannot help: noise alone allows {}",
+                    decibels(adapted.noise_limit_db)
                 ),
                 Stop::Spot => "more captures cannot help: their spots of light would overlap".to_owned(),
                 Stop::Target | Stop::Budget => "the budget is used up".to_owned(),
@@ -234,80 +237,138 @@ pub fn evaluation_lines(evaluation: &Evaluation) -> Vec<(&'static str, String)> 
     let mut lines = vec![
         (
             "coverage",
-            format!("{} of direction pairs with θ ≤ 80°", percent(evaluation.coverage)),
+            format!(
+                "{} of direction pairs with θ ≤ {JUDGED_THETA_DEG}°",
+                or_none(evaluation.coverage, percent)
+            ),
         ),
         (
             "noise",
+            format!("median standard uncertainty {}", quantile(evaluation.median_relative_sigma)),
+        ),
+        (
+            "reciprocity",
             format!(
-                "median standard uncertainty {}",
-                percent(evaluation.median_relative_sigma)
+                "median residual {} for θ ≤ {RECIPROCAL_THETA_DEG}°, from {} of the pairs",
+                or_none(evaluation.reciprocity_residual_median, percent),
+                percent(evaluation.reciprocity_share)
             ),
         ),
+        ("directional albedo", albedo_line(&evaluation.albedo)),
     ];
-    if let Some(residual) = evaluation.reciprocity_residual_median {
-        lines.push((
-            "reciprocity",
-            format!("median residual {} for θ ≤ 70°", percent(residual)),
-        ));
-    }
-    if let Some(albedo) = evaluation
-        .albedo
-        .iter()
-        .min_by(|a, b| (a.theta_deg - 45.0).abs().total_cmp(&(b.theta_deg - 45.0).abs()))
-    {
-        lines.push((
-            "directional albedo",
-            format!(
-                "{:.3} ± {:.3} (k = 1) at θi = {}° from {} of the hemisphere",
-                albedo.albedo,
-                albedo.standard_uncertainty,
-                albedo.theta_deg,
-                percent(albedo.seen)
-            ),
-        ));
-    }
     let resolution = &evaluation.resolution;
     lines.push((
         "resolution",
         format!(
-            "light {:.2}°, pixels {:.2}° (median), {:.2}° (coarsest)",
-            resolution.light_deg, resolution.pixel_median_deg, resolution.pixel_worst_deg
+            "light {}, pixels {} (median), {} (coarsest)",
+            or_none(resolution.light_deg, degrees),
+            or_none(resolution.pixel_median_deg, degrees),
+            or_none(resolution.pixel_worst_deg, degrees)
         ),
     ));
     for origin in evaluation.provenance.iter().filter(|origin| origin.share > 0.0) {
         let error = origin.relative_error.map_or_else(String::new, |error| {
             format!(
-                ", error median {}, 99 % below {}",
-                percent(error.median),
-                percent(error.p99)
+                ", error median {}, {}",
+                quantile(error.median),
+                bound("99 %", error.p99)
             )
         });
         lines.push((origin.provenance, format!("{}{error}", percent(origin.share))));
     }
     if let Some(against) = &evaluation.against_reference {
         let error = against.relative_error;
+        let psnr = match against.psnr_db {
+            _ if against.is_exact => "exact".to_owned(),
+            Some(db) => format!("{db:.1} dB"),
+            None => "none".to_owned(),
+        };
         lines.push((
             "error",
             format!(
-                "median {}, 90 % below {}, 99 % below {}; PSNR {:.1} dB",
-                percent(error.median),
-                percent(error.p90),
-                percent(error.p99),
-                against.psnr_db
+                "median {}, {}, {}; PSNR {psnr}; {} of the pairs are scored{}",
+                quantile(error.median),
+                bound("90 %", error.p90),
+                bound("99 %", error.p99),
+                or_none(against.scored_share, percent),
+                match against.samples - against.scored_samples {
+                    0 => String::new(),
+                    dark => format!(", {dark} samples of a dark reference are not"),
+                }
             ),
         ));
+        let blur = against.blur;
         lines.push((
             "blur",
             format!(
-                "light {:.2}°, pixels {:.2}°: these alone make a median error of {}, 99 % below {}",
-                against.light_deg,
-                against.pixel_deg,
-                percent(against.blur.median),
-                percent(against.blur.p99)
+                "light {}, pixels {}: these alone make a median error of {}, {}",
+                or_none(against.light_deg, degrees),
+                or_none(against.pixel_deg, degrees),
+                quantile(blur.median),
+                bound("99 %", blur.p99)
             ),
         ));
     }
     lines
+}
+
+/// The albedo nearest to 45°, or what is known of it.
+fn albedo_line(all: &[Albedo]) -> String {
+    let near = |albedo: &&Albedo| (albedo.theta_deg - 45.0).abs();
+    let Some(at) = all.iter().min_by(|a, b| near(a).total_cmp(&near(b))) else {
+        return "none".to_owned();
+    };
+    let from = |share: f64| match at.filled {
+        filled if filled > 0.0 => format!("{} of the hemisphere, {} of it filled in", percent(share), percent(filled)),
+        _ => format!("{} of the hemisphere", percent(share)),
+    };
+    let known = |value: f64, uncertainty: Option<f64>| {
+        format!("{value:.3} ± {:.3} (k = 1)", uncertainty.unwrap_or(f64::NAN))
+    };
+    match (at.albedo, at.measured_part) {
+        (Some(albedo), _) => format!(
+            "{} at θi = {}° from {}",
+            known(albedo, at.standard_uncertainty),
+            at.theta_deg,
+            from(at.seen)
+        ),
+        (None, Some(part)) => format!(
+            "none; {} comes back at θi = {}° into the {} that has values",
+            known(part, at.part_uncertainty),
+            at.theta_deg,
+            from(at.seen)
+        ),
+        (None, None) => format!("none; nothing was measured at θi = {}°", at.theta_deg),
+    }
+}
+
+/// A figure as `show` writes it, or `none`.
+fn or_none(figure: Option<f64>, show: impl Fn(f64) -> String) -> String {
+    figure.filter(|figure| figure.is_finite()).map_or_else(|| "none".to_owned(), show)
+}
+
+fn degrees(degrees: f64) -> String {
+    format!("{degrees:.2}°")
+}
+
+/// A quantile for people.
+#[must_use]
+pub fn quantile(quantile: Quantile) -> String {
+    match quantile {
+        Quantile::None => "none".to_owned(),
+        Quantile::At(value) => percent(value),
+        Quantile::Above(least) => format!("above {}", percent(least)),
+    }
+}
+
+/// What `share` of the errors lies below, in words.
+fn bound(share: &str, quantile: Quantile) -> String {
+    match quantile {
+        Quantile::None => format!("{share} below: none, too few"),
+        Quantile::At(value) if value > 0.0 => format!("{share} below {}", percent(value)),
+        Quantile::At(_) => format!("{share} exact"),
+        Quantile::Above(least) => format!("{share} not below {}", percent(least)),
+    }
 }
 
 fn percent(share: f64) -> String {
@@ -327,8 +388,9 @@ pub fn milliseconds(times_s: &[f64]) -> String {
 
 /// A dynamic range (see [`crate::assemble::dynamic_range`]) for people.
 #[must_use]
-pub fn dynamic_range(ratio: f64) -> String {
-    format!("{ratio:.0} : 1, from saturation to the noise without light")
+pub fn dynamic_range(ratio: Option<f64>) -> String {
+    let ratio = or_none(ratio, |ratio| format!("{ratio:.0} : 1"));
+    format!("{ratio}, from saturation to the noise without light")
 }
 
 /// A duration in s for people.
@@ -345,7 +407,9 @@ pub fn duration(seconds: f64) -> String {
 
 fn page(summary: &Summary) -> String {
     let mut rows = String::new();
-    for (what, figure) in lines(summary) {
+    let warnings = &summary.evaluation.warnings;
+    let warnings = warnings.iter().map(|sentence| ("warning", sentence.clone()));
+    for (what, figure) in lines(summary).into_iter().chain(warnings) {
         writeln!(
             rows,
             "<tr><th>{}</th><td>{}</td></tr>",

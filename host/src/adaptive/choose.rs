@@ -12,10 +12,10 @@ const APART: f64 = 0.9;
 
 /// What is known about the directions between the captured ones.
 pub(super) struct Outlook {
-    /// Predicted mean squared error by interpolation.
-    pub(super) mse: f64,
-    /// Mean squared error by noise.
-    pub(super) noise_mse: f64,
+    /// Predicted mean squared error by interpolation; `None` if nothing can be compared.
+    pub(super) mse: Option<f64>,
+    /// Mean squared error by noise; `None` if nothing has a value.
+    pub(super) noise_mse: Option<f64>,
     /// Where to capture next, the most useful first.
     pub(super) next: Vec<DVec3>,
 }
@@ -55,21 +55,26 @@ pub(super) fn outlook(
         let solid_angle_sr = (b - a).cross(c - a).length() / 2.0;
         // Mean over the triangle of the mean squared distance to its corners, weighted as in interpolation.
         let spacing = ((b - a).length_squared() + (c - b).length_squared() + (a - c).length_squared()) / 12.0;
-        let mean = |of: &dyn Fn(&LeftOut) -> f64| {
-            triangle.iter().map(|&index| of(&left_out[index])).sum::<f64>() / 3.0
+        // Of the corners that have it.
+        let mean = |of: &dyn Fn(&LeftOut) -> Option<f64>| {
+            let known: Vec<f64> = triangle
+                .iter()
+                .filter_map(|&index| of(left_out.get(index)?))
+                .filter(|value| value.is_finite())
+                .collect();
+            (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
         };
-        let error = if left_out.is_empty() {
-            spacing
-        } else {
-            mean(&|at| at.mse * spacing / at.spacing)
-        };
-        if reachable(middle) && is_judged(middle) {
+        let error = mean(&|at| Some(at.mse? * spacing / at.spacing));
+        if let Some((error, by_noise)) = error.zip(mean(&|at| at.noise_mse))
+            && reachable(middle)
+            && is_judged(middle)
+        {
             mse += solid_angle_sr * error;
+            noise += solid_angle_sr * by_noise;
             area += solid_angle_sr;
-            if !left_out.is_empty() {
-                noise += solid_angle_sr * mean(&|at| at.noise_mse);
-            }
         }
+        // Where nothing is known of the error only the distance counts.
+        let error = error.unwrap_or(spacing);
         let distance_rad = corners
             .map(|corner| angle_between(corner, w))
             .into_iter()
@@ -96,10 +101,10 @@ pub(super) fn outlook(
             }
         }
     }
-    let area = f64::max(area, f64::MIN_POSITIVE);
+    let mean = |sum: f64| (area > 0.0).then(|| sum / area);
     Outlook {
-        mse: mse / area,
-        noise_mse: noise / area,
+        mse: mean(mse),
+        noise_mse: mean(noise),
         next: chosen.into_iter().map(|candidate| candidate.w).collect(),
     }
 }
@@ -124,12 +129,12 @@ mod tests {
         let bad = from_degrees(50.0, 120.0);
         let left_out: Vec<LeftOut> = (0..list.len())
             .map(|index| LeftOut {
-                mse: if angle_between(list.direction(index), bad) < 0.35 {
+                mse: Some(if angle_between(list.direction(index), bad) < 0.35 {
                     1.0
                 } else {
                     1e-4
-                },
-                noise_mse: 0.0,
+                }),
+                noise_mse: Some(0.0),
                 spacing: 0.05,
             })
             .collect();
@@ -149,15 +154,15 @@ mod tests {
             let list = rings(step_deg);
             let left_out = vec![
                 LeftOut {
-                    mse: 1e-3,
-                    noise_mse: 1e-5,
+                    mse: Some(1e-3),
+                    noise_mse: Some(1e-5),
                     spacing: 0.1
                 };
                 list.len()
             ];
             let outlook = outlook(&list, &left_out, &|_| true, 0.01, 1);
-            assert!((outlook.noise_mse - 1e-5).abs() < 1e-12);
-            outlook.mse
+            assert!((outlook.noise_mse.unwrap() - 1e-5).abs() < 1e-12);
+            outlook.mse.unwrap()
         };
         assert!(
             (2.5..6.0).contains(&(mse(18.0) / mse(9.0))),
@@ -165,6 +170,26 @@ mod tests {
             mse(18.0),
             mse(9.0)
         );
+    }
+
+    #[test]
+    fn nothing_to_compare_predicts_nothing() {
+        let list = rings(15.0);
+        let with = |known: usize| {
+            let left_out: Vec<LeftOut> = (0..list.len())
+                .map(|index| LeftOut {
+                    mse: (index < known).then_some(1e-3),
+                    noise_mse: (index < known).then_some(1e-5),
+                    spacing: if index < known { 0.1 } else { 0.0 },
+                })
+                .collect();
+            let found = outlook(&list, &left_out, &|_| true, 0.01, 4);
+            assert_eq!(found.next.len(), 4);
+            (found.mse, found.noise_mse)
+        };
+        assert_eq!(with(0), (None, None));
+        let (some, all) = (with(list.len() / 2), with(list.len()));
+        assert!(some.0.unwrap() > 0.0 && some.0.unwrap().is_finite(), "{some:?} {all:?}");
     }
 
     #[test]

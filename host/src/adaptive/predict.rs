@@ -17,17 +17,18 @@ use crate::incident::{DirectionList, IncidentSet, Neighbours};
 pub(super) struct Image {
     /// f in sr⁻¹ per cell; NaN where there is none.
     pub(super) f: Vec<f32>,
-    /// Mean over the cells of the noise variance of f, in sr⁻².
-    pub(super) noise: f64,
+    /// Mean over the cells of the noise variance of f, in sr⁻²; `None` without a cell that has a value.
+    pub(super) noise: Option<f64>,
 }
 
 /// How well the neighbours of a captured direction predict its image.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LeftOut {
-    /// Mean squared error of f·cosθi at exposure 1, clipped to 1, without the part of the noise.
-    pub(super) mse: f64,
-    /// Mean squared error of the image itself by noise, in the same unit.
-    pub(super) noise_mse: f64,
+    /// Mean squared error of f·cosθi at exposure 1, clipped to 1, without the part of the noise; `None` where there is
+    /// nothing to compare, which is not an error of 0.
+    pub(super) mse: Option<f64>,
+    /// Mean squared error of the image itself by noise, in the same unit; `None` if it has no value.
+    pub(super) noise_mse: Option<f64>,
     /// Mean squared distance to what it was predicted from, weighted, in rad².
     pub(super) spacing: f64,
 }
@@ -92,13 +93,16 @@ fn others(angles_deg: &[[f64; 2]], set: &IncidentSet, index: usize) -> Neighbour
 }
 
 fn left_out(w: DVec3, image: &Image, parts: &[Part], disk: Disk, cells: &[(usize, DVec3)]) -> LeftOut {
-    let noise_mse = image.noise * w.z * w.z;
+    let noise_mse = image.noise.map(|noise| noise * w.z * w.z);
+    // An image without a value has no part in the prediction, and no noise.
     let of_parts: f64 = parts
         .iter()
-        .map(|(_, image, weight)| image.noise * weight * weight)
+        .filter_map(|(_, image, weight)| Some(image.noise? * weight * weight))
         .sum();
     LeftOut {
-        mse: (mse(w, image, parts, disk, cells) - noise_mse - of_parts * w.z * w.z).max(0.0),
+        mse: mse(w, image, parts, disk, cells)
+            .zip(noise_mse)
+            .map(|(mse, noise_mse)| (mse - noise_mse - of_parts * w.z * w.z).max(0.0)),
         noise_mse,
         spacing: parts
             .iter()
@@ -107,8 +111,15 @@ fn left_out(w: DVec3, image: &Image, parts: &[Part], disk: Disk, cells: &[(usize
     }
 }
 
-/// Mean squared difference between `image` at incident direction `w` and what `parts` predict, by the better rule.
-pub(super) fn mse(w: DVec3, image: &Image, parts: &[Part], disk: Disk, cells: &[(usize, DVec3)]) -> f64 {
+/// Mean squared difference between `image` at incident direction `w` and what `parts` predict, by the better rule; `None`
+/// if they have no cell in common.
+pub(super) fn mse(
+    w: DVec3,
+    image: &Image,
+    parts: &[Part],
+    disk: Disk,
+    cells: &[(usize, DVec3)],
+) -> Option<f64> {
     let shown = |f: f64| (f * w.z).clamp(0.0, 1.0);
     let (mut direct, mut half, mut count) = (0.0, 0.0, 0_u32);
     for &(cell, wo) in cells {
@@ -124,7 +135,7 @@ pub(super) fn mse(w: DVec3, image: &Image, parts: &[Part], disk: Disk, cells: &[
         half += (shown(b) - shown(truth)).powi(2);
         count += 1;
     }
-    f64::min(direct, half) / f64::from(count.max(1))
+    (count > 0).then(|| f64::min(direct, half) / f64::from(count))
 }
 
 /// f for incident direction `w` and outgoing direction `wo`, in sr⁻¹.

@@ -39,16 +39,16 @@ const NOISE_RULES: f64 = 0.25;
 pub struct Adapted {
     /// Captures with light.
     pub captures: usize,
-    /// Predicted PSNR in dB of f·cosθi in luminance at exposure 1, clipped to 1.
-    pub predicted_db: f64,
-    /// The part of noise alone: no number of captures gets beyond.
-    pub noise_limit_db: f64,
+    /// Predicted PSNR in dB of f·cosθi in luminance at exposure 1, clipped to 1; `None` if nothing can be compared.
+    pub predicted_db: Option<f64>,
+    /// The part of noise alone: no number of captures gets beyond. `None` without noise.
+    pub noise_limit_db: Option<f64>,
     /// The goal.
     pub goal: Goal,
     /// Why it ended.
     pub stop: Stop,
     /// (captures, predicted PSNR in dB) after each batch.
-    pub history: Vec<(usize, f64)>,
+    pub history: Vec<(usize, Option<f64>)>,
 }
 
 /// The loop's fixed parts.
@@ -250,17 +250,25 @@ impl Loop<'_> {
             )
             .to_radians();
             let outlook = outlook(list, &left_out, &|w| self.reachable(w), spot_rad, wanted);
-            let predicted_db = decibels(outlook.mse + outlook.noise_mse);
+            let predicted_db = decibels(outlook.mse.zip(outlook.noise_mse).map(|(a, b)| a + b));
             history.push((images.len(), predicted_db));
-            progress.remark(&format!(
-                "adaptive: {} captures, {predicted_db:.1} dB predicted",
-                images.len()
-            ));
-            let stop = if goal.target_db.is_some_and(|target_db| predicted_db >= target_db) {
+            let words = match predicted_db {
+                Some(db) if db.is_finite() => format!("{db:.1} dB"),
+                Some(_) => "no error".to_owned(),
+                None => "no PSNR".to_owned(),
+            };
+            progress.remark(&format!("adaptive: {} captures, {words} predicted", images.len()));
+            // Where nothing is predicted, no target is reached.
+            let is_reached = |target_db: f64| predicted_db.is_some_and(|db| db >= target_db);
+            let noise_rules = outlook
+                .mse
+                .zip(outlook.noise_mse)
+                .is_some_and(|(mse, noise_mse)| mse < NOISE_RULES * noise_mse);
+            let stop = if goal.target_db.is_some_and(is_reached) {
                 Some(Stop::Target)
             } else if wanted == 0 {
                 Some(Stop::Budget)
-            } else if goal.target_db.is_some() && outlook.mse < NOISE_RULES * outlook.noise_mse {
+            } else if goal.target_db.is_some() && noise_rules {
                 Some(Stop::Noise)
             } else if outlook.next.len() < wanted {
                 Some(Stop::Spot)
@@ -311,6 +319,7 @@ impl Loop<'_> {
     }
 }
 
-fn decibels(mse: f64) -> f64 {
-    -10.0 * mse.max(1e-20).log10()
+/// PSNR in dB of a mean squared error, if there is one; infinite, which is no number in a file, if it is 0.
+fn decibels(mse: Option<f64>) -> Option<f64> {
+    mse.map(|mse| -10.0 * mse.log10())
 }

@@ -42,8 +42,8 @@ impl FrameAssembler {
     }
 
     /// For each frame of `segment`: the luminance of f in sr⁻¹ per cell (NaN where there is none), and the mean of the
-    /// variance of f by noise.
-    pub(crate) fn luminance(&self, segment: &Segment) -> Vec<(Vec<f32>, f64)> {
+    /// variance of f by noise, `None` if no cell has a value.
+    pub(crate) fn luminance(&self, segment: &Segment) -> Vec<(Vec<f32>, Option<f64>)> {
         let frames = segment.frames.par_chunks_exact(self.radiometry[0].dark.len());
         segment
             .records
@@ -71,7 +71,7 @@ impl FrameAssembler {
             .collect()
     }
 
-    fn luminance_of(&self, rows: &BrdfRows) -> (Vec<f32>, f64) {
+    fn luminance_of(&self, rows: &BrdfRows) -> (Vec<f32>, Option<f64>) {
         // ITU-R BT.601.
         let weights: &[f32] = if self.channels == 1 {
             &[1.0]
@@ -83,7 +83,7 @@ impl FrameAssembler {
             .f
             .chunks_exact(self.channels)
             .zip(rows.sigma.chunks_exact(self.channels));
-        let f = cells
+        let f: Vec<f32> = cells
             .zip(&rows.provenance)
             .map(|((f, sigma), &provenance)| {
                 if provenance == Provenance::Missing.code() {
@@ -98,6 +98,6 @@ impl FrameAssembler {
                 weights.iter().zip(f).map(|(weight, f)| weight * f).sum()
             })
             .collect();
-        (f, variance / f64::from(count.max(1)))
+        (f, (count > 0).then(|| variance / f64::from(count)))
     }
 }

@@ -11,6 +11,7 @@ use crate::interpolation::{
     Blend, Captures, Cells, Errors, Image, ImageOf, Interpolation, Lookup, learn, look_up,
 };
 use crate::optics::Unmeasurable;
+use crate::provenance::Provenance;
 use crate::store::{BrdfRows, StoreError};
 
 /// Pairs that are answered together: each takes some 200 bytes meanwhile.
@@ -52,12 +53,39 @@ impl Brdf {
         Ok(values)
     }
 
-    /// What leaving images out says of the rules of interpolation; `None` if there are too few.
+    /// What leaving images out says of the rules of interpolation; `None` if there are too few. Values that were filled in
+    /// have no part: each would be predicted by what it was made from.
     ///
     /// # Errors
     /// [`StoreError`].
     pub(crate) fn learn(&self) -> Result<Option<Errors>, StoreError> {
-        learn(self)
+        learn(&Seen(self))
+    }
+
+    /// f in sr⁻¹ for pairs of unit vectors (incident, outgoing) by direct interpolation of what was measured itself, not
+    /// filled in; `None` where less than half of the weight was.
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub(crate) fn measured(
+        &self,
+        pairs: &[(DVec3, DVec3)],
+    ) -> Result<Vec<Option<[f32; 3]>>, StoreError> {
+        let mut values = Vec::with_capacity(pairs.len());
+        for batch in pairs.chunks(BATCH) {
+            values.extend(self.seen(batch)?);
+        }
+        Ok(values)
+    }
+
+    fn seen(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Option<[f32; 3]>>, StoreError> {
+        let blend = Blend::new(Interpolation::Direct, None);
+        above_the_horizon(pairs, |above| {
+            Ok(look_up(&Seen(self), &blend, above)?
+                .iter()
+                .map(Lookup::value)
+                .collect())
+        })
     }
 
     /// Why there is no value; `saturated` is the weight of the samples that saturated.
@@ -102,7 +130,57 @@ impl Captures for Brdf {
     }
 }
 
-/// The standard uncertainties of a file in place of its values: linear interpolation of them is that of fully correlated
+/// What `find` finds of the pairs above the horizon, and nothing of the others, in the order asked.
+fn above_the_horizon<T: Copy>(
+    pairs: &[(DVec3, DVec3)],
+    find: impl Fn(&[(DVec3, DVec3)]) -> Result<Vec<Option<T>>, StoreError>,
+) -> Result<Vec<Option<T>>, StoreError> {
+    let is_above = |(wi, wo): &(DVec3, DVec3)| wi.z > 0.0 && wo.z > 0.0;
+    let above: Vec<_> = pairs.iter().filter(|pair| is_above(pair)).copied().collect();
+    let mut found = find(&above)?.into_iter();
+    Ok(pairs
+        .iter()
+        .map(|pair| is_above(pair).then(|| found.next().flatten()).flatten())
+        .collect())
+}
+
+/// Codes of provenance as if nothing but what was measured itself stood in the file.
+fn only_seen(mut provenance: Vec<u8>) -> Vec<u8> {
+    for code in &mut provenance {
+        if !Provenance::from_code(*code).is_some_and(Provenance::is_seen) {
+            *code = Provenance::Missing.code();
+        }
+    }
+    provenance
+}
+
+/// A file without what was filled in.
+struct Seen<'a>(&'a Brdf);
+
+impl Captures for Seen<'_> {
+    fn set(&self) -> &IncidentSet {
+        &self.0.grid
+    }
+
+    fn cells(&self) -> &Cells {
+        &self.0.cells
+    }
+
+    fn is_captured(&self, row: usize) -> bool {
+        self.0.is_captured(row)
+    }
+
+    fn scan(
+        &self,
+        wanted: &[bool],
+        each: &mut dyn FnMut(Range<usize>, ImageOf<'_>),
+    ) -> Result<(), StoreError> {
+        self.0
+            .scan_rows(wanted, &|rows| (rows.f, only_seen(rows.provenance)), each)
+    }
+}
+
+/// The standard uncertainties of a file without what was filled in, in place of its values: linear interpolation of them is that of fully correlated
 /// errors, the largest it can be.
 struct Sigmas<'a>(&'a Brdf);
 
@@ -126,7 +204,7 @@ impl Captures for Sigmas<'_> {
     ) -> Result<(), StoreError> {
         let sigmas = |rows: BrdfRows| {
             let sigma = rows.sigma.iter().map(|sigma| sigma.to_f32()).collect();
-            (sigma, rows.provenance)
+            (sigma, only_seen(rows.provenance))
         };
         self.0.scan_rows(wanted, &sigmas, each)
     }
@@ -134,7 +212,7 @@ impl Captures for Sigmas<'_> {
 
 impl Brdf {
     /// f and its standard uncertainty in sr⁻¹ for pairs of unit vectors (incident, outgoing), found by direct
-    /// interpolation; `None` where there is no value.
+    /// interpolation of what was measured itself; `None` where there is no value.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -143,18 +221,14 @@ impl Brdf {
         pairs: &[(DVec3, DVec3)],
     ) -> Result<Vec<Option<[[f32; 3]; 2]>>, StoreError> {
         let blend = Blend::new(Interpolation::Direct, None);
-        let is_above = |(wi, wo): &(DVec3, DVec3)| wi.z > 0.0 && wo.z > 0.0;
-        let above: Vec<_> = pairs.iter().filter(|pair| is_above(pair)).copied().collect();
-        let values = look_up(self, &blend, &above)?;
-        let sigmas = look_up(&Sigmas(self), &blend, &above)?;
-        let mut found = values.into_iter().zip(sigmas);
-        Ok(pairs
-            .iter()
-            .map(|pair| {
-                let (value, sigma) = is_above(pair).then(|| found.next()).flatten()?;
-                Some([value.value()?, sigma.value()?])
-            })
-            .collect())
+        above_the_horizon(pairs, |above| {
+            let values = look_up(&Seen(self), &blend, above)?;
+            let sigmas = look_up(&Sigmas(self), &blend, above)?;
+            let both = values.iter().zip(&sigmas);
+            Ok(both
+                .map(|(value, sigma)| Some([value.value()?, sigma.value()?]))
+                .collect())
+        })
     }
 
     /// [`Captures::scan`] of what `pick` takes from the rows: values [cell, channel] and provenance.

@@ -1,26 +1,74 @@
 //! Distributions over many decades in constant memory.
+//!
+//! # Design
+//! A quantile is stated only where the numbers carry it: at least one of them has to lie beyond it, so a median takes two,
+//! 90 % take ten and 99 % take a hundred. What the histogram cannot resolve is said, not made up: a quantile beyond its
+//! range is *above* it, and the bound of a bin is the upper one where it says what a share lies below.
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
+
+/// One quantile; in JSON a number where it is one, else null.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Quantile {
+    /// Too few numbers to have one.
+    #[default]
+    None,
+    /// It is this.
+    At(f64),
+    /// It is above this, and nobody knows by how much.
+    Above(f64),
+}
+
+impl Quantile {
+    /// The number, if it is one.
+    #[must_use]
+    pub const fn value(self) -> Option<f64> {
+        match self {
+            Self::At(value) => Some(value),
+            Self::None | Self::Above(_) => None,
+        }
+    }
+
+    /// The quantile of numbers that are `factor` times as large.
+    #[must_use]
+    pub fn times(self, factor: f64) -> Self {
+        match self {
+            Self::None => Self::None,
+            Self::At(value) => Self::At(value * factor),
+            Self::Above(least) => Self::Above(least * factor),
+        }
+    }
+}
+
+impl Serialize for Quantile {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.value().serialize(serializer)
+    }
+}
 
 /// Quantiles of a distribution.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Quantiles {
-    /// 50 %.
-    pub median: f64,
-    /// 90 %.
-    pub p90: f64,
-    /// 99 %.
-    pub p99: f64,
+    /// 50 %, right to 0.6 % of itself.
+    pub median: Quantile,
+    /// 90 % of the numbers are no more than this.
+    pub p90: Quantile,
+    /// 99 % of the numbers are no more than this.
+    pub p99: Quantile,
+    /// How many numbers there are.
+    pub samples: u64,
 }
 
 const BINS_PER_DECADE: f64 = 200.0;
 const SMALLEST: f64 = 1e-9;
+const LARGEST: f64 = 1e3;
 const BINS: usize = 2400;
 
-/// Histogram of positive numbers on a log scale from 1e-9 to 1e3.
-#[derive(Clone)]
+/// Histogram of numbers from 0 on a log scale from 1e-9 to 1e3, with those below and above counted beside it.
+#[derive(Clone, Debug)]
 pub(super) struct LogHistogram {
     bins: Vec<u64>,
+    zeros: u64,
     count: u64,
 }
 
@@ -28,20 +76,30 @@ impl LogHistogram {
     pub(super) fn new() -> Self {
         Self {
             bins: vec![0; BINS],
+            zeros: 0,
             count: 0,
         }
     }
 
+    /// Counts `value`, 0 or more; infinity is beyond the range. What is not a number takes no part.
     pub(super) fn add(&mut self, value: f64) {
-        let bin = ((value.max(SMALLEST) / SMALLEST).log10() * BINS_PER_DECADE) as usize;
-        self.bins[bin.min(BINS - 1)] += 1;
+        if value.is_nan() {
+            return;
+        }
         self.count += 1;
+        if value <= 0.0 {
+            self.zeros += 1;
+        } else if value < LARGEST {
+            let bin = ((value.max(SMALLEST) / SMALLEST).log10() * BINS_PER_DECADE) as usize;
+            self.bins[bin.min(BINS - 1)] += 1;
+        }
     }
 
     pub(super) fn merge(mut self, other: &Self) -> Self {
         for (a, b) in self.bins.iter_mut().zip(&other.bins) {
             *a += b;
         }
+        self.zeros += other.zeros;
         self.count += other.count;
         self
     }
@@ -51,23 +109,98 @@ impl LogHistogram {
         self.count
     }
 
-    pub(super) fn quantile(&self, q: f64) -> f64 {
+    /// Whether there are numbers, all of them 0.
+    pub(super) const fn is_all_zeros(&self) -> bool {
+        self.count > 0 && self.zeros == self.count
+    }
+
+    /// The quantile `q`, at the place `within` its bin: 0.5 is the middle, 1 the upper bound.
+    fn quantile(&self, q: f64, within: f64) -> Quantile {
+        // A hair for 0.1 that is not 1/10.
+        if self.count as f64 * (1.0 - q) < 1.0 - 1e-9 {
+            return Quantile::None;
+        }
         let wanted = (q * self.count as f64) as u64;
-        let mut sum = 0;
+        let mut sum = self.zeros;
+        if sum > wanted {
+            return Quantile::At(0.0);
+        }
         for (bin, count) in self.bins.iter().enumerate() {
             sum += count;
             if sum > wanted {
-                return SMALLEST * 10_f64.powf((bin as f64 + 0.5) / BINS_PER_DECADE);
+                return Quantile::At(SMALLEST * 10_f64.powf((bin as f64 + within) / BINS_PER_DECADE));
             }
         }
-        0.0
+        Quantile::Above(LARGEST)
+    }
+
+    pub(super) fn median(&self) -> Quantile {
+        self.quantile(0.5, 0.5)
     }
 
     pub(super) fn quantiles(&self) -> Quantiles {
         Quantiles {
-            median: self.quantile(0.5),
-            p90: self.quantile(0.9),
-            p99: self.quantile(0.99),
+            median: self.median(),
+            p90: self.quantile(0.9, 1.0),
+            p99: self.quantile(0.99, 1.0),
+            samples: self.count,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt as _, SeedableRng as _};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+
+    use super::*;
+
+    fn of(values: &[f64]) -> Quantiles {
+        let mut histogram = LogHistogram::new();
+        values.iter().for_each(|value| histogram.add(*value));
+        histogram.quantiles()
+    }
+
+    #[test]
+    fn quantiles_are_those_of_the_sorted_numbers() {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(7);
+        for count in [100, 101, 999, 5000] {
+            let mut values: Vec<f64> = (0..count)
+                .map(|_| 10_f64.powf(rng.random_range(-8.5..2.9)))
+                .collect();
+            let found = of(&values);
+            values.sort_by(f64::total_cmp);
+            let at = |q: f64| values[(q * f64::from(count)) as usize];
+            let median = found.median.value().unwrap();
+            assert!((median / at(0.5) - 1.0).abs() < 0.007, "{found:?}");
+            for (bound, q) in [(found.p90, 0.9), (found.p99, 0.99)] {
+                let ratio = bound.value().unwrap() / at(q);
+                assert!((1.0 - 1e-9..1.013).contains(&ratio), "{found:?} {q}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_the_numbers_do_not_carry_is_not_stated() {
+        assert_eq!(of(&[]), Quantiles::default());
+        assert_eq!(of(&[f64::NAN]), Quantiles::default());
+        for (count, stated) in [
+            (1, [false; 3]),
+            (2, [true, false, false]),
+            (9, [true, false, false]),
+            (10, [true, true, false]),
+            (99, [true, true, false]),
+            (100, [true; 3]),
+        ] {
+            let found = of(&vec![0.01; count]);
+            let quantiles = [found.median, found.p90, found.p99];
+            assert_eq!(quantiles.map(|q| q.value().is_some()), stated, "{count}");
+        }
+        // Nothing is wrong by nothing, and what is beyond the scale is above it.
+        assert_eq!(of(&[0.0; 100]).p99, Quantile::At(0.0));
+        assert_eq!(of(&[1e300; 100]).median, Quantile::Above(LARGEST));
+        assert_eq!(of(&[f64::INFINITY; 2]).median, Quantile::Above(LARGEST));
+        let json = serde_json::to_string(&of(&[1e9, 1e9])).unwrap();
+        assert_eq!(json, r#"{"median":null,"p90":null,"p99":null,"samples":2}"#);
     }
 }

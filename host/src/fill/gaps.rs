@@ -21,8 +21,13 @@ const REACH_DEG: f64 = 12.0;
 /// Relative uncertainty of the model where the fit says nothing.
 const MODEL: f32 = 0.3;
 
-/// Fills what `brdf` lacks into the file at `path`; the model, if one was needed and found.
-pub(super) fn fill(brdf: &Brdf, path: &Path, progress: &dyn Progress) -> Result<Option<Fit>, FillError> {
+/// Fills what `brdf`, which holds these `captures`, lacks into the file at `path`; the model, if one was needed and found.
+pub(super) fn fill(
+    brdf: &Brdf,
+    captures: &[String],
+    path: &Path,
+    progress: &dyn Progress,
+) -> Result<Option<Fit>, FillError> {
     let modelled = Modelled::of(brdf)?;
     let above = |w: Option<DVec3>| w.is_some_and(|w| w.z > 0.0);
     let incident = vec![None; brdf.grid().len()];
@@ -30,7 +35,7 @@ pub(super) fn fill(brdf: &Brdf, path: &Path, progress: &dyn Progress) -> Result<
         .map(|cell| (!above(brdf.disk().direction(cell))).then_some(Unmeasurable::BelowHorizon))
         .collect();
     let text = "reciprocal, interpolated across the wire, modelled as ggx with lambert base, in this order";
-    let writer = writer_like(brdf, path, &incident, &outgoing, facts(text, &[]))?;
+    let writer = writer_like(brdf, path, &incident, &outgoing, facts(text, &[], captures))?;
     progress.begin("fill", brdf.chunks(), "chunks");
     for chunk in 0..brdf.chunks() {
         let mut image = Chunk::read(brdf, chunk)?;
@@ -102,7 +107,8 @@ impl Chunk {
     fn put(&mut self, sample: usize, f: [f32; 3], sigma: [f32; 3], provenance: Provenance) {
         for channel in 0..self.channels {
             let at = sample * self.channels + channel;
-            self.rows.f[at] = f[channel].max(0.0);
+            // Noise about 0 is negative as often as not; to cut it off would make dark samples brighter than they are.
+            self.rows.f[at] = f[channel];
             self.rows.sigma[at] = f16::from_f32(sigma[channel].min(65_504.0));
         }
         self.rows.provenance[sample] = provenance.code();
@@ -193,8 +199,8 @@ impl Chunk {
     fn model(&mut self, brdf: &Brdf, modelled: &Modelled) {
         for (sample, wi, wo) in self.missing(brdf) {
             let f = modelled.f(wi, wo);
-            let relative = modelled.relative(wi, wo);
-            self.put(sample, f, f.map(|f| relative * f), Provenance::Modelled);
+            let sigma = modelled.sigma(wi, wo, f);
+            self.put(sample, f, sigma, Provenance::Modelled);
         }
     }
 }
@@ -235,8 +241,9 @@ struct Modelled {
     fit: Option<Fit>,
     /// Of each channel; a single one stands for all.
     samples: Vec<Box<dyn Sample>>,
-    /// f in sr⁻¹ of each channel where there is no lobe.
+    /// f in sr⁻¹ of each channel where there is no lobe, and how much the samples scatter about it.
     lambert: [f32; 3],
+    scatter: [f32; 3],
 }
 
 impl Modelled {
@@ -266,13 +273,24 @@ impl Modelled {
                     fit: Some(fit),
                     samples,
                     lambert: [0.0; 3],
+                    scatter: [0.0; 3],
                 })
             }
-            // A diffuse material has no lobe, and too few samples say no more than their mean.
-            Err(FitError::NoLobe { .. } | FitError::TooFew { .. }) => Ok(Self {
-                fit: None,
-                samples: Vec::new(),
-                lambert: mean(brdf)?,
+            // A diffuse material has no lobe, and samples on one side say no more than their mean.
+            Err(FitError::NoLobe { .. } | FitError::OneSided { .. }) => {
+                let (lambert, scatter) = mean(brdf)?;
+                Ok(Self {
+                    fit: None,
+                    samples: Vec::new(),
+                    lambert: lambert.map(|f| f.max(0.0)),
+                    scatter,
+                })
+            }
+            // A whole hemisphere from a handful of samples would be made up.
+            Err(FitError::TooFew { expected, found }) => Err(FillError::Nothing {
+                path: brdf.path().display().to_string(),
+                expected,
+                found,
             }),
             Err(error) => Err(error.into()),
         }
@@ -288,35 +306,48 @@ impl Modelled {
         })
     }
 
-    /// Relative uncertainty: what the residuals of the fit are at that half vector.
-    fn relative(&self, wi: DVec3, wo: DVec3) -> f32 {
+    /// Standard uncertainty of the value `f`: what the residuals of the fit are at that half vector; without a lobe the
+    /// scatter of the samples too.
+    fn sigma(&self, wi: DVec3, wo: DVec3, f: [f32; 3]) -> [f32; 3] {
         let theta_deg = (wi + wo).normalize().z.clamp(-1.0, 1.0).acos().to_degrees();
         let residuals = self.fit.as_ref().map_or(&[][..], |fit| &fit.residuals);
-        residuals
+        let relative = residuals
             .iter()
             .min_by(|a, b| {
                 (a.half_theta_deg - theta_deg)
                     .abs()
                     .total_cmp(&(b.half_theta_deg - theta_deg).abs())
             })
-            .map_or(MODEL, |residual| (residual.rms_percent / 100.0) as f32)
+            .map_or(MODEL, |residual| (residual.rms_percent / 100.0) as f32);
+        std::array::from_fn(|channel| (relative * f[channel]).hypot(self.scatter[channel]))
     }
 }
 
-/// Mean f of each channel over all samples.
-fn mean(brdf: &Brdf) -> Result<[f32; 3], StoreError> {
+/// Mean f of each channel over all measured samples, and their standard deviation from it.
+fn mean(brdf: &Brdf) -> Result<([f32; 3], [f32; 3]), FillError> {
     let channels = brdf.channels();
-    let (mut sums, mut count) = ([0.0_f64; 3], 0_u64);
+    let (mut sums, mut squares, mut count) = ([0.0_f64; 3], [0.0_f64; 3], 0_u64);
     for chunk in 0..brdf.chunks() {
         let Some(rows) = brdf.chunk(chunk)? else { continue };
         for (sample, code) in rows.provenance.iter().enumerate() {
-            if *code != Provenance::Missing.code() {
+            if Provenance::from_code(*code).is_some_and(Provenance::is_seen) {
                 count += 1;
-                for (channel, sum) in sums.iter_mut().enumerate() {
-                    *sum += f64::from(rows.f[sample * channels + channel.min(channels - 1)]);
+                for channel in 0..3 {
+                    let f = f64::from(rows.f[sample * channels + channel.min(channels - 1)]);
+                    sums[channel] += f;
+                    squares[channel] += f * f;
                 }
             }
         }
     }
-    Ok(sums.map(|sum| (sum / count.max(1) as f64) as f32))
+    if count == 0 {
+        return Err(FillError::Nothing {
+            path: brdf.path().display().to_string(),
+            expected: 1,
+            found: 0,
+        });
+    }
+    let mean = sums.map(|sum| sum / count as f64);
+    let scatter = std::array::from_fn(|c| (squares[c] / count as f64 - mean[c] * mean[c]).max(0.0).sqrt() as f32);
+    Ok((mean.map(|f| f as f32), scatter))
 }

@@ -41,6 +41,8 @@ const STEP_DEG: f64 = 0.5;
 const LEAST: f64 = 5e-3;
 /// Share of the variance of a sample that captures have in common.
 const COMMON: f64 = 0.5;
+/// Least standard uncertainty in sr⁻¹ that a file tells from 0, half of the smallest `f16`: what is stored as 0 is no less.
+const LEAST_SIGMA: f64 = 3e-8;
 /// Rounds of turning and solving.
 const ROUNDS: usize = 4;
 /// Turns below this many times their uncertainty are not applied.
@@ -89,10 +91,12 @@ pub(super) fn merge(
         .iter()
         .map(|other| other.path().display().to_string())
         .collect();
-    let writer = writer_like(base, path, &incident, &outgoing, facts("merged", &names))?;
+    let writer = writer_like(base, path, &incident, &outgoing, facts("merged", &names, &[]))?;
     progress.begin("merge", base.chunks(), "chunks");
     for chunk in 0..base.chunks() {
-        if let Some(rows) = merged_chunk(base, others, &alignments, chunk)? {
+        // Nothing goes where the merged file says that there can be nothing.
+        let is_open = |index: usize, cell: usize| incident[index].is_none() && outgoing[cell].is_none();
+        if let Some(rows) = merged_chunk(base, others, &alignments, chunk, &is_open)? {
             writer.write_chunk(chunk, &rows)?;
         }
         progress.reach(chunk + 1);
@@ -211,6 +215,7 @@ fn merged_chunk(
     others: &[Brdf],
     alignments: &[Alignment],
     chunk: usize,
+    is_open: &dyn Fn(usize, usize) -> bool,
 ) -> Result<Option<BrdfRows>, FillError> {
     let (cells, channels) = (base.disk().len(), base.channels());
     let range = base.chunk_range(chunk);
@@ -221,8 +226,11 @@ fn merged_chunk(
     let mut roots = vec![0.0_f64; samples * channels];
     let mut provenance = vec![Provenance::Missing.code(); samples];
     let mut add = |sample: usize, f: &[f32], sigma: &[f32], scale: f64, code: u8| {
+        if !is_open(range.start + sample / cells, sample % cells) {
+            return;
+        }
         for channel in 0..channels {
-            let weight = (f64::from(sigma[channel]) * scale).max(1e-12).powi(-2);
+            let weight = (f64::from(sigma[channel]) * scale).max(LEAST_SIGMA).powi(-2);
             sums[sample * channels + channel] += weight * scale * f64::from(f[channel]);
             weights[sample * channels + channel] += weight;
             roots[sample * channels + channel] += weight.sqrt();
@@ -241,7 +249,9 @@ fn merged_chunk(
         for sample in 0..samples {
             let code = rows.provenance[sample];
             let captured = brdf.incident_reason(range.start + sample / cells).is_none();
-            if code == Provenance::Missing.code() || !captured {
+            // What was filled in is made from what takes part already, or will be made anew.
+            let is_seen = Provenance::from_code(code).is_some_and(Provenance::is_seen);
+            if !is_seen || !captured {
                 continue;
             }
             let at = sample * channels..(sample + 1) * channels;

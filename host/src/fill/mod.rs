@@ -29,7 +29,7 @@ use serde_json::{Map, Value, json};
 pub use merge::Alignment;
 
 use crate::assemble::{coordinates, interpolation_errors};
-use crate::brdf::{Brdf, BrdfError};
+use crate::brdf::{Brdf, BrdfError, evidence};
 use crate::fit::{Fit, FitError};
 use crate::optics::Unmeasurable;
 use crate::progress::Progress;
@@ -62,6 +62,16 @@ pub enum FillError {
         expected: String,
         /// As in this one.
         found: String,
+    },
+    /// A file without a measured sample.
+    #[error("{path}: expected at least {expected} measured samples to fill from, found {found}")]
+    Nothing {
+        /// The file.
+        path: String,
+        /// How many it takes.
+        expected: usize,
+        /// How many there are.
+        found: usize,
     },
     /// Captures without common directions.
     #[error(
@@ -98,8 +108,10 @@ pub struct Filled {
     pub alignments: Vec<Alignment>,
     /// The model, if one was needed and the samples have a lobe.
     pub model: Option<Fit>,
-    /// Coverage, all kinds of provenance.
+    /// Coverage, all kinds of provenance; empty if the file has no pair of directions with θ ≤ 85°.
     pub shares: Vec<Share>,
+    /// What is to be known of it, in sentences.
+    pub warnings: Vec<String>,
 }
 
 /// Fills the file at `first` with the help of `others` into `out`, which must not be one of them.
@@ -136,25 +148,48 @@ pub fn fill(
     }
     // Hidden and of this process, so that it is nobody else's.
     let merged_path = out.with_file_name(format!(".merged-{}.zarr", std::process::id()));
+    let captures = captures(&base, &further)?;
     let (merged, alignments) = if further.is_empty() {
         (base, Vec::new())
     } else {
         let alignments = merge::merge(&base, &further, &merged_path, progress)?;
         (Brdf::open(&merged_path)?, alignments)
     };
-    let filled = gaps::fill(&merged, out, progress);
+    let filled = gaps::fill(&merged, &captures, out, progress);
     drop(merged);
     if !alignments.is_empty() {
         // A leftover costs space and harms nothing.
         std::fs::remove_dir_all(&merged_path).ok();
     }
     let model = filled?;
+    let shares = shares(&Brdf::open(out)?)?;
+    let mut warnings = model.as_ref().map_or_else(Vec::new, |model| model.warnings.clone());
+    if shares.is_empty() {
+        warnings.push(format!(
+            "coverage: none, the file has no pair of directions with θ ≤ {COVERED_THETA_DEG}° both ways"
+        ));
+    }
     Ok(Filled {
         out: out.to_owned(),
-        shares: shares(&Brdf::open(out)?)?,
+        shares,
         alignments,
         model,
+        warnings,
     })
+}
+
+/// The captures behind all files, each of which may be there once: a second time it is no evidence.
+fn captures(base: &Brdf, others: &[Brdf]) -> Result<Vec<String>, FillError> {
+    let mut all = evidence::captures(base)?;
+    let mut before = vec![base];
+    for other in others {
+        for one in &before {
+            evidence::check_apart(one, other)?;
+        }
+        before.push(other);
+        all.extend(evidence::captures(other)?);
+    }
+    Ok(all)
 }
 
 fn check_alike(base: &Brdf, other: &Brdf) -> Result<(), FillError> {
@@ -206,12 +241,16 @@ fn writer_like(
         channels: brdf.channels(),
         chunk: brdf.chunk_range(0).len(),
     };
-    // Filled cells resolve what the others do.
+    // Filled cells resolve what the others do; where no cell resolves anything, neither do they.
     let seen: Vec<f64> = (0..disk.len())
         .map(|cell| brdf.pixel_sr(cell))
         .filter(|sr| *sr > 0.0)
         .collect();
-    let usual = seen.iter().sum::<f64>() / seen.len().max(1) as f64;
+    let usual = if seen.is_empty() {
+        0.0
+    } else {
+        seen.iter().sum::<f64>() / seen.len() as f64
+    };
     let pixel_sr: Vec<f64> = (0..disk.len())
         .map(|cell| match (brdf.pixel_sr(cell), outgoing[cell]) {
             (0.0, None) => usual,
@@ -238,7 +277,7 @@ fn finish(writer: BrdfWriter) -> Result<(), FillError> {
     Ok(())
 }
 
-/// Share of the pairs of directions of each provenance, up to [`COVERED_THETA_DEG`].
+/// Share of the pairs of directions of each provenance, up to [`COVERED_THETA_DEG`]; nothing if there is no such pair.
 ///
 /// # Errors
 /// [`StoreError`].
@@ -267,25 +306,31 @@ pub fn shares(brdf: &Brdf) -> Result<Vec<Share>, StoreError> {
                     .as_ref()
                     .filter(|_| brdf.incident_reason(index).is_none())
                     .map_or(0, |rows| rows.provenance[place * brdf.disk().len() + cell]);
-                sums[usize::from(code).min(sums.len() - 1)] += weight;
+                sums[usize::from(code)] += weight;
             }
         }
     }
     let total: f64 = sums.iter().sum();
+    if total <= 0.0 {
+        return Ok(Vec::new());
+    }
     Ok(Provenance::ALL
         .into_iter()
         .zip(sums)
         .map(|(provenance, sum)| Share {
             provenance: provenance.name(),
-            share: sum / total.max(1e-300),
+            share: sum / total,
         })
         .collect())
 }
 
-/// What the attributes of a file say of how it was filled.
-fn facts(text: &str, others: &[String]) -> Map<String, Value> {
+/// What the attributes of a file say of how it was filled, and from which captures.
+fn facts(text: &str, others: &[String], captures: &[String]) -> Map<String, Value> {
     let mut facts = Map::new();
     facts.insert("filled".to_owned(), json!(text));
+    if !captures.is_empty() {
+        facts.insert(evidence::CAPTURES.to_owned(), json!(captures));
+    }
     if !others.is_empty() {
         facts.insert("merged_with".to_owned(), json!(others));
     }

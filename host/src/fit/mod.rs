@@ -6,12 +6,18 @@
 //! | `observations` | the samples, their lights and pixels, and their variances |
 //! | `model` | Ward and GGX as sums of a diffuse part and a lobe |
 //! | `solve` | weighted least squares by Levenberg and Marquardt |
+//! | `verdict` | residuals, and whether they support the model |
 //!
 //! The model is averaged over the spot of light and over the pixel before it is compared: what the instrument blurs does
 //! not pass for roughness. The covariance follows from the residuals as they turned out, so that it holds too where the
 //! model is wrong by more than the noise. To it comes, fully correlated, a tenth of what the blur shifts each parameter by:
 //! how well the blur is known limits the fit of a sharp lobe. What errors of light and throughput do to all samples alike is
 //! not in it: nothing calibrates them yet.
+//!
+//! A fit is *acceptable* if it has converged to physical parameters and its residuals support the model: by χ², and by
+//! the systematic part of the residuals relative to f, which no uncertainty swallows. One that is not says why, in words,
+//! and has no uncertainties: those of a wrong model mean nothing. A parameter that noise alone puts beyond its bound, as
+//! that of a metal without diffuse part, counts as at the bound.
 //!
 //! # Tradeoffs
 //! Some 200,000 samples take part, not all; the axes of the lobe are the sample's x and y.
@@ -21,6 +27,7 @@ mod observations;
 mod solve;
 #[cfg(test)]
 mod tests;
+mod verdict;
 
 use std::path::Path;
 
@@ -32,8 +39,9 @@ use crate::sample::Sample;
 use crate::store::StoreError;
 
 pub use model::Model;
-use model::combine;
 use observations::Observations;
+use solve::{Range, Solution};
+pub use verdict::Residual;
 
 /// Share of the blur's effect by which it may be wrong (k = 1): how the spot is filled, and where in their pixels the
 /// cells of the disk lie.
@@ -41,8 +49,8 @@ const BLUR_UNCERTAINTY: f64 = 0.1;
 /// Relative standard uncertainty of every parameter by what is left of blur and rounding: noise-free measurements of brass on
 /// the virtual rigs come back within 0.14 %.
 const LEFT: f64 = 1e-3;
-/// Degrees of the half vector's polar angle that one point of the residuals' chart stands for.
-const BIN_DEG: f64 = 3.0;
+/// Standard uncertainties by which a free parameter may be beyond its bound, and a lobe has to stand out.
+const CLEAR: f64 = 3.0;
 
 /// Why there is no fit.
 #[derive(Debug, thiserror::Error)]
@@ -57,6 +65,19 @@ pub enum FitError {
         expected: usize,
         /// How many have a value.
         found: usize,
+    },
+    /// All on one side.
+    #[error(
+        "fit: expected half vectors all around the normal, with at least {expected} samples towards each of +x, +y, −x and \
+         −y, found {found} towards {side}"
+    )]
+    OneSided {
+        /// How many it takes on each side.
+        expected: usize,
+        /// How many there are.
+        found: usize,
+        /// Where they are too few.
+        side: &'static str,
     },
     /// The samples do not determine the model.
     #[error(
@@ -79,8 +100,10 @@ pub struct Parameter {
     pub name: String,
     /// Its value.
     pub value: f64,
-    /// Its standard uncertainty (k = 1).
-    pub standard_uncertainty: f64,
+    /// Its standard uncertainty (k = 1); `None` if the fit is not acceptable.
+    pub standard_uncertainty: Option<f64>,
+    /// Whether it sits at the bound of what is physical.
+    pub at_bound: bool,
 }
 
 /// A fitted model.
@@ -90,29 +113,23 @@ pub struct Fit {
     pub model: Model,
     /// αx, αy, then ρd and the strength of the lobe of each channel.
     pub parameters: Vec<Parameter>,
-    /// Covariance of the parameters, row by row in their order.
-    pub covariance: Vec<Vec<f64>>,
+    /// Covariance of the parameters, row by row in their order; `None` if the fit is not acceptable.
+    pub covariance: Option<Vec<Vec<f64>>>,
     /// Samples (pairs of directions) that took part.
     pub samples: usize,
     /// Sum of squared residuals over their variances, per degree of freedom: 1 if noise is all there is.
     pub chi_squared_per_degree: f64,
+    /// Systematic part of the residuals relative to f, in percent: root mean square over ranges of the half vector and the
+    /// incident angle. `None` if no range has enough samples.
+    pub lack_of_fit_percent: Option<f64>,
+    /// Whether the minimum was reached.
+    pub converged: bool,
+    /// Whether the parameters stand for the sample, see [`warnings`](Self::warnings) if not.
+    pub acceptable: bool,
+    /// Why the fit is not acceptable, and what else is to be known of it, in sentences.
+    pub warnings: Vec<String>,
     /// The residuals by the polar angle of the half vector.
     pub residuals: Vec<Residual>,
-}
-
-/// Residuals at similar half vectors.
-#[derive(Clone, Copy, Debug, serde::Serialize)]
-pub struct Residual {
-    /// Middle of the bin: polar angle of the half vector, degrees.
-    pub half_theta_deg: f64,
-    /// Mean f in sr⁻¹.
-    pub mean_f_sr: f64,
-    /// Mean of (fit − f), in percent of the mean f.
-    pub mean_percent: f64,
-    /// Root mean square of (fit − f), in percent of the mean f.
-    pub rms_percent: f64,
-    /// Root mean square of the standard uncertainties of f, in percent of the mean f.
-    pub noise_percent: f64,
 }
 
 impl Fit {
@@ -134,16 +151,37 @@ impl Fit {
 
     fn new(model: Model, seen: &Observations) -> Result<Self, FitError> {
         let points = seen.sharp();
-        let solution = solve::solve(model, seen, &points, &solve::start(model, seen))?;
-        let sharp = solve::solve(model, &points, &points, &solution.unknowns)?;
+        let free = solve::start(model, seen, Range::Free);
+        let mut solution = solve::solve(model, seen, &points, &free, Range::Free)?;
+        let mut range = Range::Free;
+        match beyond(&solution) {
+            Beyond::Nothing => {}
+            Beyond::Noise => {
+                for at in (2..solution.unknowns.len()).step_by(2) {
+                    let [rho_d, strength] = solve::physical(solution.unknowns[at], solution.unknowns[at + 1]);
+                    solution.unknowns[at] = rho_d;
+                    solution.unknowns[at + 1] = strength;
+                }
+            }
+            Beyond::More => {
+                range = Range::Physical;
+                let bounded = solve::start(model, seen, range);
+                solution = solve::solve(model, seen, &points, &bounded, range)?;
+            }
+        }
+        let sharp = solve::solve(model, &points, &points, &solution.unknowns, range)?;
         let unknowns = &solution.unknowns;
+        if !stands_out(&solution) {
+            return Err(FitError::NoLobe {
+                alpha: [unknowns[0].exp(), unknowns[1].exp()],
+            });
+        }
         // From ln α to α.
         let scale = |at: usize| if at < 2 { unknowns[at].exp() } else { 1.0 };
         let value = |at: usize| if at < 2 { scale(at) } else { unknowns[at] };
         let degrees = (seen.all.len() * seen.channels - unknowns.len()) as f64;
-        let chi_squared_per_degree = solution.chi_squared / degrees;
         let shift = (&sharp.unknowns - unknowns) * BLUR_UNCERTAINTY;
-        let covariance = solution.covariance + &shift * shift.transpose();
+        let covariance = &solution.covariance + &shift * shift.transpose();
         let covariance = DMatrix::from_fn(unknowns.len(), unknowns.len(), |i, j| {
             let left = if i == j { LEFT * value(i) } else { 0.0 };
             covariance[(i, j)] * scale(i) * scale(j) + left * left
@@ -166,20 +204,28 @@ impl Fit {
         let parameters = (0..unknowns.len()).map(|at| Parameter {
             name: name(at),
             value: value(at),
-            standard_uncertainty: covariance[(at, at)].sqrt(),
+            standard_uncertainty: Some(covariance[(at, at)].sqrt()).filter(|sigma| sigma.is_finite()),
+            at_bound: at >= 2 && is_at_bound(unknowns[at & !1], unknowns[at | 1], at.is_multiple_of(2)),
         });
-        let parameters: Vec<Parameter> = parameters.collect();
-        Ok(Self {
+        let mut fit = Self {
             model,
-            residuals: residuals(model, seen, &parameters),
-            parameters,
-            covariance: covariance
-                .row_iter()
-                .map(|row| row.iter().copied().collect())
-                .collect(),
+            parameters: parameters.collect(),
+            covariance: Some(
+                covariance
+                    .row_iter()
+                    .map(|row| row.iter().copied().collect())
+                    .collect(),
+            ),
             samples: seen.all.len(),
-            chi_squared_per_degree,
-        })
+            chi_squared_per_degree: solution.chi_squared / degrees,
+            lack_of_fit_percent: None,
+            converged: solution.is_converged && sharp.is_converged,
+            acceptable: true,
+            warnings: Vec::new(),
+            residuals: Vec::new(),
+        };
+        fit.judge(seen, range == Range::Physical);
+        Ok(fit)
     }
 
     /// The residuals as a chart.
@@ -224,36 +270,38 @@ impl Fit {
     }
 }
 
-fn residuals(model: Model, seen: &Observations, parameters: &[Parameter]) -> Vec<Residual> {
-    let bins = (90.0 / BIN_DEG) as usize;
-    // Count, f, (fit − f), its square, variance.
-    let mut sums = vec![[0.0_f64; 5]; bins];
-    let alpha = [parameters[0].value, parameters[1].value];
-    for sample in &seen.all {
-        let half = (sample.light[0] + sample.light[3] + sample.places[0] + sample.places[3]).normalize();
-        let bin = ((half.z.clamp(0.0, 1.0).acos().to_degrees() / BIN_DEG) as usize).min(bins - 1);
-        let parts = model.parts(alpha, sample);
-        for (channel, &f) in sample.f[..seen.channels].iter().enumerate() {
-            let [rho_d, strength] = [0, 1].map(|part| parameters[2 + 2 * channel + part].value);
-            let residual = combine(parts, rho_d, strength) - f;
-            let add = [1.0, f, residual, residual * residual, sample.variance_at(f)];
-            for (sum, add) in sums[bin].iter_mut().zip(add) {
-                *sum += add;
-            }
+/// How far free parameters are from what is physical.
+enum Beyond {
+    Nothing,
+    /// No farther than noise puts them.
+    Noise,
+    More,
+}
+
+fn beyond(solution: &Solution) -> Beyond {
+    let mut worst = Beyond::Nothing;
+    for at in 2..solution.unknowns.len() {
+        let (pair, is_diffuse) = (at & !1, at.is_multiple_of(2));
+        let [rho_d, strength] = solve::physical(solution.unknowns[pair], solution.unknowns[pair + 1]);
+        let excess = (solution.unknowns[at] - if is_diffuse { rho_d } else { strength }).abs();
+        if excess > CLEAR * solution.covariance[(at, at)].sqrt() {
+            return Beyond::More;
+        }
+        if excess > 0.0 {
+            worst = Beyond::Noise;
         }
     }
-    sums.iter()
-        .enumerate()
-        .filter(|(_, sum)| sum[0] > 0.0 && sum[1] > 0.0)
-        .map(|(bin, &[count, f, residual, square, variance])| {
-            let percent = 100.0 * count / f;
-            Residual {
-                half_theta_deg: (bin as f64 + 0.5) * BIN_DEG,
-                mean_f_sr: f / count,
-                mean_percent: percent * residual / count,
-                rms_percent: percent * (square / count).sqrt(),
-                noise_percent: percent * (variance / count).sqrt(),
-            }
-        })
-        .collect()
+    worst
+}
+
+/// Whether there is a lobe: its strength in some channel is clear of 0.
+fn stands_out(solution: &Solution) -> bool {
+    (3..solution.unknowns.len())
+        .step_by(2)
+        .any(|at| solution.unknowns[at] > CLEAR * solution.covariance[(at, at)].sqrt() && solution.unknowns[at] > 0.0)
+}
+
+fn is_at_bound(rho_d: f64, strength: f64, is_diffuse: bool) -> bool {
+    let value = if is_diffuse { rho_d } else { strength };
+    value <= 0.0 || rho_d + strength >= 1.0
 }

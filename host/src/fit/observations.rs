@@ -65,7 +65,8 @@ impl Observations {
         let light = spot_rad(brdf.spot_deg());
         let channels = brdf.channels();
         let row = brdf.disk().len();
-        let seen = [Provenance::Measured.code(), Provenance::Merged.code()];
+        // What was filled in was made from the same samples.
+        let is_seen = |code: u8| Provenance::from_code(code).is_some_and(Provenance::is_seen);
         let mut all = Vec::new();
         for chunk in 0..brdf.chunks() {
             let Some(rows) = brdf.chunk(chunk)? else { continue };
@@ -78,7 +79,7 @@ impl Observations {
                     .iter()
                     .skip(index * 7 % stride)
                     .step_by(stride)
-                    .filter(|(cell, ..)| seen.contains(&rows.provenance[place * row + cell]))
+                    .filter(|(cell, ..)| is_seen(rows.provenance[place * row + cell]))
                     .map(|&(cell, wo, pixel)| {
                         let at = (place * row + cell) * channels;
                         let mut observation = Observation {
@@ -157,7 +158,24 @@ impl Observations {
                 found,
             });
         }
-        Ok(self)
+        let mut sides = [0; 4];
+        for seen in &self.all {
+            let half = seen.light.iter().chain(&seen.places).sum::<DVec3>();
+            // Along the normal there is no side.
+            if half.x.abs() > half.y.abs() {
+                sides[if half.x > 0.0 { 0 } else { 2 }] += 1;
+            } else if half.y.abs() > 0.0 {
+                sides[if half.y > 0.0 { 1 } else { 3 }] += 1;
+            }
+        }
+        match (0..4).find(|&side| sides[side] < FEWEST / 10) {
+            Some(side) => Err(FitError::OneSided {
+                expected: FEWEST / 10,
+                found: sides[side],
+                side: ["+x", "+y", "−x", "−y"][side],
+            }),
+            None => Ok(self),
+        }
     }
 
     /// The same with point-like lights and pixels.

@@ -4,6 +4,10 @@
 //! Unknowns are ln αx, ln αy and per channel ρd and the strength of the lobe. f is linear in the latter two, so their
 //! derivatives are exact and their start values follow from the roughness by linear least squares; those of the roughness
 //! are the best of a coarse grid.
+//!
+//! First the unknowns are free, so that their estimates are not biased. Only if one of them leaves its physical range, ρd ≥ 0,
+//! strength ≥ 0 and ρd + strength ≤ 1, by more than noise can explain, the fit is made again within them: what is beyond a
+//! bound counts as at it.
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Matrix2, Owned, Vector2};
@@ -31,6 +35,23 @@ pub(super) struct Solution {
     pub(super) covariance: DMatrix<f64>,
     /// Sum of squared residuals over their standard uncertainties.
     pub(super) chi_squared: f64,
+    /// Whether the minimum was reached.
+    pub(super) is_converged: bool,
+}
+
+/// Whether ρd and strength may have any value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Range {
+    /// Any.
+    Free,
+    /// What is beyond a bound counts as at it.
+    Physical,
+}
+
+/// ρd and strength within their physical range.
+pub(super) fn physical(rho_d: f64, strength: f64) -> [f64; 2] {
+    let rho_d = rho_d.clamp(0.0, 1.0);
+    [rho_d, strength.clamp(0.0, 1.0 - rho_d)]
 }
 
 struct Problem<'a> {
@@ -40,6 +61,7 @@ struct Problem<'a> {
     sharp: &'a Observations,
     /// 1/σ of each residual.
     weights: Vec<f64>,
+    range: Range,
     unknowns: DVector<f64>,
     /// Of each sample, its parts at these unknowns.
     parts: Vec<[f64; 2]>,
@@ -59,11 +81,17 @@ impl Problem<'_> {
 
     /// f in sr⁻¹ of a sample in a channel at the unknowns, from its parts.
     fn f(&self, parts: [f64; 2], channel: usize) -> f64 {
-        combine(
-            parts,
-            self.unknowns[2 + 2 * channel],
-            self.unknowns[3 + 2 * channel],
-        )
+        let [rho_d, strength] = self.linear(channel);
+        combine(parts, rho_d, strength)
+    }
+
+    /// ρd and strength of a channel as they count.
+    fn linear(&self, channel: usize) -> [f64; 2] {
+        let (rho_d, strength) = (self.unknowns[2 + 2 * channel], self.unknowns[3 + 2 * channel]);
+        match self.range {
+            Range::Free => [rho_d, strength],
+            Range::Physical => physical(rho_d, strength),
+        }
     }
 
     fn weigh(&mut self) {
@@ -120,8 +148,14 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
         }
         for at in 0..self.weights.len() {
             let (sample, channel) = (at / channels, at % channels);
-            jacobian[(at, 2 + 2 * channel)] = WHITE * self.weights[at];
-            jacobian[(at, 3 + 2 * channel)] = self.parts[sample][1] * self.weights[at];
+            let [rho_d, strength] = self.linear(channel);
+            let is_free = |unknown: usize, value: f64| (self.unknowns[unknown] - value).abs() < f64::EPSILON;
+            if is_free(2 + 2 * channel, rho_d) {
+                jacobian[(at, 2 + 2 * channel)] = WHITE * self.weights[at];
+            }
+            if is_free(3 + 2 * channel, strength) {
+                jacobian[(at, 3 + 2 * channel)] = self.parts[sample][1] * self.weights[at];
+            }
         }
         Some(jacobian)
     }
@@ -136,34 +170,63 @@ pub(super) fn solve(
     seen: &Observations,
     sharp: &Observations,
     from: &DVector<f64>,
+    range: Range,
 ) -> Result<Solution, FitError> {
     let mut problem = Problem {
         model,
         seen,
         sharp,
         weights: Vec::new(),
+        range,
         unknowns: from.clone(),
         parts: Vec::new(),
     };
     problem.set_params(from);
     problem.weigh();
+    let mut is_converged = true;
     // Once more with the weights that belong to the solution.
     for _ in 0..2 {
         let (solved, report) = LevenbergMarquardt::new().minimize(problem);
         problem = solved;
+        is_converged = report.termination.was_successful();
         let is_in_range = alpha(&problem.unknowns).iter().all(|alpha| ALPHA.contains(alpha));
-        if !report.termination.was_successful() || !is_in_range {
+        let is_bare = (0..seen.channels).all(|channel| range == Range::Physical && problem.linear(channel)[1] <= 0.0);
+        if !is_in_range || is_bare {
             return Err(FitError::NoLobe {
                 alpha: alpha(&problem.unknowns),
             });
         }
         problem.weigh();
     }
+    for channel in 0..seen.channels {
+        let [rho_d, strength] = problem.linear(channel);
+        problem.unknowns[2 + 2 * channel] = rho_d;
+        problem.unknowns[3 + 2 * channel] = strength;
+    }
     let mut jacobian = problem.jacobian().expect("invariant: always there");
+    // What sits at a bound does not vary.
+    let at_bound: Vec<usize> = match range {
+        Range::Free => Vec::new(),
+        Range::Physical => (2..problem.unknowns.len())
+            .filter(|&at| {
+                let [rho_d, strength] = problem.linear((at - 2) / 2);
+                let value = if at.is_multiple_of(2) { rho_d } else { strength };
+                value <= 0.0 || value >= 1.0 || (at % 2 == 1 && rho_d + strength >= 1.0)
+            })
+            .collect(),
+    };
+    for &at in &at_bound {
+        jacobian.column_mut(at).fill(0.0);
+    }
     let normal = jacobian.tr_mul(&jacobian);
     // Scaled, so that what is singular does not depend on units.
-    let scale = normal.diagonal().map(|square| square.sqrt().max(1e-300).recip());
+    let scale = normal
+        .diagonal()
+        .map(|square| if square > 0.0 { square.sqrt().recip() } else { 1.0 });
     let scaled = DMatrix::from_fn(normal.nrows(), normal.ncols(), |i, j| {
+        if i == j && at_bound.contains(&i) {
+            return 1.0;
+        }
         normal[(i, j)] * scale[i] * scale[j]
     });
     let inverse = scaled.cholesky().ok_or(FitError::NoLobe {
@@ -183,17 +246,19 @@ pub(super) fn solve(
         unknowns: problem.unknowns,
         covariance,
         chi_squared,
+        is_converged,
     })
 }
 
-/// Unknowns to begin at: the best of a grid of roughness, with the others by linear least squares.
-pub(super) fn start(model: Model, seen: &Observations) -> DVector<f64> {
+/// Unknowns to begin at: the best of a grid of roughness, with the others by linear least squares, within `range`.
+pub(super) fn start(model: Model, seen: &Observations, range: Range) -> DVector<f64> {
     let channels = seen.channels;
     let mut problem = Problem {
         model,
         seen,
         sharp: seen,
         weights: Vec::new(),
+        range,
         unknowns: DVector::zeros(2 + 2 * channels),
         parts: Vec::new(),
     };
@@ -214,7 +279,10 @@ pub(super) fn start(model: Model, seen: &Observations) -> DVector<f64> {
             problem.unknowns[1] = alpha_y.ln();
             problem.parts = problem.parts_at([alpha_x, alpha_y], seen);
             for channel in 0..channels {
-                let [rho_d, strength] = linear(&problem, channel);
+                let [rho_d, strength] = match (range, linear(&problem, channel)) {
+                    (Range::Free, found) => found,
+                    (Range::Physical, [rho_d, strength]) => physical(rho_d, strength),
+                };
                 problem.unknowns[2 + 2 * channel] = rho_d;
                 problem.unknowns[3 + 2 * channel] = strength;
             }

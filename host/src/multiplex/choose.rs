@@ -75,8 +75,9 @@ pub struct Alternative {
     pub repeats: usize,
     /// Time that all of it takes in s.
     pub time_s: f64,
-    /// Median relative standard uncertainty over all values (k = 1).
-    pub uncertainty: f64,
+    /// Median relative standard uncertainty over all values (k = 1); `None` without a value, or if half of them or more
+    /// saturate.
+    pub uncertainty: Option<f64>,
     /// The same in each of [`REGIONS`]; `None` where the pilot has no value.
     pub by_region: [Option<f64>; 4],
 }
@@ -88,8 +89,8 @@ pub struct Choice {
     pub directions: usize,
     /// Time in s that every alternative may take.
     pub time_s: f64,
-    /// Share of photon noise in the variance of a single exposure, median over all values.
-    pub photon_share: f64,
+    /// Share of photon noise in the variance of a single exposure, median over all values; `None` without a value.
+    pub photon_share: Option<f64>,
     /// All of them; the first is the plain measurement.
     pub alternatives: Vec<Alternative>,
     /// Orders that were left out, and why.
@@ -188,11 +189,7 @@ pub fn choose(
         });
     }
     let pick = (0..alternatives.len())
-        .min_by(|a, b| {
-            alternatives[*a]
-                .uncertainty
-                .total_cmp(&alternatives[*b].uncertainty)
-        })
+        .min_by(|a, b| rank(&alternatives[*a]).total_cmp(&rank(&alternatives[*b])))
         .expect("there are always single exposures");
     let photon_share = median(
         singles
@@ -202,7 +199,7 @@ pub fn choose(
             .map(|x| x / (x + dark_variance(rig, plain_s)))
             .collect(),
     )
-    .unwrap_or(0.0);
+    .filter(|share| share.is_finite());
     Ok(Choice {
         directions,
         time_s,
@@ -218,6 +215,11 @@ pub fn choose(
             .collect(),
         pick,
     })
+}
+
+/// The uncertainty to compare by: none is worse than any.
+fn rank(alternative: &Alternative) -> f64 {
+    alternative.uncertainty.unwrap_or(f64::INFINITY)
 }
 
 /// Time in s of `exposures` exposures of `exposure_s` seconds.
@@ -238,14 +240,14 @@ fn filled(rig: &Rig, exposures: usize, longest_s: f64, time_s: f64) -> Result<(f
     Ok((exposure_s, (passes as usize).max(1)))
 }
 
-/// Median of √(variance/repeats)/signal, over all values and in each region; `variance(value, number of the value)` is
-/// in e⁻².
+/// Median of √(variance/repeats)/signal, over all values and in each region, where it is a number; `variance(value, number
+/// of the value)` is in e⁻².
 fn medians(
     values: &[Value],
     exposure_s: f64,
     repeats: usize,
     variance: impl Fn(&Value, usize) -> f64,
-) -> (f64, [Option<f64>; 4]) {
+) -> (Option<f64>, [Option<f64>; 4]) {
     let mut regions: [Vec<f64>; 4] = Default::default();
     for (turn, value) in values.iter().enumerate() {
         let relative = (variance(value, turn) / repeats as f64).sqrt() / (value.rate * exposure_s);
@@ -259,8 +261,9 @@ fn medians(
             relative
         });
     }
-    let all = median(regions.iter().flatten().copied().collect());
-    (all.unwrap_or(f64::INFINITY), regions.map(median))
+    let number = |values: Vec<f64>| median(values).filter(|median| median.is_finite());
+    let all = number(regions.iter().flatten().copied().collect());
+    (all, regions.map(number))
 }
 
 fn median(mut values: Vec<f64>) -> Option<f64> {
@@ -271,14 +274,18 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
     Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-fn verdict(alternatives: &[Alternative], pick: usize, photon_share: f64) -> String {
+fn verdict(alternatives: &[Alternative], pick: usize, photon_share: Option<f64>) -> String {
     let best = |multiplexed: bool| {
         alternatives
             .iter()
             .filter(|one| (one.method == Method::Multiplexed) == multiplexed)
-            .min_by(|a, b| a.uncertainty.total_cmp(&b.uncertainty))
+            .filter_map(|one| Some((one, one.uncertainty?)))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
     };
-    let (Some(single), Some(coded)) = (best(false), best(true)) else {
+    let (Some((single, of_single)), Some(photon_share)) = (best(false), photon_share) else {
+        return "no recommendation: the pilot captured no value that stands for an uncertainty".to_owned();
+    };
+    let Some((coded, of_coded)) = best(true) else {
         return "do not multiplex: no order can be used".to_owned();
     };
     let (photon, read) = (100.0 * photon_share, 100.0 * (1.0 - photon_share));
@@ -287,7 +294,7 @@ fn verdict(alternatives: &[Alternative], pick: usize, photon_share: f64) -> Stri
             "multiplex with order {}: read noise makes {read:.0} % of the variance of a single exposure; the median \
              uncertainty falls by a factor of {:.2}",
             coded.order,
-            single.uncertainty / coded.uncertainty
+            of_single / of_coded
         );
     }
     let why = if photon_share > 0.5 {
@@ -306,7 +313,7 @@ fn verdict(alternatives: &[Alternative], pick: usize, photon_share: f64) -> Stri
     format!(
         "do not multiplex: {why}; the best order, {}, would be {:.2} times as uncertain",
         coded.order,
-        coded.uncertainty / single.uncertainty
+        of_coded / of_single
     )
 }
 

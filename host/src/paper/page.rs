@@ -174,7 +174,7 @@ fn said_of(study: &Study) -> String {
     let coarsest = study
         .rows
         .iter()
-        .filter(|row| row.psnr.psnr_y_db.is_none_or(|db| db > 40.0))
+        .filter(|row| row.psnr.exact || row.psnr.psnr_y_db.is_some_and(|db| db > 40.0))
         .min_by_key(|row| (row.captures, row.image_size));
     let first = coarsest.map_or_else(String::new, |row| {
         format!(

@@ -168,6 +168,17 @@ pub fn automatic_exposure(rows: &[Vec<Picture>]) -> f32 {
         .map_or(1.0, |&level| 1.0 / level.max(1e-6))
 }
 
+/// Share of the lit pixels of the pictures that have a value; the others are hatched. `None` if nothing is lit.
+#[must_use]
+pub fn share_with_values(rows: &[Vec<Picture>]) -> Option<f64> {
+    let (mut all, mut known) = (0_usize, 0_usize);
+    for value in rows.iter().flatten().flat_map(Picture::values) {
+        all += 1;
+        known += usize::from(value.is_ok());
+    }
+    (all > 0).then(|| known as f64 / all as f64)
+}
+
 /// Why a picture cannot be saved.
 #[derive(Debug, thiserror::Error)]
 pub enum PictureError {

@@ -276,9 +276,11 @@ impl BrdfReader {
         self.f.range(index)
     }
 
-    /// Whether chunk `index` was written.
+    /// Whether anything of chunk `index` was written; if only a part of it was, reading says so.
     pub fn chunk_is_present(&self, index: usize) -> bool {
-        self.f.is_present(index)
+        [&self.f, &self.sigma, &self.provenance]
+            .iter()
+            .any(|array| array.is_present(index))
     }
 
     /// The values of the small array `name`, row-major.

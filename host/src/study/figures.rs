@@ -19,6 +19,13 @@ use crate::sample::Sample;
 const COMPARED_LIGHTS_DEG: [(f64, f64); 2] = [(45.0, 90.0), (60.0, 36.0)];
 
 impl Study {
+    /// Whether the pictures show anything of the sample; if not there is no PSNR.
+    #[must_use]
+    pub fn shows_something(&self) -> bool {
+        let mut all = self.rows.iter().chain(&self.methods);
+        all.any(|row| row.psnr.exact || row.psnr.psnr_y_db.is_some())
+    }
+
     /// PSNR of Y against the interval, one curve per image size: figure 8 of the paper.
     #[must_use]
     pub fn against_interval(&self) -> Chart {
@@ -174,16 +181,21 @@ impl Study {
     }
 }
 
-/// A row per reconstruction; PSNR is empty where it is infinite.
+/// A row per reconstruction; PSNR is empty where there is none, and `exact` says whether that is because nothing differs.
 fn csv(rows: &[Row]) -> String {
     let mut table =
-        "interval_deg,image_size,captures,interpolation,psnr_y_db,psnr_cb_db,psnr_cr_db\n".to_owned();
+        "interval_deg,image_size,captures,interpolation,psnr_y_db,psnr_cb_db,psnr_cr_db,exact,scored_share\n".to_owned();
     for row in rows {
         let psnr = [row.psnr.psnr_y_db, row.psnr.psnr_cb_db, row.psnr.psnr_cr_db];
         let [y, cb, cr] = psnr.map(|db| db.map_or_else(String::new, |db| format!("{db:.3}")));
         let (interval, size, method) = (row.interval_deg, row.image_size, row.interpolation.name());
-        writeln!(table, "{interval},{size},{},{method},{y},{cb},{cr}", row.captures)
-            .expect("strings take everything");
+        let (exact, share) = (row.psnr.exact, row.psnr.scored_share);
+        writeln!(
+            table,
+            "{interval},{size},{},{method},{y},{cb},{cr},{exact},{share:.4}",
+            row.captures
+        )
+        .expect("strings take everything");
     }
     table
 }

@@ -106,6 +106,8 @@ pub struct Study {
     pub rows: Vec<Row>,
     /// One per coarse interval and interpolation, all at [`COMPARED_IMAGE_SIZE`].
     pub methods: Vec<Row>,
+    /// What the study does not say, in sentences.
+    pub warnings: Vec<String>,
 }
 
 /// Why there is no study.
@@ -259,6 +261,7 @@ pub fn study(
         });
         progress.reach(rows.len());
     }
+    let warnings = warnings(&spheres, &rows);
     let methods = rows.split_off(curves);
     progress.end();
     let study = Study {
@@ -269,11 +272,28 @@ pub fn study(
         grid: settings.grid(90.0).kind(),
         rows,
         methods,
+        warnings,
     };
     if let Some(out) = out {
         study.save(sample, out)?;
     }
     Ok(study)
+}
+
+fn warnings(spheres: &Spheres, rows: &[Row]) -> Vec<String> {
+    let mut warnings = Vec::new();
+    if !spheres.show_something() {
+        let why = "the pictures are black or clipped everywhere and show nothing of the sample";
+        warnings.push(format!("PSNR: none, {why}; choose another exposure"));
+    }
+    let least = rows.iter().map(|row| row.psnr.scored_share).fold(1.0, f64::min);
+    if least < 1.0 {
+        warnings.push(format!(
+            "PSNR: only {:.2} % of the lit pixels have a value and are scored in the worst case",
+            100.0 * least
+        ));
+    }
+    warnings
 }
 
 /// What can be looked up in ideal captures of `sample` from the directions of `set` with `image_size` pixels a side.

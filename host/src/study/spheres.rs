@@ -4,7 +4,9 @@
 //! A sphere of 160 × 160 pixels, seen from +z, under 19 × 10 distant lights: θ from 0 to 90° in steps of 5°, ten
 //! azimuths from 0° in steps of 36°. The ten lights at θ = 0 are one and the same and are rendered once. A picture is
 //! f·cosθi · exposure, clipped to 0–1, linear (not gamma coded). PSNR is that of the whole picture with its black
-//! surroundings, for a peak of 1, and of the lights the worst counts, per channel Y, Cb, Cr (ITU-R BT.601).
+//! surroundings, for a peak of 1, and of the lights the worst counts, per channel Y, Cb, Cr (ITU-R BT.601). A pixel whose
+//! direction has no value, in the truth or in the reconstruction, is not scored, and the share of those that are is told.
+//! Pictures that are black, or clipped, everywhere have no PSNR however well they agree: they show nothing of the sample.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -22,7 +24,9 @@ pub const LIGHT_THETAS: usize = 19;
 /// Azimuths of the lights.
 pub const LIGHT_PHIS: usize = 10;
 
-/// Peak signal-to-noise ratio in dB per channel, the smallest over the lights; `None` where all pictures are exact.
+/// Peak signal-to-noise ratio in dB per channel, the smallest over the lights.
+///
+/// `None` where there is none: all pictures are exact (`exact` says so of Y), or they show nothing by which to judge.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Psnr {
     /// Luma.
@@ -31,6 +35,10 @@ pub struct Psnr {
     pub psnr_cb_db: Option<f64>,
     /// Red difference.
     pub psnr_cr_db: Option<f64>,
+    /// Whether Y agrees to the last bit in all pictures, and shows something.
+    pub exact: bool,
+    /// Share of the lit pixels of all pictures that are scored: they have a value in truth and reconstruction.
+    pub scored_share: f64,
 }
 
 /// The true pictures.
@@ -40,8 +48,10 @@ pub struct Spheres {
     lit: Vec<LitSphere>,
     /// Directions of all lit pixels, sphere after sphere.
     pairs: Vec<(DVec3, DVec3)>,
-    /// Y, Cb, Cr of the true pictures at those pixels.
-    truth: Vec<[f32; 3]>,
+    /// Y, Cb, Cr of the true pictures at those pixels; `None` where the truth has no value.
+    truth: Vec<Option<[f32; 3]>>,
+    /// Whether the pictures show anything: some pixel is neither black nor clipped.
+    shown: bool,
 }
 
 impl Spheres {
@@ -71,43 +81,67 @@ impl Spheres {
             lit,
             pairs,
             truth: Vec::new(),
+            shown: false,
         };
         spheres.truth = spheres.pictures(&values);
+        let mut luma = spheres.truth.iter().flatten().map(|ycbcr| ycbcr[0]);
+        spheres.shown = luma.any(|y| y > 0.0 && y < 1.0);
         Ok(spheres)
     }
 
-    /// How well `reconstruction` reproduces the pictures. What it has no value for is black.
+    /// Whether the pictures show anything: some pixel is neither black nor clipped.
+    #[must_use]
+    pub const fn show_something(&self) -> bool {
+        self.shown
+    }
+
+    /// How well `reconstruction` reproduces the pictures. What it has no value for is not scored.
     ///
     /// # Errors
     /// [`StoreError`] if it cannot be read.
     pub fn judge(&self, reconstruction: &dyn Reflectance) -> Result<Psnr, StoreError> {
         let pictures = self.pictures(&reconstruction.values(&self.pairs)?);
-        let mut worst = [0.0_f64; 3];
-        let mut first = 0;
+        // Of the spheres with a scored pixel.
+        let mut worst: Option<[f64; 3]> = None;
+        let (mut first, mut scored) = (0, 0_usize);
         for sphere in &self.lit {
             let range = first..first + sphere.pairs.len();
             first = range.end;
-            let mut sum = [0.0; 3];
-            for (found, truth) in pictures[range.clone()].iter().zip(&self.truth[range]) {
+            let (mut sum, mut count) = ([0.0; 3], 0);
+            for pair in pictures[range.clone()].iter().zip(&self.truth[range.clone()]) {
+                let (Some(found), Some(truth)) = pair else { continue };
                 sum = std::array::from_fn(|c| sum[c] + f64::from(found[c] - truth[c]).powi(2));
+                count += 1;
             }
-            worst = std::array::from_fn(|c| worst[c].max(sum[c] / (SPHERE_PX * SPHERE_PX) as f64));
+            if count == 0 {
+                continue;
+            }
+            scored += count;
+            // The surroundings are black in both and count; what has no value does not.
+            let pixels = (SPHERE_PX * SPHERE_PX - (range.len() - count)) as f64;
+            let before = worst.unwrap_or([0.0; 3]);
+            worst = Some(std::array::from_fn(|c| before[c].max(sum[c] / pixels)));
         }
-        let [psnr_y_db, psnr_cb_db, psnr_cr_db] =
-            worst.map(|square| (square > 0.0).then(|| -10.0 * square.log10()));
+        let square = |channel: usize| worst.filter(|_| self.shown).map(|worst| worst[channel]);
+        let db = |channel: usize| square(channel).filter(|square| *square > 0.0).map(|square| -10.0 * square.log10());
         Ok(Psnr {
-            psnr_y_db,
-            psnr_cb_db,
-            psnr_cr_db,
+            psnr_y_db: db(0),
+            psnr_cb_db: db(1),
+            psnr_cr_db: db(2),
+            exact: square(0) == Some(0.0),
+            scored_share: if self.pairs.is_empty() {
+                0.0
+            } else {
+                scored as f64 / self.pairs.len() as f64
+            },
         })
     }
 
-    fn pictures(&self, values: &[Value]) -> Vec<[f32; 3]> {
+    fn pictures(&self, values: &[Value]) -> Vec<Option<[f32; 3]>> {
         let picture = |(value, (wi, _)): (&Value, &(DVec3, DVec3))| {
-            let [r, g, b] = value
-                .unwrap_or_default()
-                .map(|f| (f * wi.z as f32 * self.exposure).clamp(0.0, 1.0));
-            ycbcr(r, g, b)
+            let f = value.ok().filter(|f| f.iter().all(|f| f.is_finite()))?;
+            let [r, g, b] = f.map(|f| (f * wi.z as f32 * self.exposure).clamp(0.0, 1.0));
+            Some(ycbcr(r, g, b))
         };
         values.par_iter().zip(&self.pairs).map(picture).collect()
     }
@@ -161,7 +195,9 @@ mod tests {
             Psnr {
                 psnr_y_db: None,
                 psnr_cb_db: None,
-                psnr_cr_db: None
+                psnr_cr_db: None,
+                exact: true,
+                scored_share: 1.0,
             }
         );
         // 0.01 too bright wherever light falls: the light from behind the camera lights the whole disk, π/4·0.96² of
@@ -186,10 +222,53 @@ mod tests {
         );
     }
 
+    /// Lambert without values for x > 0.
+    struct Half;
+
+    impl Reflectance for Half {
+        fn values(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Value>, StoreError> {
+            let hidden = Err(crate::brdf::Missing::Saturated);
+            Ok(pairs
+                .iter()
+                .map(|pair| if pair.1.x > 0.0 { hidden } else { Ok([0.2; 3]) })
+                .collect())
+        }
+    }
+
+    /// Nothing at all.
+    struct Nothing;
+
+    impl Reflectance for Nothing {
+        fn values(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Value>, StoreError> {
+            Ok(vec![Err(crate::brdf::Missing::Saturated); pairs.len()])
+        }
+    }
+
     #[test]
-    fn what_is_clipped_is_not_an_error() {
-        let lambert = parse("lambert:1").unwrap();
-        let spheres = Spheres::new(&lambert, 1e9).unwrap();
-        assert_eq!(spheres.judge(&Off(&lambert, [1.0; 3])).unwrap().psnr_y_db, None);
+    fn what_has_no_value_or_shows_nothing_is_not_scored() {
+        let lambert = parse("lambert:0.5").unwrap();
+        let spheres = Spheres::new(&lambert, 1.0).unwrap();
+        let none = Psnr {
+            psnr_y_db: None,
+            psnr_cb_db: None,
+            psnr_cr_db: None,
+            exact: false,
+            scored_share: 0.0,
+        };
+        assert_eq!(spheres.judge(&Nothing).unwrap(), none);
+        assert_eq!(Spheres::new(&Nothing, 1.0).unwrap().judge(&lambert).unwrap(), none);
+        // 0.2 instead of 0.5/π, where there is a value: half of it has none, on either side.
+        let half = spheres.judge(&Half).unwrap();
+        let other_way = Spheres::new(&Half, 1.0).unwrap().judge(&lambert).unwrap();
+        assert!((0.3..0.7).contains(&half.scored_share), "{half:?}");
+        assert!((half.psnr_y_db.unwrap() - other_way.psnr_y_db.unwrap()).abs() < 1e-3);
+        // Black, and clipped everywhere: nothing is shown.
+        for (sample, exposure) in [("lambert:0", 1.0), ("lambert:1", 1e9)] {
+            let sample = parse(sample).unwrap();
+            let spheres = Spheres::new(&sample, exposure).unwrap();
+            let found = spheres.judge(&Off(&sample, [1.0; 3])).unwrap();
+            assert!(found.psnr_y_db.is_none() && !found.exact, "{found:?}");
+            assert!(!spheres.show_something());
+        }
     }
 }

@@ -66,7 +66,7 @@ fn a_study_writes_what_it_says() {
     let mut lines = table.lines();
     assert_eq!(
         lines.next().unwrap(),
-        "interval_deg,image_size,captures,interpolation,psnr_y_db,psnr_cb_db,psnr_cr_db"
+        "interval_deg,image_size,captures,interpolation,psnr_y_db,psnr_cb_db,psnr_cr_db,exact,scored_share"
     );
     assert!(lines.next().unwrap().starts_with("30,16,36,direct,"));
     assert_eq!(lines.count(), 3);

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use rcg::measurement::Measurement;
+use rcg::report::dynamic_range;
 
 use crate::Done;
 use crate::output::Output;
@@ -20,12 +21,16 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
     let assembled = rcg::measure::assemble_measurement(&measurement, output)?;
     output.print(&assembled, || {
         format!(
-            "{} incident directions, {} samples measured, {} saturated, dynamic range {:.0} : 1: {}\n",
+            "{} incident directions, {} samples measured, {} saturated, dynamic range {}: {}\n",
             assembled.directions,
             assembled.measured,
             assembled.saturated,
-            assembled.dynamic_range,
+            dynamic_range(assembled.dynamic_range),
             measurement.path("brdf.zarr").display()
         )
-    })
+    })?;
+    if assembled.measured == 0 {
+        output.warn(&["nothing was measured: no sample has a value".to_owned()]);
+    }
+    Ok(())
 }

@@ -2,11 +2,15 @@
 
 use std::path::PathBuf;
 
-use rcg::brdf::Brdf;
+use rcg::brdf::{Brdf, KnownBrdf};
 use rcg::evaluate::{Evaluation, Repeatability, evaluate, repeatability};
 use rcg::progress::Progress as _;
+use rcg::reflectance::Source;
+use rcg::report::quantile;
+use rcg::sample::Sample;
 
 use crate::Done;
+use crate::failure::Failure;
 use crate::output::{Output, table};
 
 /// Judge a BRDF by itself and against a known sample.
@@ -15,7 +19,7 @@ pub(crate) struct Args {
     /// A brdf.zarr
     #[arg(value_name = "BRDF")]
     brdf: PathBuf,
-    /// What it should be: a model such as ward:brass, or a measured .bsdf file
+    /// What it should be: a model such as ward:brass, a measured .bsdf file, or another brdf.zarr
     #[arg(long, value_name = "SAMPLE")]
     reference: Option<String>,
     /// Another capture of the same sample with the same directions, for the repeatability
@@ -38,7 +42,7 @@ struct Answer {
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
     let brdf = Brdf::open(&args.brdf)?;
-    let sample = args.reference.as_deref().map(rcg::sample::parse).transpose()?;
+    let sample = args.reference.as_deref().map(|spec| reference(spec, &brdf)).transpose()?;
     let reference = args.reference.as_deref().zip(sample.as_deref());
     output.begin("evaluate", brdf.chunks(), "chunks");
     let evaluation = evaluate(&brdf, reference, &|done| output.reach(done))?;
@@ -54,16 +58,31 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
     output.print(&answer, || {
         let mut lines = rcg::report::evaluation_lines(&answer.evaluation);
         if let Some(found) = &answer.repeatability {
+            let figure = |figure: Option<String>| figure.unwrap_or_else(|| "none".to_owned());
             lines.push((
                 "repeatability",
                 format!(
-                    "{:.2} % standard deviation (median), {:.2} of the stated uncertainty",
-                    100.0 * found.relative_standard_deviation,
-                    found.normalised_difference
+                    "{} standard deviation (median), {} of the stated uncertainty, from {} of the pairs",
+                    quantile(found.relative_standard_deviation),
+                    figure(found.normalised_difference.map(|share| format!("{share:.2}"))),
+                    figure(found.share.map(|share| format!("{:.2} %", 100.0 * share)))
                 ),
             ));
         }
         lines.push(("others state", PUBLISHED.to_owned()));
         table(&lines)
+    })?;
+    output.warn(&answer.evaluation.warnings);
+    if let Some(found) = &answer.repeatability {
+        output.warn(&found.warnings);
+    }
+    Ok(())
+}
+
+/// What `brdf` is compared with: a known sample, or another measurement of it.
+fn reference(spec: &str, brdf: &Brdf) -> Result<Box<dyn Sample>, Failure> {
+    Ok(match Source::open(spec)? {
+        Source::Known(sample) => sample,
+        Source::Measured(other) => Box::new(KnownBrdf::beside(&other, brdf)?),
     })
 }

@@ -152,7 +152,7 @@ impl Blame for FillError {
             Self::Brdf(error) => error.is_input(),
             Self::Store(error) => error.is_input(),
             Self::Fit(error) => error.is_input(),
-            Self::Differs { .. } | Self::NoOverlap { .. } => true,
+            Self::Differs { .. } | Self::NoOverlap { .. } | Self::Nothing { .. } => true,
         }
     }
 }
@@ -239,7 +239,7 @@ impl Blame for FitError {
     fn is_input(&self) -> bool {
         match self {
             Self::Store(error) => error.is_input(),
-            Self::TooFew { .. } | Self::NoLobe { .. } => true,
+            Self::TooFew { .. } | Self::OneSided { .. } | Self::NoLobe { .. } => true,
         }
     }
 }

@@ -35,7 +35,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
     });
     let first = paths.next().expect("invariant: at least one is required");
     let filled = fill(&first, &paths.collect::<Vec<_>>(), &args.out, output)?;
-    output.print(&filled, || text(&filled))
+    output.print(&filled, || text(&filled))?;
+    output.warn(&filled.warnings);
+    Ok(())
 }
 
 fn text(filled: &Filled) -> String {
@@ -55,11 +57,16 @@ fn text(filled: &Filled) -> String {
         let parameters: Vec<String> = model
             .parameters
             .iter()
-            .map(|p| format!("{} {:.4} ± {:.4}", p.name, p.value, p.standard_uncertainty))
+            .map(|p| match p.standard_uncertainty {
+                Some(sigma) => format!("{} {:.4} ± {sigma:.4}", p.name, p.value),
+                None => format!("{} {:.4}", p.name, p.value),
+            })
             .collect();
-        writeln!(text, "model: ggx, {}", parameters.join(", ")).expect("strings take everything");
+        let verdict = if model.acceptable { "" } else { "; it is not acceptable" };
+        writeln!(text, "model: ggx, {}{verdict}", parameters.join(", ")).expect("strings take everything");
     }
-    writeln!(text, "pairs of directions with θ ≤ 85°:").expect("strings take everything");
+    let none = if filled.shares.is_empty() { " none" } else { "" };
+    writeln!(text, "pairs of directions with θ ≤ 85°:{none}").expect("strings take everything");
     for share in filled.shares.iter().filter(|share| share.share > 0.0) {
         writeln!(text, "{:<14} {:6.2} %", share.provenance, 100.0 * share.share)
             .expect("strings take everything");

@@ -15,7 +15,8 @@ use crate::output::{Output, to_write};
 ///
 /// `ax` and `ay` are the roughness along the sample's x and y, `rd` the diffuse reflectance, `rs` (Ward) or `f0` (GGX) the
 /// strength of the lobe, per channel. Samples with θ up to 80° both ways take part, weighted by their uncertainty; the blur
-/// of light and pixels is part of the model. Uncertainties are standard uncertainties (k = 1).
+/// of light and pixels is part of the model. Uncertainties are standard uncertainties (k = 1); a fit whose residuals
+/// refute the model, that has not converged or that left what is physical has none, and says so.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// A brdf.zarr, a measured .bsdf file, or a model such as ggx:satin
@@ -54,25 +55,42 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
     if let Some(path) = &args.residuals {
         fit.save_residuals(&args.brdf, path)?;
     }
-    output.print(&fit, || text(&fit))
+    output.print(&fit, || text(&fit))?;
+    output.warn(&fit.warnings);
+    Ok(())
 }
 
 fn text(fit: &Fit) -> String {
     let mut text = String::new();
     for parameter in &fit.parameters {
-        let relative = 100.0 * parameter.standard_uncertainty / parameter.value.abs();
+        let uncertainty = match parameter.standard_uncertainty {
+            Some(sigma) if parameter.value > 0.0 => {
+                format!("{sigma:.5} ({:.2} %, k = 1)", 100.0 * sigma / parameter.value)
+            }
+            Some(sigma) => format!("{sigma:.5} (k = 1)"),
+            None => "none".to_owned(),
+        };
+        let bound = if parameter.at_bound { ", at its bound" } else { "" };
         writeln!(
             text,
-            "{:<5} {:>9.5} ± {:.5} ({relative:.2} %, k = 1)",
-            parameter.name, parameter.value, parameter.standard_uncertainty
+            "{:<5} {:>9.5} ± {uncertainty}{bound}",
+            parameter.name, parameter.value
         )
         .expect("strings take everything");
     }
+    let lack = fit
+        .lack_of_fit_percent
+        .map_or_else(|| "none".to_owned(), |percent| format!("{percent:.2} %"));
     writeln!(
         text,
-        "{} samples, χ² per degree of freedom {:.3}",
+        "{} samples, χ² per degree of freedom {:.3}, lack of fit {lack}",
         fit.samples, fit.chi_squared_per_degree
     )
     .expect("strings take everything");
+    let verdict = if fit.acceptable { "the fit is acceptable" } else { "the fit is not acceptable" };
+    writeln!(text, "{verdict}").expect("strings take everything");
+    for warning in &fit.warnings {
+        writeln!(text, "{warning}").expect("strings take everything");
+    }
     text
 }

@@ -74,5 +74,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         let mut lines = lines(&summary);
         lines.push(("report", measurement.path("report.html").display().to_string()));
         table(&lines)
-    })
+    })?;
+    output.warn(&summary.evaluation.warnings);
+    Ok(())
 }

@@ -130,7 +130,7 @@ fn text(choice: &Choice) -> String {
             one.exposures,
             duration(one.exposure_s),
             one.repeats,
-            percent(one.uncertainty),
+            one.uncertainty.map_or_else(|| "-".to_owned(), percent),
             regions.join("  "),
             if index == choice.pick { "  <- pick" } else { "" }
         )

@@ -77,6 +77,14 @@ impl Output {
         Ok(())
     }
 
+    /// Says what the answer does not hold, unless remarks are unwanted; it has to be in the answer itself too.
+    pub(crate) fn warn(&self, sentences: &[String]) {
+        for sentence in sentences.iter().filter(|_| !self.quiet) {
+            // A reader of stderr that has gone is no reason to fail.
+            writeln!(io::stderr(), "rcg: warning: {sentence}").ok();
+        }
+    }
+
     /// Says why the command failed.
     pub(crate) fn fail(&self, failure: &Failure) {
         self.end();

@@ -72,5 +72,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
             args.out.display(),
             scan.missing()
         )
-    })
+    })?;
+    if scan.missing() == incident.len() * scan.phi_r_deg.len() {
+        output.warn(&["the scan shows nothing: none of its directions has a value".to_owned()]);
+    }
+    Ok(())
 }

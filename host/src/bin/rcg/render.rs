@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use rcg::file_format::PICTURE;
 use rcg::reflectance::Source;
-use rcg::render::{automatic_exposure, corrugated, save, sheet, sphere};
+use rcg::render::{automatic_exposure, corrugated, save, share_with_values, sheet, sphere};
 use serde_json::json;
 
 use crate::Done;
@@ -108,10 +108,16 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
     }
     let exposure = args.exposure.unwrap_or_else(|| automatic_exposure(&rows));
     save(&sheet(&rows, exposure), &args.out)?;
+    let share = share_with_values(&rows);
     let value = json!({
-        "out": args.out, "size": args.size, "lights_deg": args.light, "exposure": exposure,
+        "out": args.out, "size": args.size, "lights_deg": args.light, "exposure": exposure, "with_values": share,
     });
     output.print(&value, || {
         format!("{} (exposure {exposure:.4})\n", args.out.display())
-    })
+    })?;
+    if share.is_none_or(|share| share <= 0.0) {
+        let why = if share.is_none() { "nothing is lit" } else { "no lit direction has a value" };
+        output.warn(&[format!("the picture shows nothing: {why}")]);
+    }
+    Ok(())
 }

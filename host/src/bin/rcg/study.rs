@@ -15,8 +15,8 @@ use crate::output::Output;
 /// A known sample is captured by an ideal instrument (no hole, no noise), on a grid of incident directions;
 /// spheres of 160x160 pixels under 19x10 lights (theta 0 to 90, 10 azimuths) are rendered from the captures
 /// and from the sample itself. Pictures are f cos(theta_i) times the exposure, clipped to 1; PSNR (peak 1) counts the
-/// whole picture, and the worst of the lights is given for Y, Cb and Cr (BT.601); a grey sample has no error in Cb and Cr
-/// (null, empty).
+/// whole picture, and the worst of the lights is given for Y, Cb and Cr (BT.601). What has no error at all, as Cb and Cr of a
+/// grey sample, is exact (null, empty in the table); where pictures show nothing of the sample there is no PSNR.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// A model such as ward:brass, or a measured .bsdf file
@@ -111,7 +111,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         args.out.as_deref(),
         output,
     )?;
-    output.print(&found, || text(&found))
+    output.print(&found, || text(&found))?;
+    output.warn(&found.warnings);
+    Ok(())
 }
 
 fn text(found: &Study) -> String {
@@ -125,7 +127,8 @@ fn text(found: &Study) -> String {
         if index == break_at {
             text.push_str("interpolations of coarse captures\n");
         }
-        let db = |db: Option<f64>| db.map_or_else(|| "-".to_owned(), |db| format!("{db:.1}"));
+        let without = if found.shows_something() { "exact" } else { "none" };
+        let db = |db: Option<f64>| db.map_or_else(|| without.to_owned(), |db| format!("{db:.1}"));
         let [y, cb, cr] = [row.psnr.psnr_y_db, row.psnr.psnr_cb_db, row.psnr.psnr_cr_db].map(db);
         writeln!(
             text,

@@ -1,0 +1,75 @@
+//! Which captures stand behind a file, so that none counts twice.
+//!
+//! # Design
+//! A capture is known by its content: the SHA-256 of every measured f and where it stands. A copy, a link or another name is
+//! the same capture, and so is one that was assembled again. What is made of captures (`fill`) names them in its
+//! attribute `captures`, so that it is no evidence beside them either.
+
+use rayon::prelude::*;
+use sha2::{Digest as _, Sha256};
+
+use super::{Brdf, BrdfError};
+use crate::provenance::Provenance;
+use crate::store::StoreError;
+
+/// Attribute with the captures that a file was made of.
+pub(crate) const CAPTURES: &str = "captures";
+
+/// The captures behind `brdf`, as hexadecimal sums; none if nothing was measured.
+///
+/// # Errors
+/// [`StoreError`].
+pub(crate) fn captures(brdf: &Brdf) -> Result<Vec<String>, StoreError> {
+    let named = brdf.attributes().get(CAPTURES).and_then(serde_json::Value::as_array);
+    if let Some(named) = named {
+        return Ok(named.iter().filter_map(|name| Some(name.as_str()?.to_owned())).collect());
+    }
+    let channels = brdf.channels();
+    let sums: Vec<Option<[u8; 32]>> = (0..brdf.chunks())
+        .into_par_iter()
+        .map(|chunk| {
+            let Some(rows) = brdf.chunk(chunk)? else {
+                return Ok(None);
+            };
+            let (mut sum, mut any) = (Sha256::new(), false);
+            for (sample, code) in rows.provenance.iter().enumerate() {
+                if Provenance::from_code(*code).is_some_and(Provenance::is_seen) {
+                    any = true;
+                    sum.update((sample as u64).to_le_bytes());
+                    for f in &rows.f[sample * channels..(sample + 1) * channels] {
+                        sum.update(f.to_le_bytes());
+                    }
+                }
+            }
+            Ok(any.then(|| sum.finalize().into()))
+        })
+        .collect::<Result<_, StoreError>>()?;
+    if sums.iter().all(Option::is_none) {
+        return Ok(Vec::new());
+    }
+    let mut sum = Sha256::new();
+    for (chunk, part) in sums.iter().enumerate() {
+        if let Some(part) = part {
+            sum.update((chunk as u64).to_le_bytes());
+            sum.update(part);
+        }
+    }
+    Ok(vec![sum.finalize().iter().map(|byte| format!("{byte:02x}")).collect()])
+}
+
+/// Whether no capture stands behind both files.
+///
+/// # Errors
+/// [`BrdfError`] if one does, or a file cannot be read.
+pub(crate) fn check_apart(a: &Brdf, b: &Brdf) -> Result<(), BrdfError> {
+    let (of_a, of_b) = (captures(a)?, captures(b)?);
+    if of_a.iter().any(|capture| of_b.contains(capture)) {
+        return Err(BrdfError::Content {
+            path: b.path().display().to_string(),
+            field: CAPTURES,
+            expected: format!("another capture than {} holds", a.path().display()),
+            found: "the same one, which is no evidence a second time".to_owned(),
+        });
+    }
+    Ok(())
+}
