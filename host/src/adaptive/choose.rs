@@ -12,12 +12,19 @@ const APART: f64 = 0.9;
 
 /// What is known about the directions between the captured ones.
 pub(super) struct Outlook {
-    /// Predicted mean squared error by interpolation.
-    pub(super) mse: f64,
-    /// Mean squared error by noise.
-    pub(super) noise_mse: f64,
+    /// Predicted mean squared error by interpolation, and that by noise; `None` if no captured image says anything of it.
+    pub(super) predicted: Option<Predicted>,
     /// Where to capture next, the most useful first.
     pub(super) next: Vec<DVec3>,
+}
+
+/// Predicted mean squared errors over all directions in reach.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Predicted {
+    /// By interpolation.
+    pub(super) mse: f64,
+    /// By noise.
+    pub(super) noise_mse: f64,
 }
 
 /// A direction that could be captured.
@@ -30,11 +37,12 @@ struct Candidate {
     distance_rad: f64,
 }
 
-/// The outlook of `list`; `left_out` is empty as long as nothing was captured, and then only distances count.
+/// The outlook of `list`; `left_out` is empty as long as nothing was captured, and then only distances count. Where no
+/// corner of a triangle says anything (all saturated, say), more captures would not either.
 /// `reachable` says whether a direction can be captured; none is proposed nearer than `spot_rad` to a captured one.
 pub(super) fn outlook(
     list: &DirectionList,
-    left_out: &[LeftOut],
+    left_out: &[Option<LeftOut>],
     reachable: &dyn Fn(DVec3) -> bool,
     spot_rad: f64,
     count: usize,
@@ -55,20 +63,23 @@ pub(super) fn outlook(
         let solid_angle_sr = (b - a).cross(c - a).length() / 2.0;
         // Mean over the triangle of the mean squared distance to its corners, weighted as in interpolation.
         let spacing = ((b - a).length_squared() + (c - b).length_squared() + (a - c).length_squared()) / 12.0;
-        let mean = |of: &dyn Fn(&LeftOut) -> f64| {
-            triangle.iter().map(|&index| of(&left_out[index])).sum::<f64>() / 3.0
+        let known: Vec<LeftOut> = if left_out.is_empty() {
+            Vec::new()
+        } else {
+            triangle.iter().filter_map(|&index| left_out[index]).collect()
         };
+        let mean = |of: &dyn Fn(&LeftOut) -> f64| known.iter().map(of).sum::<f64>() / known.len() as f64;
         let error = if left_out.is_empty() {
             spacing
+        } else if known.is_empty() {
+            continue;
         } else {
             mean(&|at| at.mse * spacing / at.spacing)
         };
-        if reachable(middle) && is_judged(middle) {
+        if reachable(middle) && is_judged(middle) && !known.is_empty() {
             mse += solid_angle_sr * error;
             area += solid_angle_sr;
-            if !left_out.is_empty() {
-                noise += solid_angle_sr * mean(&|at| at.noise_mse);
-            }
+            noise += solid_angle_sr * mean(&|at| at.noise_mse);
         }
         let distance_rad = corners
             .map(|corner| angle_between(corner, w))
@@ -96,10 +107,11 @@ pub(super) fn outlook(
             }
         }
     }
-    let area = f64::max(area, f64::MIN_POSITIVE);
     Outlook {
-        mse: mse / area,
-        noise_mse: noise / area,
+        predicted: (area > 0.0).then(|| Predicted {
+            mse: mse / area,
+            noise_mse: noise / area,
+        }),
         next: chosen.into_iter().map(|candidate| candidate.w).collect(),
     }
 }
@@ -122,15 +134,17 @@ mod tests {
     fn what_is_chosen_is_where_the_error_is_and_apart() {
         let list = rings(15.0);
         let bad = from_degrees(50.0, 120.0);
-        let left_out: Vec<LeftOut> = (0..list.len())
-            .map(|index| LeftOut {
-                mse: if angle_between(list.direction(index), bad) < 0.35 {
-                    1.0
-                } else {
-                    1e-4
-                },
-                noise_mse: 0.0,
-                spacing: 0.05,
+        let left_out: Vec<Option<LeftOut>> = (0..list.len())
+            .map(|index| {
+                Some(LeftOut {
+                    mse: if angle_between(list.direction(index), bad) < 0.35 {
+                        1.0
+                    } else {
+                        1e-4
+                    },
+                    noise_mse: 0.0,
+                    spacing: 0.05,
+                })
             })
             .collect();
         let found = outlook(&list, &left_out, &|_| true, 0.01, 4).next;
@@ -148,16 +162,16 @@ mod tests {
         let mse = |step_deg| {
             let list = rings(step_deg);
             let left_out = vec![
-                LeftOut {
+                Some(LeftOut {
                     mse: 1e-3,
                     noise_mse: 1e-5,
                     spacing: 0.1
-                };
+                });
                 list.len()
             ];
-            let outlook = outlook(&list, &left_out, &|_| true, 0.01, 1);
-            assert!((outlook.noise_mse - 1e-5).abs() < 1e-12);
-            outlook.mse
+            let found = outlook(&list, &left_out, &|_| true, 0.01, 1).predicted.unwrap();
+            assert!((found.noise_mse - 1e-5).abs() < 1e-12);
+            found.mse
         };
         assert!(
             (2.5..6.0).contains(&(mse(18.0) / mse(9.0))),
@@ -165,6 +179,25 @@ mod tests {
             mse(18.0),
             mse(9.0)
         );
+    }
+
+    #[test]
+    fn images_that_say_nothing_predict_no_error_and_ask_for_no_more() {
+        let list = rings(15.0);
+        let silent = outlook(&list, &vec![None; list.len()], &|_| true, 0.01, 4);
+        assert!(silent.predicted.is_none() && silent.next.is_empty());
+        // Nor do they pass for perfect ones beside others.
+        let half: Vec<Option<LeftOut>> = (0..list.len())
+            .map(|index| {
+                (list.direction(index).x > 0.0).then_some(LeftOut {
+                    mse: 1e-3,
+                    noise_mse: 1e-5,
+                    spacing: 0.1,
+                })
+            })
+            .collect();
+        let found = outlook(&list, &half, &|_| true, 0.01, 4).predicted.unwrap();
+        assert!((found.noise_mse - 1e-5).abs() < 1e-12, "{found:?}");
     }
 
     #[test]

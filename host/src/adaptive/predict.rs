@@ -50,14 +50,14 @@ pub(super) fn judged_cells(disk: Disk) -> Vec<(usize, DVec3)> {
         .collect()
 }
 
-/// For each of the captured directions, how well the others predict it.
+/// For each of the captured directions, how well the others predict it; `None` where they have no cell in common.
 pub(super) fn leave_one_out(
     angles_deg: &[[f64; 2]],
     set: &IncidentSet,
     images: &[Image],
     disk: Disk,
     cells: &[(usize, DVec3)],
-) -> Vec<LeftOut> {
+) -> Vec<Option<LeftOut>> {
     (0..images.len())
         .into_par_iter()
         .map(|index| {
@@ -91,24 +91,38 @@ fn others(angles_deg: &[[f64; 2]], set: &IncidentSet, index: usize) -> Neighbour
     }
 }
 
-fn left_out(w: DVec3, image: &Image, parts: &[Part], disk: Disk, cells: &[(usize, DVec3)]) -> LeftOut {
+fn left_out(
+    w: DVec3,
+    image: &Image,
+    parts: &[Part],
+    disk: Disk,
+    cells: &[(usize, DVec3)],
+) -> Option<LeftOut> {
     let noise_mse = image.noise * w.z * w.z;
     let of_parts: f64 = parts
         .iter()
         .map(|(_, image, weight)| image.noise * weight * weight)
         .sum();
-    LeftOut {
-        mse: (mse(w, image, parts, disk, cells) - noise_mse - of_parts * w.z * w.z).max(0.0),
+    let mse = mse(w, image, parts, disk, cells)?;
+    Some(LeftOut {
+        mse: (mse - noise_mse - of_parts * w.z * w.z).max(0.0),
         noise_mse,
         spacing: parts
             .iter()
             .map(|(other, _, weight)| weight * angle_between(*other, w).powi(2))
             .sum(),
-    }
+    })
 }
 
-/// Mean squared difference between `image` at incident direction `w` and what `parts` predict, by the better rule.
-pub(super) fn mse(w: DVec3, image: &Image, parts: &[Part], disk: Disk, cells: &[(usize, DVec3)]) -> f64 {
+/// Mean squared difference between `image` at incident direction `w` and what `parts` predict, by the better rule; `None` if
+/// they have no cell in common (everything saturated, or nothing seen).
+pub(super) fn mse(
+    w: DVec3,
+    image: &Image,
+    parts: &[Part],
+    disk: Disk,
+    cells: &[(usize, DVec3)],
+) -> Option<f64> {
     let shown = |f: f64| (f * w.z).clamp(0.0, 1.0);
     let (mut direct, mut half, mut count) = (0.0, 0.0, 0_u32);
     for &(cell, wo) in cells {
@@ -124,7 +138,7 @@ pub(super) fn mse(w: DVec3, image: &Image, parts: &[Part], disk: Disk, cells: &[
         half += (shown(b) - shown(truth)).powi(2);
         count += 1;
     }
-    f64::min(direct, half) / f64::from(count.max(1))
+    (count > 0).then(|| f64::min(direct, half) / f64::from(count))
 }
 
 /// f for incident direction `w` and outgoing direction `wo`, in sr⁻¹.

@@ -77,7 +77,7 @@ fn psnr_db(sample: &dyn Sample, set: &IncidentSet, usable: &[bool]) -> (f64, f64
                 .filter(|part| part.1 > 0.0)
                 .filter_map(|(index, weight)| Some((set.direction(index), images[index].as_ref()?, weight)))
                 .collect();
-            mse(w, &ideal(sample, w, disk), &parts, disk, &cells)
+            mse(w, &ideal(sample, w, disk), &parts, disk, &cells).unwrap()
         })
         .collect();
     let db = |mse: f64| -10.0 * mse.log10();
@@ -100,6 +100,7 @@ fn compared(spec: &str, step_deg: f64) -> (usize, (f64, f64), (f64, f64), f64) {
         &dir.path().join("m"),
         &rig,
         &request(spec),
+        None,
         goal,
         &Setup::default(),
         false,

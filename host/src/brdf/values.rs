@@ -134,7 +134,7 @@ impl Captures for Sigmas<'_> {
 
 impl Brdf {
     /// f and its standard uncertainty in sr⁻¹ for pairs of unit vectors (incident, outgoing), found by direct
-    /// interpolation; `None` where there is no value.
+    /// interpolation; `None` where there is no value, or the incident direction is in a gap between those that were captured.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -143,7 +143,7 @@ impl Brdf {
         pairs: &[(DVec3, DVec3)],
     ) -> Result<Vec<Option<[[f32; 3]; 2]>>, StoreError> {
         let blend = Blend::new(Interpolation::Direct, None);
-        let is_above = |(wi, wo): &(DVec3, DVec3)| wi.z > 0.0 && wo.z > 0.0;
+        let is_above = |(wi, wo): &(DVec3, DVec3)| wi.z > 0.0 && wo.z > 0.0 && self.grid.is_spanned(*wi);
         let above: Vec<_> = pairs.iter().filter(|pair| is_above(pair)).copied().collect();
         let values = look_up(self, &blend, &above)?;
         let sigmas = look_up(&Sigmas(self), &blend, &above)?;
@@ -155,6 +155,14 @@ impl Brdf {
                 Some([value.value()?, sigma.value()?])
             })
             .collect())
+    }
+
+    /// Standard uncertainty of f in sr⁻¹ that comes from reading the exchanged pair of (`wi`, `wo`) in place of it, where f is
+    /// about `f`: what that was wrong by where both were captured. 0 if nobody knows.
+    pub(crate) fn exchange_error(&self, wi: DVec3, wo: DVec3, f: f64) -> f64 {
+        self.errors
+            .as_ref()
+            .map_or(0.0, |errors| errors.of_exchange(wi, wo, f))
     }
 
     /// [`Captures::scan`] of what `pick` takes from the rows: values [cell, channel] and provenance.

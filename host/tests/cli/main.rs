@@ -31,6 +31,8 @@ mod fits;
 mod grids;
 #[cfg(unix)]
 mod killed;
+#[cfg(unix)]
+mod matrix;
 mod multiplexed;
 mod pictures;
 mod pipes;
