@@ -46,12 +46,12 @@ mod merge;
 mod radiometry;
 
 use coordinates::attributes;
-pub(crate) use coordinates::{coordinates, interpolation_errors};
+pub(crate) use coordinates::{coordinates, interpolation_errors, list_attributes};
 use correction::Correction;
 use edges::Edges;
 use radiometry::{Out, Radiometry, Work, project, project_merged};
 
-pub(crate) use luminance::FrameAssembler;
+pub(crate) use luminance::{FrameAssembler, certainly_lit};
 
 /// Incident directions per chunk of `brdf.zarr`.
 pub const CHUNK: usize = 32;
@@ -138,12 +138,8 @@ pub fn assemble(
     }
     let channels = format.channels;
     let disk = Disk::new(plan.request.image_size as usize);
-    let mut resampling = Resampling::new(&View::camera(rig), disk);
     let edges = Edges::new(applied.edge_deg);
-    let hidden = edges.hidden_pixels(rig);
-    resampling
-        .taps
-        .retain(|taps| !taps.pixel.iter().any(|pixel| hidden[*pixel as usize]));
+    let resampling = seen(rig, &edges, disk);
     let grid = &directions.grid;
     let brdf_layout = BrdfLayout {
         incident: grid.len(),
@@ -288,6 +284,16 @@ pub fn assemble(
     writer.rewrite(&interpolation_errors(errors.as_ref()))?;
     writer.finish()?;
     Ok(total)
+}
+
+/// How the camera pixels of `rig` that no edge may hide become cells of `disk`.
+fn seen(rig: &Rig, edges: &Edges, disk: Disk) -> Resampling {
+    let mut resampling = Resampling::new(&View::camera(rig), disk);
+    let hidden = edges.hidden_pixels(rig);
+    resampling
+        .taps
+        .retain(|taps| !taps.pixel.iter().any(|pixel| hidden[*pixel as usize]));
+    resampling
 }
 
 /// Fills the rows of one chunk: `places` says in which segment and where each incident direction was captured.

@@ -156,6 +156,16 @@ impl Brdf {
         })
     }
 
+    /// The complaint that its incident directions make no set.
+    pub(crate) fn content(&self, error: &IncidentError) -> BrdfError {
+        BrdfError::Content {
+            path: self.path.display().to_string(),
+            field: "incident",
+            expected: "directions that make a list with those of the others".to_owned(),
+            found: error.to_string(),
+        }
+    }
+
     /// Where it was opened.
     #[must_use]
     pub fn path(&self) -> &Path {

@@ -71,11 +71,22 @@ pub fn planned(
     setup: &Setup,
     progress: &dyn Progress,
 ) -> Result<(Rig, Plan), MeasureError> {
+    planned_at(rig, request, None, setup, progress)
+}
+
+/// As [`planned`], with the exposure times `exposures_s` if there are some: those of a plan, which a request in milliseconds
+/// does not have to the last bit.
+fn planned_at(
+    rig: &Rig,
+    request: Request,
+    exposures_s: Option<Vec<f64>>,
+    setup: &Setup,
+    progress: &dyn Progress,
+) -> Result<(Rig, Plan), MeasureError> {
     // Checks what was asked for before anything is built.
     crate::sample::parse(request.sample.as_deref().unwrap_or(DEFAULT_SAMPLE))?;
-    let given_s = request
-        .brackets
-        .times_s()
+    let given_s = exposures_s
+        .or_else(|| request.brackets.times_s())
         .or_else(|| request.exposure_s.map(|exposure_s| vec![exposure_s]));
     let any_s = given_s.clone().unwrap_or_else(|| vec![rig.camera.exposure_s]);
     let scaled = request.rig(rig).map_err(MeasurementError::from)?;
@@ -116,8 +127,23 @@ pub fn prepare(
     setup: &Setup,
     progress: &dyn Progress,
 ) -> Result<Measurement, MeasureError> {
+    prepare_at(out, rig, request, None, setup, progress)
+}
+
+/// As [`prepare`], with the exposure times `exposures_s` in s if there are some, ascending.
+///
+/// # Errors
+/// [`MeasureError`].
+pub fn prepare_at(
+    out: &Path,
+    rig: &Rig,
+    request: Request,
+    exposures_s: Option<Vec<f64>>,
+    setup: &Setup,
+    progress: &dyn Progress,
+) -> Result<Measurement, MeasureError> {
     Measurement::check_new(out)?;
-    let (scaled, plan) = planned(rig, request, setup, progress)?;
+    let (scaled, plan) = planned_at(rig, request, exposures_s, setup, progress)?;
     if let Some(calibration) = &setup.calibration {
         Measurement::check_new(out)?;
         std::fs::create_dir_all(out).map_err(|source| MeasurementError::Io {

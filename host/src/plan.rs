@@ -380,9 +380,10 @@ impl Plan {
         Ok(plan)
     }
 
-    /// The request that measures the same again, with this plan's exposure times.
+    /// The request that measures the same again, with this plan's exposure times (in milliseconds where there are several,
+    /// which may cost the last bit).
     #[must_use]
-    pub fn replayed(self) -> Request {
+    pub fn replayed(&self) -> Request {
         let (exposure_s, brackets) = if self.longer.is_empty() {
             (Some(self.exposure_s), Brackets::One)
         } else {
@@ -392,7 +393,7 @@ impl Plan {
         Request {
             exposure_s,
             brackets,
-            ..self.request
+            ..self.request.clone()
         }
     }
 }

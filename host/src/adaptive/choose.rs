@@ -12,12 +12,19 @@ const APART: f64 = 0.9;
 
 /// What is known about the directions between the captured ones.
 pub(super) struct Outlook {
-    /// Predicted mean squared error by interpolation; `None` if nothing can be compared.
-    pub(super) mse: Option<f64>,
-    /// Mean squared error by noise; `None` if nothing has a value.
-    pub(super) noise_mse: Option<f64>,
+    /// Predicted mean squared error by interpolation, and that by noise; `None` if no captured image says anything of it.
+    pub(super) predicted: Option<Predicted>,
     /// Where to capture next, the most useful first.
     pub(super) next: Vec<DVec3>,
+}
+
+/// Predicted mean squared errors over all directions in reach.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Predicted {
+    /// By interpolation.
+    pub(super) mse: f64,
+    /// By noise.
+    pub(super) noise_mse: f64,
 }
 
 /// A direction that could be captured.
@@ -30,11 +37,12 @@ struct Candidate {
     distance_rad: f64,
 }
 
-/// The outlook of `list`; `left_out` is empty as long as nothing was captured, and then only distances count.
+/// The outlook of `list`; `left_out` is empty as long as nothing was captured, and then only distances count. Where no
+/// corner of a triangle says anything (all saturated, say), more captures would not either.
 /// `reachable` says whether a direction can be captured; none is proposed nearer than `spot_rad` to a captured one.
 pub(super) fn outlook(
     list: &DirectionList,
-    left_out: &[LeftOut],
+    left_out: &[Option<LeftOut>],
     reachable: &dyn Fn(DVec3) -> bool,
     spot_rad: f64,
     count: usize,
@@ -55,26 +63,24 @@ pub(super) fn outlook(
         let solid_angle_sr = (b - a).cross(c - a).length() / 2.0;
         // Mean over the triangle of the mean squared distance to its corners, weighted as in interpolation.
         let spacing = ((b - a).length_squared() + (c - b).length_squared() + (a - c).length_squared()) / 12.0;
-        // Of the corners that have it.
-        let mean = |of: &dyn Fn(&LeftOut) -> Option<f64>| {
-            let known: Vec<f64> = triangle
-                .iter()
-                .filter_map(|&index| of(left_out.get(index)?))
-                .filter(|value| value.is_finite())
-                .collect();
-            (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
+        let known: Vec<LeftOut> = if left_out.is_empty() {
+            Vec::new()
+        } else {
+            triangle.iter().filter_map(|&index| left_out[index]).collect()
         };
-        let error = mean(&|at| Some(at.mse? * spacing / at.spacing));
-        if let Some((error, by_noise)) = error.zip(mean(&|at| at.noise_mse))
-            && reachable(middle)
-            && is_judged(middle)
-        {
+        let mean = |of: &dyn Fn(&LeftOut) -> f64| known.iter().map(of).sum::<f64>() / known.len() as f64;
+        let error = if left_out.is_empty() {
+            spacing
+        } else if known.is_empty() {
+            continue;
+        } else {
+            mean(&|at| at.mse * spacing / at.spacing)
+        };
+        if reachable(middle) && is_judged(middle) && !known.is_empty() {
             mse += solid_angle_sr * error;
-            noise += solid_angle_sr * by_noise;
             area += solid_angle_sr;
+            noise += solid_angle_sr * mean(&|at| at.noise_mse);
         }
-        // Where nothing is known of the error only the distance counts.
-        let error = error.unwrap_or(spacing);
         let distance_rad = corners
             .map(|corner| angle_between(corner, w))
             .into_iter()
@@ -101,10 +107,11 @@ pub(super) fn outlook(
             }
         }
     }
-    let mean = |sum: f64| (area > 0.0).then(|| sum / area);
     Outlook {
-        mse: mean(mse),
-        noise_mse: mean(noise),
+        predicted: (area > 0.0).then(|| Predicted {
+            mse: mse / area,
+            noise_mse: noise / area,
+        }),
         next: chosen.into_iter().map(|candidate| candidate.w).collect(),
     }
 }
@@ -127,15 +134,17 @@ mod tests {
     fn what_is_chosen_is_where_the_error_is_and_apart() {
         let list = rings(15.0);
         let bad = from_degrees(50.0, 120.0);
-        let left_out: Vec<LeftOut> = (0..list.len())
-            .map(|index| LeftOut {
-                mse: Some(if angle_between(list.direction(index), bad) < 0.35 {
-                    1.0
-                } else {
-                    1e-4
-                }),
-                noise_mse: Some(0.0),
-                spacing: 0.05,
+        let left_out: Vec<Option<LeftOut>> = (0..list.len())
+            .map(|index| {
+                Some(LeftOut {
+                    mse: if angle_between(list.direction(index), bad) < 0.35 {
+                        1.0
+                    } else {
+                        1e-4
+                    },
+                    noise_mse: 0.0,
+                    spacing: 0.05,
+                })
             })
             .collect();
         let found = outlook(&list, &left_out, &|_| true, 0.01, 4).next;
@@ -153,16 +162,16 @@ mod tests {
         let mse = |step_deg| {
             let list = rings(step_deg);
             let left_out = vec![
-                LeftOut {
-                    mse: Some(1e-3),
-                    noise_mse: Some(1e-5),
+                Some(LeftOut {
+                    mse: 1e-3,
+                    noise_mse: 1e-5,
                     spacing: 0.1
-                };
+                });
                 list.len()
             ];
-            let outlook = outlook(&list, &left_out, &|_| true, 0.01, 1);
-            assert!((outlook.noise_mse.unwrap() - 1e-5).abs() < 1e-12);
-            outlook.mse.unwrap()
+            let found = outlook(&list, &left_out, &|_| true, 0.01, 1).predicted.unwrap();
+            assert!((found.noise_mse - 1e-5).abs() < 1e-12);
+            found.mse
         };
         assert!(
             (2.5..6.0).contains(&(mse(18.0) / mse(9.0))),
@@ -173,23 +182,22 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_compare_predicts_nothing() {
+    fn images_that_say_nothing_predict_no_error_and_ask_for_no_more() {
         let list = rings(15.0);
-        let with = |known: usize| {
-            let left_out: Vec<LeftOut> = (0..list.len())
-                .map(|index| LeftOut {
-                    mse: (index < known).then_some(1e-3),
-                    noise_mse: (index < known).then_some(1e-5),
-                    spacing: if index < known { 0.1 } else { 0.0 },
+        let silent = outlook(&list, &vec![None; list.len()], &|_| true, 0.01, 4);
+        assert!(silent.predicted.is_none() && silent.next.is_empty());
+        // Nor do they pass for perfect ones beside others.
+        let half: Vec<Option<LeftOut>> = (0..list.len())
+            .map(|index| {
+                (list.direction(index).x > 0.0).then_some(LeftOut {
+                    mse: 1e-3,
+                    noise_mse: 1e-5,
+                    spacing: 0.1,
                 })
-                .collect();
-            let found = outlook(&list, &left_out, &|_| true, 0.01, 4);
-            assert_eq!(found.next.len(), 4);
-            (found.mse, found.noise_mse)
-        };
-        assert_eq!(with(0), (None, None));
-        let (some, all) = (with(list.len() / 2), with(list.len()));
-        assert!(some.0.unwrap() > 0.0 && some.0.unwrap().is_finite(), "{some:?} {all:?}");
+            })
+            .collect();
+        let found = outlook(&list, &half, &|_| true, 0.01, 4).predicted.unwrap();
+        assert!((found.noise_mse - 1e-5).abs() < 1e-12, "{found:?}");
     }
 
     #[test]

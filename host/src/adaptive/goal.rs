@@ -27,6 +27,17 @@ pub enum GoalError {
     /// The budget.
     #[error("budget: expected {FEWEST_CAPTURES} to {MOST_CAPTURES} captures, found {0}")]
     Budget(usize),
+    /// Fewer captures than the coarse beginning takes.
+    #[error(
+        "budget: expected at least {start} captures for the directions of --grid that can be lit, from which the adaptive \
+         ones are chosen, found {budget}"
+    )]
+    Start {
+        /// Directions of the beginning.
+        start: usize,
+        /// What was asked for.
+        budget: usize,
+    },
     /// Neither.
     #[error("adaptive: expected a target in dB, a budget of captures, or both, found none")]
     None,

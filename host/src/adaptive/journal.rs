@@ -2,20 +2,22 @@
 //!
 //! | file | holds |
 //! |---|---|
-//! | `adaptive.toml` | what was asked for, and the exposure time |
+//! | `adaptive.toml` | what was asked for, and the exposure times |
 //! | `directions.txt` | lines `θ φ` in degrees in the order of capture; written before the batch is captured |
-//! | `adaptive.zarr` | raw frames: a segment of black patterns, then one segment per batch |
+//! | `adaptive.zarr` | raw frames: black patterns, then those with light, a batch in one segment or several |
+//! | `calibration.json` | what was known of the instrument, as in every measurement |
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::{BATCH, Goal, GoalError};
-use crate::incident::IncidentError;
+use super::{Goal, GoalError};
+use crate::calibrate::Applied;
+use crate::incident::{Grid, IncidentError};
 use crate::measure::MeasureError;
 use crate::measurement::{MeasurementError, write_whole};
-use crate::plan::Request;
+use crate::plan::{BLACK_EXPOSURES, Request};
 use crate::rig::{Rig, RigError, explain};
 use crate::store::{RawLayout, RawStore, StoreError};
 
@@ -42,6 +44,15 @@ pub enum AdaptiveError {
         path: String,
         /// What differs.
         field: &'static str,
+    },
+    /// Nothing was seen that an error could be predicted from.
+    #[error(
+        "adaptive: expected images from which errors can be predicted, found none in {captures} captures: they are saturated, \
+         or see nothing up to θ = 80° (another --exposure-ms, --brackets or --tilt may help)"
+    )]
+    NothingSeen {
+        /// Captures with light.
+        captures: usize,
     },
     /// The rig reaches too few directions.
     #[error("rig {rig}: expected incident directions all around that the projector can light, found {found}")]
@@ -75,19 +86,44 @@ impl From<IncidentError> for AdaptiveError {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Asked {
-    /// Exposure time in s.
+    /// Exposure time in s; of several the shortest.
     pub(super) exposure_s: f64,
+    /// The other exposure times of each pattern in s, ascending.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) longer_s: Vec<f64>,
     /// The rig as TOML.
     pub(super) rig: String,
+    /// Coarse beginning; the usual one if there is nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) start: Option<Grid>,
     pub(super) goal: Goal,
     /// The request; its grid has no part in it.
     pub(super) request: Request,
 }
 
+impl Asked {
+    /// Exposure times in s of each pattern, ascending.
+    pub(super) fn exposures_s(&self) -> Vec<f64> {
+        std::iter::once(self.exposure_s)
+            .chain(self.longer_s.iter().copied())
+            .collect()
+    }
+}
+
+/// How frames lie in their segments.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Segments {
+    /// Captures with light, at most.
+    pub(super) captures: usize,
+    /// Patterns of a segment.
+    pub(super) patterns: usize,
+    /// Exposures of a pattern.
+    pub(super) brackets: usize,
+}
+
 /// The files.
 pub(super) struct Journal {
     dir: PathBuf,
-    pub(super) asked: Asked,
     pub(super) frames: RawStore,
 }
 
@@ -98,45 +134,47 @@ impl Journal {
     }
 
     /// Begins in `dir`, which is new or empty; `rig` has its camera image scaled.
-    pub(super) fn create(dir: &Path, asked: Asked, rig: &Rig) -> Result<Self, AdaptiveError> {
+    /// `applied` is the calibration to take into account, if there is one.
+    pub(super) fn create(
+        dir: &Path,
+        asked: &Asked,
+        rig: &Rig,
+        applied: Option<&Applied>,
+        segments: Segments,
+    ) -> Result<Self, AdaptiveError> {
         fs::create_dir_all(dir).map_err(|source| io(dir, source))?;
-        let text = toml::to_string(&asked).expect("plain data");
+        if let Some(applied) = applied {
+            applied.write(dir)?;
+        }
+        let text = toml::to_string(asked).expect("plain data");
         write_whole(&dir.join(ASKED), text.as_bytes())?;
-        Self::with(dir, asked, rig)
+        Self::open(dir, rig, segments)
     }
 
-    /// Opens what was begun in `dir`.
-    pub(super) fn open(dir: &Path, rig: &Rig) -> Result<Self, AdaptiveError> {
+    /// What was asked for in `dir`.
+    pub(super) fn asked(dir: &Path) -> Result<Asked, AdaptiveError> {
         let path = dir.join(ASKED);
         let text = crate::text::read(&path).map_err(|error| io(&path, error.into()))?;
-        let asked: Asked = toml::from_str(&text).map_err(|error| explain(&text, &path, &error))?;
-        if asked.rig != rig.to_toml() {
-            return Err(differs(dir, "rig"));
-        }
-        Self::with(dir, asked, rig)
+        Ok(toml::from_str(&text).map_err(|error| explain(&text, &path, &error))?)
     }
 
-    /// Where the frames lie.
-    pub(super) fn frames_path(&self) -> PathBuf {
-        self.dir.join(FRAMES)
-    }
-
-    fn with(dir: &Path, asked: Asked, rig: &Rig) -> Result<Self, AdaptiveError> {
+    /// Opens what was begun in `dir`, its frames in `segments` unless there are some already.
+    pub(super) fn open(dir: &Path, rig: &Rig, segments: Segments) -> Result<Self, AdaptiveError> {
         let path = dir.join(FRAMES);
         let frames = if path.exists() {
             RawStore::open(&path)?
         } else {
-            RawStore::create(
-                &path,
-                layout(rig, BATCH + asked.goal.budget),
-                serde_json::Map::new(),
-            )?
+            RawStore::create(&path, layout(rig, segments), serde_json::Map::new())?
         };
         Ok(Self {
             dir: dir.to_owned(),
-            asked,
             frames,
         })
+    }
+
+    /// A file of it.
+    pub(super) fn path(&self, name: &str) -> PathBuf {
+        self.dir.join(name)
     }
 
     /// The directions that were chosen, in degrees; none at the beginning.
@@ -145,8 +183,8 @@ impl Journal {
         if !path.exists() {
             return Ok(Vec::new());
         }
-        match crate::incident::Grid::read_list(&path)? {
-            crate::incident::Grid::List { directions_deg } => Ok(directions_deg),
+        match Grid::read_list(&path)? {
+            Grid::List { directions_deg } => Ok(directions_deg),
             _ => Ok(Vec::new()),
         }
     }
@@ -161,8 +199,8 @@ impl Journal {
         Ok(write_whole(&self.dir.join(DIRECTIONS), text.as_bytes())?)
     }
 
-    /// Makes `raw.zarr` of the first `directions` captures, for a plan with segments of [`BATCH`].
-    pub(super) fn publish(&self, rig: &Rig, directions: usize) -> Result<(), AdaptiveError> {
+    /// Makes `raw.zarr` of as many of its frames as `segments` hold.
+    pub(super) fn publish(&self, rig: &Rig, segments: Segments) -> Result<(), AdaptiveError> {
         let path = self.dir.join("raw.zarr");
         if path.exists() {
             // Of a run that ended before its plan was written.
@@ -174,7 +212,7 @@ impl Journal {
             "source".to_owned(),
             concat!("rcg ", env!("CARGO_PKG_VERSION")).into(),
         );
-        let raw = RawStore::create(&path, layout(rig, BATCH + directions), attributes)?;
+        let raw = RawStore::create(&path, layout(rig, segments), attributes)?;
         for segment in 0..raw.segments() {
             raw.write_segment(segment, &self.frames.read_segment(segment)?)?;
         }
@@ -195,11 +233,11 @@ pub(super) fn differs(dir: &Path, field: &'static str) -> AdaptiveError {
     }
 }
 
-fn layout(rig: &Rig, exposures: usize) -> RawLayout {
+fn layout(rig: &Rig, segments: Segments) -> RawLayout {
     let format = rig.frame_format();
     RawLayout {
-        exposures,
-        segment: BATCH,
+        exposures: (BLACK_EXPOSURES + segments.captures) * segments.brackets,
+        segment: segments.patterns * segments.brackets,
         height: format.height_px,
         width: format.width_px,
         channels: format.channels,

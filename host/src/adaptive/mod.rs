@@ -2,7 +2,7 @@
 //!
 //! # Design
 //! A closed loop in batches of [`BATCH`] captures through the same instrument as every measurement:
-//! 1. Rings of equal solid angle, some tens of directions, come first.
+//! 1. Some tens of directions that are far apart come first, or those of any grid ([`start`]).
 //! 2. Each captured image is predicted from its Delaunay neighbours as if it had not been captured ([`predict`]); the
 //!    mean squared difference less the noise is the interpolation error there, at that spacing.
 //! 3. Each triangle of captured directions inherits the errors of its corners, scaled to its own spacing; the triangles
@@ -13,7 +13,7 @@
 //! The error is that of f·cosθi in luminance at exposure 1, clipped to 1, mean over the pairs of directions within reach
 //! and up to θ = 80°, as far as the camera sees them.
 //!
-//! What comes out is an ordinary measurement: its plan holds a list of directions, in the order of their capture, and
+//! The loop sees what assembly makes of its captures: brackets merged, calibration and tilt taken into account. What comes out is an ordinary measurement: its plan holds a list of directions, in the order of their capture, and
 //! can be measured again. Until then `adaptive.toml`, `directions.txt` and `adaptive.zarr` ([`journal`]) hold what was
 //! asked for and captured; a run that was killed goes on with the next batch.
 //!
@@ -26,12 +26,14 @@ mod goal;
 mod journal;
 mod predict;
 mod run;
+mod start;
 
 pub use goal::{Goal, GoalError, Stop};
 pub use journal::AdaptiveError;
-pub use run::{Adapted, measure};
+pub use run::{Adapted, Begun, begun, check_same, measure};
 
-/// Captures of a batch: one run of the controller, one segment of the raw frames.
+/// Captures that are chosen at a time. They are one run of the controller and one segment of the raw frames, or several
+/// where their frames are large.
 pub const BATCH: usize = crate::plan::BLACK_EXPOSURES;
 
 #[cfg(test)]

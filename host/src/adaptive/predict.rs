@@ -17,18 +17,17 @@ use crate::incident::{DirectionList, IncidentSet, Neighbours};
 pub(super) struct Image {
     /// f in sr⁻¹ per cell; NaN where there is none.
     pub(super) f: Vec<f32>,
-    /// Mean over the cells of the noise variance of f, in sr⁻²; `None` without a cell that has a value.
-    pub(super) noise: Option<f64>,
+    /// Mean over the cells of the noise variance of f, in sr⁻².
+    pub(super) noise: f64,
 }
 
 /// How well the neighbours of a captured direction predict its image.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LeftOut {
-    /// Mean squared error of f·cosθi at exposure 1, clipped to 1, without the part of the noise; `None` where there is
-    /// nothing to compare, which is not an error of 0.
-    pub(super) mse: Option<f64>,
-    /// Mean squared error of the image itself by noise, in the same unit; `None` if it has no value.
-    pub(super) noise_mse: Option<f64>,
+    /// Mean squared error of f·cosθi at exposure 1, clipped to 1, without the part of the noise.
+    pub(super) mse: f64,
+    /// Mean squared error of the image itself by noise, in the same unit.
+    pub(super) noise_mse: f64,
     /// Mean squared distance to what it was predicted from, weighted, in rad².
     pub(super) spacing: f64,
 }
@@ -51,14 +50,14 @@ pub(super) fn judged_cells(disk: Disk) -> Vec<(usize, DVec3)> {
         .collect()
 }
 
-/// For each of the captured directions, how well the others predict it.
+/// For each of the captured directions, how well the others predict it; `None` where they have no cell in common.
 pub(super) fn leave_one_out(
     angles_deg: &[[f64; 2]],
     set: &IncidentSet,
     images: &[Image],
     disk: Disk,
     cells: &[(usize, DVec3)],
-) -> Vec<LeftOut> {
+) -> Vec<Option<LeftOut>> {
     (0..images.len())
         .into_par_iter()
         .map(|index| {
@@ -92,27 +91,31 @@ fn others(angles_deg: &[[f64; 2]], set: &IncidentSet, index: usize) -> Neighbour
     }
 }
 
-fn left_out(w: DVec3, image: &Image, parts: &[Part], disk: Disk, cells: &[(usize, DVec3)]) -> LeftOut {
-    let noise_mse = image.noise.map(|noise| noise * w.z * w.z);
-    // An image without a value has no part in the prediction, and no noise.
+fn left_out(
+    w: DVec3,
+    image: &Image,
+    parts: &[Part],
+    disk: Disk,
+    cells: &[(usize, DVec3)],
+) -> Option<LeftOut> {
+    let noise_mse = image.noise * w.z * w.z;
     let of_parts: f64 = parts
         .iter()
-        .filter_map(|(_, image, weight)| Some(image.noise? * weight * weight))
+        .map(|(_, image, weight)| image.noise * weight * weight)
         .sum();
-    LeftOut {
-        mse: mse(w, image, parts, disk, cells)
-            .zip(noise_mse)
-            .map(|(mse, noise_mse)| (mse - noise_mse - of_parts * w.z * w.z).max(0.0)),
+    let mse = mse(w, image, parts, disk, cells)?;
+    Some(LeftOut {
+        mse: (mse - noise_mse - of_parts * w.z * w.z).max(0.0),
         noise_mse,
         spacing: parts
             .iter()
             .map(|(other, _, weight)| weight * angle_between(*other, w).powi(2))
             .sum(),
-    }
+    })
 }
 
-/// Mean squared difference between `image` at incident direction `w` and what `parts` predict, by the better rule; `None`
-/// if they have no cell in common.
+/// Mean squared difference between `image` at incident direction `w` and what `parts` predict, by the better rule; `None` if
+/// they have no cell in common (everything saturated, or nothing seen).
 pub(super) fn mse(
     w: DVec3,
     image: &Image,

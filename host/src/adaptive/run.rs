@@ -2,34 +2,31 @@
 
 use std::path::Path;
 
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, json};
 
-use super::choose::outlook;
-use super::journal::{AdaptiveError, Asked, Journal, differs};
+use super::choose::{Outlook, Predicted, outlook};
+use super::journal::{AdaptiveError, Asked, Journal, Segments, differs};
 use super::predict::{Image, judged_cells, leave_one_out};
+use super::start::{beginning, grid, in_degrees, listed};
 use super::{BATCH, Goal, Stop};
-use crate::assemble::FrameAssembler;
-use crate::brackets::Brackets;
+use crate::assemble::{FrameAssembler, certainly_lit};
+use crate::calibrate::{Applied, Calibration};
 use crate::capture::{Instrument, Tally};
-use crate::direction::{angle_between, to_angles};
 use crate::disk::Disk;
-use crate::incident::{DirectionList, Grid, IncidentSet, Rings};
+use crate::incident::{DirectionList, Grid, IncidentSet};
+use crate::measure::{MeasureError, planned};
 use crate::measurement::{Measurement, MeasurementError, State, take_segment};
-use crate::optics::View;
+use crate::optics::{Unmeasurable, View};
 use crate::pattern::{LitSet, PatternMaker};
-use crate::pilot::pilot;
-use crate::plan::{Exposure, Plan, PlanError, Request, spot_deg};
+use crate::plan::{BLACK_EXPOSURES, Directions, Exposure, Plan, PlanError, Request};
 use crate::progress::Progress;
 use crate::rig::Rig;
 use crate::schedule::Timing;
 use crate::setup::Setup;
 
-/// Captures of the coarse beginning.
-const FIRST: usize = 3 * BATCH;
-/// The coarse beginning is chosen from rings with this step, in degrees.
-const FIRST_STEP_DEG: f64 = 5.0;
-/// Nothing is captured nearer to the horizon than this polar angle, in degrees.
+/// Nothing is chosen nearer to the horizon than this polar angle, in degrees.
 const GRAZING_DEG: f64 = 85.0;
 /// More captures do not help where interpolation makes less than this share of the error that noise makes.
 const NOISE_RULES: f64 = 0.25;
@@ -39,9 +36,9 @@ const NOISE_RULES: f64 = 0.25;
 pub struct Adapted {
     /// Captures with light.
     pub captures: usize,
-    /// Predicted PSNR in dB of f·cosθi in luminance at exposure 1, clipped to 1; `None` if nothing can be compared.
+    /// Predicted PSNR in dB of f·cosθi in luminance at exposure 1, clipped to 1; `None` without an error.
     pub predicted_db: Option<f64>,
-    /// The part of noise alone: no number of captures gets beyond. `None` without noise.
+    /// The part of noise alone: no number of captures gets beyond; `None` without noise.
     pub noise_limit_db: Option<f64>,
     /// The goal.
     pub goal: Goal,
@@ -54,97 +51,121 @@ pub struct Adapted {
 /// The loop's fixed parts.
 struct Loop<'a> {
     rig: &'a Rig,
+    applied: &'a Applied,
+    /// Spots of light and exposures as in the plan that will come of it.
+    plan: &'a Plan,
+    timings: Vec<Timing>,
     maker: PatternMaker,
-    timing: Timing,
+    /// Whether light from a direction clears all edges for certain.
+    is_clear: Box<dyn Fn(DVec3) -> bool>,
     disk: Disk,
+    /// Patterns of a segment.
+    patterns: usize,
 }
 
 /// Measures `request` on `rig` (as loaded) adaptively in `out`, which is new or empty, or with `resume` one in which this
-/// was begun. Returns the measurement, all of its frames captured, and how it went. The grid of the request has no part,
-/// nor have its brackets: one exposure of each pattern is taken.
+/// was begun. `start` is the coarse beginning, the usual one if there is none; the grid of the request has no part. If
+/// `setup` has a calibration, `rig` is its rig. Returns the measurement, all of its frames captured, and how it went.
 ///
 /// # Errors
 /// [`AdaptiveError`].
+#[allow(clippy::too_many_arguments)] // what, from where, how far, with what
 pub fn measure(
     out: &Path,
     rig: &Rig,
     request: &Request,
+    start: Option<&Grid>,
     goal: Goal,
     setup: &Setup,
     resume: bool,
     progress: &dyn Progress,
 ) -> Result<(Measurement, Adapted), AdaptiveError> {
-    let pilot_grid = Grid::EqualSolidAngle {
-        step_deg: FIRST_STEP_DEG,
-    };
     let request = Request {
-        grid: pilot_grid.clone(),
-        brackets: Brackets::One,
+        grid: grid(None),
         ..request.clone()
     };
-    crate::sample::parse(
-        request
-            .sample
-            .as_deref()
-            .unwrap_or(crate::measure::DEFAULT_SAMPLE),
-    )
-    .map_err(crate::measure::MeasureError::from)?;
-    let scaled = request.rig(rig).map_err(MeasurementError::from)?;
-    Plan::new(
-        request.clone(),
-        &scaled,
-        request.exposure_s.unwrap_or(rig.camera.exposure_s),
-    )
-    .map_err(MeasurementError::from)?;
+    let begun = Request {
+        grid: listed(&grid(start))?,
+        ..request.clone()
+    };
+    let applied = setup.calibration.as_ref().map(Calibration::applied);
     let resumed = resume && Journal::exists(out);
-    if !resumed {
-        Measurement::check_new(out)?;
-    }
-    let mut instrument = setup.open(&scaled, &request)?;
-    let journal = if resumed {
-        let journal = Journal::open(out, &scaled)?;
-        if journal.asked.goal != goal {
-            return Err(differs(out, "goal"));
-        }
-        if journal.asked.request != request {
-            return Err(differs(out, "request"));
-        }
-        journal
+    let (scaled, plan, asked) = if resumed {
+        let scaled = request.rig(rig).map_err(MeasurementError::from)?;
+        let asked = resumed_as(out, &scaled, &request, start, goal, applied.as_ref())?;
+        let plan = Plan::bracketed(begun, &scaled, &asked.exposures_s()).map_err(MeasurementError::from)?;
+        (scaled, plan, asked)
     } else {
-        let exposure_s = match request.exposure_s {
-            Some(exposure_s) => exposure_s,
-            None => pilot(&scaled, &pilot_grid, &mut instrument)?,
-        };
+        Measurement::check_new(out)?;
+        let (scaled, plan) = planned(rig, begun, setup, progress)?;
         let asked = Asked {
-            exposure_s,
+            exposure_s: plan.exposure_s,
+            longer_s: plan.exposures_s().split_off(1),
             rig: scaled.to_toml(),
+            start: start.cloned(),
             goal,
             request: request.clone(),
         };
-        Journal::create(out, asked, &scaled)?
+        (scaled, plan, asked)
     };
-    let exposure_s = journal.asked.exposure_s;
+    let known = applied.clone().unwrap_or_default();
+    // What divides a batch, as far as memory allows.
+    let most = (plan.segment / plan.brackets()).clamp(1, BATCH);
     let fixed = Loop {
         rig: &scaled,
+        applied: &known,
+        plan: &plan,
+        timings: plan.timings(),
         maker: PatternMaker::new(
             View::projector(&scaled),
-            scaled.light.spot_deg,
+            plan.spot_deg,
             scaled.projector.irradiance,
         ),
-        timing: Timing::new(&scaled, exposure_s)
-            .map_err(PlanError::from)
-            .map_err(MeasurementError::from)?,
+        is_clear: Box::new(certainly_lit(&scaled, &known)),
         disk: Disk::new(request.image_size as usize),
+        patterns: 1 << most.ilog2(),
+    };
+    let first = fixed.first(start, goal.budget)?;
+    // What is no whole batch can only be the end.
+    let segments = Segments {
+        captures: if first.len().is_multiple_of(BATCH) {
+            goal.budget
+        } else {
+            first.len()
+        },
+        patterns: fixed.patterns,
+        brackets: plan.brackets(),
+    };
+    let mut instrument = setup.open(&scaled, &request)?;
+    let journal = if resumed {
+        Journal::open(out, &scaled, segments)?
+    } else {
+        Journal::create(out, &asked, &scaled, applied.as_ref(), segments)?
     };
     let mut tally = Tally::default();
-    let (directions_deg, adapted) = fixed.run(&journal, goal, &mut instrument, &mut tally, progress)?;
+    let (directions_deg, adapted) = fixed.run(
+        &journal,
+        first,
+        segments.captures,
+        goal,
+        &mut instrument,
+        &mut tally,
+        progress,
+    )?;
 
     let grid = Grid::List { directions_deg };
     let plan = Plan {
-        segment: BATCH,
-        ..Plan::new(Request { grid, ..request }, &scaled, exposure_s).map_err(MeasurementError::from)?
+        segment: segments.patterns * segments.brackets,
+        ..Plan::bracketed(Request { grid, ..request }, &scaled, &plan.exposures_s())
+            .map_err(MeasurementError::from)?
     };
-    journal.publish(&scaled, plan.directions)?;
+    journal.publish(
+        &scaled,
+        Segments {
+            captures: plan.directions,
+            ..segments
+        },
+    )?;
     let measurement = Measurement::found(out, scaled.clone(), plan)?;
     let mut facts = Map::new();
     facts.insert("adaptive".to_owned(), json!(adapted));
@@ -154,146 +175,200 @@ pub fn measure(
     Ok((measurement, adapted))
 }
 
+/// An adaptive measurement as it was asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Begun {
+    /// The request; its grid has no part.
+    pub request: Request,
+    /// Coarse beginning, the usual one if there is none.
+    pub start: Option<Grid>,
+    /// What is to be reached.
+    pub goal: Goal,
+}
+
+/// The adaptive measurement that was begun in `dir`, if one was.
+///
+/// # Errors
+/// [`AdaptiveError`] if its file cannot be read.
+pub fn begun(dir: &Path) -> Result<Option<Begun>, AdaptiveError> {
+    if !Journal::exists(dir) {
+        return Ok(None);
+    }
+    let Asked {
+        request, start, goal, ..
+    } = Journal::asked(dir)?;
+    Ok(Some(Begun { request, start, goal }))
+}
+
+/// Refuses to go on in `dir`, where an adaptive measurement was `begun`, with another goal or beginning.
+///
+/// # Errors
+/// [`AdaptiveError::Differs`].
+pub fn check_same(dir: &Path, begun: &Begun, start: Option<&Grid>, goal: Goal) -> Result<(), AdaptiveError> {
+    if begun.goal != goal {
+        return Err(differs(dir, "goal"));
+    }
+    if begun.start.as_ref() != start {
+        return Err(differs(dir, "coarse start"));
+    }
+    Ok(())
+}
+
+/// What was begun in `out`, which must be what is asked for now.
+fn resumed_as(
+    out: &Path,
+    scaled: &Rig,
+    request: &Request,
+    start: Option<&Grid>,
+    goal: Goal,
+    applied: Option<&Applied>,
+) -> Result<Asked, AdaptiveError> {
+    let asked = Journal::asked(out)?;
+    let known = Applied::read(out).map_err(|error| MeasureError::from(Box::new(error)))?;
+    let fields = [
+        ("rig", asked.rig == scaled.to_toml()),
+        ("goal", asked.goal == goal),
+        ("request", asked.request == *request),
+        ("coarse start", asked.start.as_ref() == start),
+        (
+            "calibration",
+            applied.map_or(known == Applied::default(), |applied| known == *applied),
+        ),
+    ];
+    match fields.into_iter().find(|(_, same)| !same) {
+        Some((field, _)) => Err(differs(out, field)),
+        None => Ok(asked),
+    }
+}
+
 impl Loop<'_> {
-    fn reachable(&self, w: glam::DVec3) -> bool {
-        w.z > GRAZING_DEG.to_radians().cos() && self.maker.lit_set(w).is_ok()
+    /// The coarse beginning, in degrees.
+    fn first(&self, start: Option<&Grid>, budget: usize) -> Result<Vec<[f64; 2]>, AdaptiveError> {
+        let (lit, reachable) = (|w| self.is_lit(w), |w| self.is_reachable(w));
+        beginning(self.rig, start, budget, &lit, &reachable, self.spot_rad())
     }
 
-    /// The coarse beginning: of rings, those directions in reach that are farthest from each other.
-    fn first(&self, count: usize) -> Result<Vec<[f64; 2]>, AdaptiveError> {
-        let rings = Rings::equal_solid_angle(FIRST_STEP_DEG)?;
-        let mut open: Vec<(usize, f64)> = (0..rings.len())
-            .filter(|&index| self.reachable(rings.direction(index)))
-            .map(|index| (index, f64::MAX))
-            .collect();
-        if open.len() < count {
-            return Err(AdaptiveError::OutOfReach {
-                rig: self.rig.name.clone(),
-                found: open.len(),
-            });
-        }
-        let mut chosen = Vec::new();
-        while chosen.len() < count {
-            let farthest = (0..open.len())
-                .max_by(|&a, &b| open[a].1.total_cmp(&open[b].1))
-                .expect("some are left");
-            let (index, _) = open.swap_remove(farthest);
-            for (other, distance) in &mut open {
-                *distance = distance.min(angle_between(rings.direction(*other), rings.direction(index)));
-            }
-            chosen.push(rings.angles_deg(index).into());
-        }
-        Ok(chosen)
+    fn is_lit(&self, w: DVec3) -> bool {
+        self.maker.lit_set(w).is_ok() && (self.is_clear)(w)
     }
 
+    fn is_reachable(&self, w: DVec3) -> bool {
+        w.z > GRAZING_DEG.to_radians().cos() && self.is_lit(w)
+    }
+
+    fn spot_rad(&self) -> f64 {
+        self.plan.spot_deg.to_radians()
+    }
+
+    /// Captures `first` and what follows from it, at most `most` directions, until `goal` is reached.
+    #[allow(clippy::too_many_arguments)] // files, directions, goal and instrument
     fn run(
         &self,
         journal: &Journal,
+        first: Vec<[f64; 2]>,
+        most: usize,
         goal: Goal,
         instrument: &mut Instrument,
         tally: &mut Tally,
         progress: &dyn Progress,
     ) -> Result<(Vec<[f64; 2]>, Adapted), AdaptiveError> {
         let mut stored = journal.frames.whole_segments()?;
-        if stored == 0 {
-            let black = [Exposure::Black; BATCH];
-            self.capture(journal, 0, &black, &vec![None; BATCH], instrument, tally)?;
-            stored = 1;
+        let dark = BLACK_EXPOSURES / self.patterns;
+        for segment in stored..dark {
+            let black = vec![Exposure::Black; self.patterns];
+            self.capture(
+                journal,
+                segment,
+                &black,
+                &vec![None; self.patterns],
+                instrument,
+                tally,
+            )?;
         }
-        let assembler =
-            FrameAssembler::new(self.rig, &journal.frames.read_segment(0)?, self.disk).map_err(|reason| {
+        stored = stored.max(dark);
+        let black = (0..dark)
+            .map(|segment| journal.frames.read_segment(segment))
+            .collect::<Result<Vec<_>, _>>()?;
+        let mut assembler = FrameAssembler::new(self.rig, self.applied, &black, self.plan, self.disk)
+            .map_err(|reason| {
                 AdaptiveError::from(MeasurementError::Plan(PlanError::File {
-                    path: journal.frames_path().display().to_string(),
+                    path: journal.path("adaptive.zarr").display().to_string(),
                     reason,
                 }))
             })?;
+        drop(black);
         let cells = judged_cells(self.disk);
         let mut directions_deg = journal.directions_deg()?;
         if directions_deg.is_empty() {
-            directions_deg = self.first(FIRST.min(goal.budget))?;
+            directions_deg = first;
             journal.choose(&directions_deg)?;
         }
         let mut images: Vec<Image> = Vec::new();
         let mut history = Vec::new();
         loop {
-            let list = DirectionList::new(&directions_deg)?;
+            let set = IncidentSet::List(DirectionList::new(&directions_deg)?.into());
+            // Only those that are new.
+            let reasons = (0..set.len())
+                .map(|index| (index < images.len()).then_some(Unmeasurable::OutsideImage))
+                .collect();
+            let directions = Directions { grid: set, reasons };
+            assembler
+                .expect(self.plan, &directions)
+                .map_err(MeasureError::from)?;
+            let set = directions.grid;
             while images.len() < directions_deg.len() {
-                let batch = images.len()..(images.len() + BATCH).min(directions_deg.len());
-                let segment = 1 + batch.start / BATCH;
+                let batch = images.len()..(images.len() + self.patterns).min(directions_deg.len());
+                let segment = dark + batch.start / self.patterns;
                 if segment >= stored {
                     let exposures: Vec<Exposure> = batch.clone().map(Exposure::Incident).collect();
                     let lit: Vec<Option<LitSet>> = batch
-                        .map(|index| self.maker.lit_set(list.direction(index)).ok())
+                        .clone()
+                        .map(|index| self.maker.lit_set(set.direction(index)).ok())
                         .collect();
                     self.capture(journal, segment, &exposures, &lit, instrument, tally)?;
                     stored = segment + 1;
                 }
                 let stored = journal.frames.read_segment(segment)?;
-                images.extend(
-                    assembler
-                        .luminance(&stored)
-                        .into_iter()
-                        .map(|(f, noise)| Image { f, noise }),
-                );
+                let luminance = assembler.luminance(&stored, batch.start);
+                images.extend(luminance.into_iter().map(|(f, noise)| Image { f, noise }));
             }
-            let set = IncidentSet::List(list.into());
             let left_out = leave_one_out(&directions_deg, &set, &images, self.disk, &cells);
             let IncidentSet::List(list) = &set else {
                 unreachable!("made so")
             };
-            let wanted = BATCH.min(goal.budget - images.len());
-            let spot_rad = spot_deg(
-                self.rig,
-                &Grid::List {
-                    directions_deg: Vec::new(),
-                },
-            )
-            .to_radians();
-            let outlook = outlook(list, &left_out, &|w| self.reachable(w), spot_rad, wanted);
-            let predicted_db = decibels(outlook.mse.zip(outlook.noise_mse).map(|(a, b)| a + b));
-            history.push((images.len(), predicted_db));
-            let words = match predicted_db {
-                Some(db) if db.is_finite() => format!("{db:.1} dB"),
-                Some(_) => "no error".to_owned(),
-                None => "no PSNR".to_owned(),
-            };
-            progress.remark(&format!("adaptive: {} captures, {words} predicted", images.len()));
-            // Where nothing is predicted, no target is reached.
-            let is_reached = |target_db: f64| predicted_db.is_some_and(|db| db >= target_db);
-            let noise_rules = outlook
-                .mse
-                .zip(outlook.noise_mse)
-                .is_some_and(|(mse, noise_mse)| mse < NOISE_RULES * noise_mse);
+            let wanted = BATCH.min(most - images.len());
+            let reachable = |w| self.is_reachable(w);
+            let Outlook { predicted, next } = outlook(list, &left_out, &reachable, self.spot_rad(), wanted);
+            let captures = images.len();
+            let Predicted { mse, noise_mse } = predicted.ok_or(AdaptiveError::NothingSeen { captures })?;
+            let predicted_db = decibels(mse + noise_mse);
+            history.push((captures, predicted_db));
+            let words = predicted_db.map_or("no error".to_owned(), |db| format!("{db:.1} dB"));
+            progress.remark(&format!("adaptive: {captures} captures, {words} predicted"));
+            let is_reached = |target_db: f64| predicted_db.is_none_or(|db| db >= target_db);
             let stop = if goal.target_db.is_some_and(is_reached) {
                 Some(Stop::Target)
-            } else if wanted == 0 {
+            } else if captures == goal.budget {
                 Some(Stop::Budget)
-            } else if goal.target_db.is_some() && noise_rules {
+            } else if goal.target_db.is_some() && mse < NOISE_RULES * noise_mse {
                 Some(Stop::Noise)
-            } else if outlook.next.len() < wanted {
+            } else if wanted == 0 || next.len() < wanted {
                 Some(Stop::Spot)
             } else {
                 None
             };
             if let Some(stop) = stop {
-                let noise_limit_db = decibels(outlook.noise_mse);
-                let captures = images.len();
-                return Ok((
-                    directions_deg,
-                    Adapted {
-                        captures,
-                        predicted_db,
-                        noise_limit_db,
-                        goal,
-                        stop,
-                        history,
-                    },
-                ));
+                let adapted = Adapted {
+                    captures,
+                    predicted_db,
+                    noise_limit_db: decibels(noise_mse),
+                    goal,
+                    stop,
+                    history,
+                };
+                return Ok((directions_deg, adapted));
             }
-            directions_deg.extend(outlook.next.into_iter().map(|w| {
-                let (theta_rad, phi_rad) = to_angles(w);
-                [theta_rad.to_degrees(), phi_rad.to_degrees()]
-            }));
+            directions_deg.extend(next.into_iter().map(in_degrees));
             journal.choose(&directions_deg)?;
         }
     }
@@ -307,19 +382,12 @@ impl Loop<'_> {
         instrument: &mut Instrument,
         tally: &mut Tally,
     ) -> Result<(), AdaptiveError> {
-        let taken = take_segment(
-            instrument,
-            std::slice::from_ref(&self.timing),
-            exposures,
-            lit,
-            tally,
-            &mut |_| {},
-        )?;
+        let taken = take_segment(instrument, &self.timings, exposures, lit, tally, &mut |_| {})?;
         Ok(journal.frames.write_segment(segment, &taken)?)
     }
 }
 
-/// PSNR in dB of a mean squared error, if there is one; infinite, which is no number in a file, if it is 0.
-fn decibels(mse: Option<f64>) -> Option<f64> {
-    mse.map(|mse| -10.0 * mse.log10())
+/// PSNR in dB of a mean squared error; `None` without an error.
+fn decibels(mse: f64) -> Option<f64> {
+    (mse > 0.0).then(|| -10.0 * mse.log10())
 }

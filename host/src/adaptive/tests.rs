@@ -45,7 +45,7 @@ fn ideal(sample: &dyn Sample, w: DVec3, disk: Disk) -> Image {
         f: (0..disk.len())
             .map(|cell| disk.direction(cell).map_or(f32::NAN, luminance))
             .collect(),
-        noise: Some(0.0),
+        noise: 0.0,
     }
 }
 
@@ -100,6 +100,7 @@ fn compared(spec: &str, step_deg: f64) -> (usize, (f64, f64), (f64, f64), f64) {
         &dir.path().join("m"),
         &rig,
         &request(spec),
+        None,
         goal,
         &Setup::default(),
         false,
@@ -108,7 +109,7 @@ fn compared(spec: &str, step_deg: f64) -> (usize, (f64, f64), (f64, f64), f64) {
     .unwrap();
     let adaptive = psnr_db(sample.as_ref(), &measurement.directions.grid, &vec![true; budget]);
     let uniform = psnr_db(sample.as_ref(), &uniform.grid, &usable);
-    (adapted.captures, adaptive, uniform, adapted.predicted_db.unwrap())
+    (adapted.captures, adaptive, uniform, adapted.predicted_db)
 }
 
 #[test]

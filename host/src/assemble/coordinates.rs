@@ -99,6 +99,21 @@ pub(crate) fn coordinates(
     ]
 }
 
+/// How the incident directions of a list are described.
+const LIST: &str = "any directions, interpolated on their spherical Delaunay triangulation";
+
+/// The attributes of `brdf.zarr` that say that its incident directions are a list.
+pub(crate) fn list_attributes() -> Map<String, Value> {
+    let kind = Grid::List {
+        directions_deg: Vec::new(),
+    }
+    .kind();
+    let mut map = Map::new();
+    map.insert("incident_grid".to_owned(), LIST.into());
+    map.insert("incident_kind".to_owned(), kind.into());
+    map
+}
+
 /// The attributes of `brdf.zarr`.
 pub(super) fn attributes(rig: &Rig, plan: &Plan) -> Map<String, Value> {
     let incident = match plan.request.grid {
@@ -108,7 +123,7 @@ pub(super) fn attributes(rig: &Rig, plan: &Plan) -> Map<String, Value> {
         Grid::EqualSolidAngle { .. } => {
             "theta = (ring + 1/2) step, ceil(360 sin(theta)/step) directions on each ring, from phi = 0 on"
         }
-        Grid::List { .. } => "any directions, interpolated on their spherical Delaunay triangulation",
+        Grid::List { .. } => LIST,
     };
     let attributes = json!({
         "title": "bidirectional reflectance distribution function f in 1/sr, without the cosine",

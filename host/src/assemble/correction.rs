@@ -131,6 +131,11 @@ impl Correction {
         })
     }
 
+    /// What light and throughput make of the value at `cell` (with its channel) of the incident direction `row`.
+    pub(super) fn factor(&self, row: usize, cell: usize) -> f32 {
+        self.cells[cell] * self.rows[row]
+    }
+
     /// Corrects the rows of the incident directions from `first` on.
     pub(super) fn apply(&self, first: usize, rows: &mut BrdfRows) {
         let (cells, values) = (self.size * self.size, self.cells.len());

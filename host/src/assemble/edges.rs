@@ -29,6 +29,13 @@ impl Edges {
         }
     }
 
+    /// Whether an edge may hide the spot of light from `w`, or the `projector` does not reach it.
+    pub(super) fn may_hide_light(&self, projector: &View, w: DVec3) -> bool {
+        projector
+            .pixel(w)
+            .map_or(true, |at| self.may_hide(nearest_rad(projector, at.x, at.y)))
+    }
+
     /// For each pixel of the camera of `rig`, row by row, whether an edge may hide it.
     pub(super) fn hidden_pixels(&self, rig: &Rig) -> Vec<bool> {
         let camera = View::camera(rig);

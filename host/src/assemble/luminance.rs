@@ -1,60 +1,116 @@
-//! Single frames, assembled in memory while a measurement goes on.
+//! Single patterns, assembled in memory while a measurement goes on.
+//!
+//! # Design
+//! Frames become f in the same steps as in [`assemble`](super::assemble()): exposures are merged, pixels that an edge may hide
+//! left out, light and throughput taken as calibration found them. Only the uncertainty stays that of noise, which is what
+//! more captures cannot help.
 
 use std::collections::BTreeMap;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
-use super::chunk_rows;
+use super::correction::Correction;
+use super::edges::Edges;
 use super::radiometry::{Radiometry, Work};
+use super::{AssembleError, chunk_rows, seen};
+use crate::calibrate::Applied;
 use crate::disk::Disk;
 use crate::optics::View;
+use crate::plan::{Directions, Plan};
 use crate::provenance::Provenance;
 use crate::resample::Resampling;
 use crate::rig::Rig;
 use crate::store::{BrdfRows, Segment};
 
-/// Turns single frames into luminance on the disk, as assembly would.
-pub(crate) struct FrameAssembler {
-    radiometry: [Radiometry; 1],
+/// Turns the frames of single patterns into luminance on the disk, as assembly would.
+pub(crate) struct FrameAssembler<'a> {
+    rig: &'a Rig,
+    applied: &'a Applied,
+    radiometry: Vec<Radiometry>,
     resampling: Resampling,
+    /// What calibration makes of the images of the directions that are expected.
+    correction: Option<Correction>,
     channels: usize,
     disk: Disk,
 }
 
-impl FrameAssembler {
-    /// For frames of `rig` with the black exposures of `black`.
+/// Whether light from a direction reaches the sample of `rig` for certain: the projector has it, and no edge, as well as they
+/// are known, may hide it.
+pub(crate) fn certainly_lit(rig: &Rig, applied: &Applied) -> impl Fn(DVec3) -> bool + use<> {
+    let (projector, edges) = (View::projector(rig), Edges::new(applied.edge_deg));
+    move |w| !edges.may_hide_light(&projector, w)
+}
+
+impl<'a> FrameAssembler<'a> {
+    /// For frames of `rig` exposed as in `plan`, the black ones of which are in `black`; `applied` is what calibration found.
     ///
     /// # Errors
     /// A sentence if there are no black exposures.
-    pub(crate) fn new(rig: &Rig, black: &Segment, disk: Disk) -> Result<Self, String> {
+    pub(crate) fn new(
+        rig: &'a Rig,
+        applied: &'a Applied,
+        black: &[Segment],
+        plan: &Plan,
+        disk: Disk,
+    ) -> Result<Self, String> {
+        let camera = applied.photometry.as_ref().map(|found| &found.camera);
+        let format = rig.frame_format();
         Ok(Self {
-            radiometry: [Radiometry::new(
-                rig,
-                None,
-                std::slice::from_ref(black),
-                black.records.first().map_or(0.0, |record| record.exposure_s),
-                rig.frame_format().len(),
-            )?],
-            resampling: Resampling::new(&View::camera(rig), disk),
-            channels: rig.frame_format().channels,
+            radiometry: plan
+                .exposures_s()
+                .into_iter()
+                .map(|exposure_s| Radiometry::new(rig, camera, black, exposure_s, format.len()))
+                .collect::<Result<_, _>>()?,
+            resampling: seen(rig, &Edges::new(applied.edge_deg), disk),
+            correction: None,
+            channels: format.channels,
+            rig,
+            applied,
             disk,
         })
     }
 
-    /// For each frame of `segment`: the luminance of f in sr⁻¹ per cell (NaN where there is none), and the mean of the
-    /// variance of f by noise, `None` if no cell has a value.
-    pub(crate) fn luminance(&self, segment: &Segment) -> Vec<(Vec<f32>, Option<f64>)> {
-        let frames = segment.frames.par_chunks_exact(self.radiometry[0].dark.len());
+    /// Gets ready for images of those `directions` that can be lit, with spots as in `plan`.
+    ///
+    /// # Errors
+    /// [`AssembleError::Mismatch`] if the calibration does not fit the camera.
+    pub(crate) fn expect(&mut self, plan: &Plan, directions: &Directions) -> Result<(), AssembleError> {
+        if self.applied.photometry.is_some() {
+            // Edges cut the uncertainty only, and that has no part here.
+            let uncut = vec![0.0; directions.grid.len()];
+            let correction = Correction::new(
+                self.rig,
+                plan,
+                directions,
+                self.applied,
+                self.disk,
+                &self.resampling.pixel_sr,
+                &uncut,
+            )?;
+            self.correction = Some(correction);
+        }
+        Ok(())
+    }
+
+    /// For each pattern of `segment`, those of the incident directions from `first` on: the luminance of f in sr⁻¹ per cell
+    /// (NaN where there is none), and the mean of the variance of f by noise.
+    pub(crate) fn luminance(&self, segment: &Segment, first: usize) -> Vec<(Vec<f32>, f64)> {
+        let brackets = self.radiometry.len();
+        let frames = segment
+            .frames
+            .par_chunks_exact(self.radiometry[0].dark.len() * brackets);
         segment
             .records
-            .par_iter()
+            .par_chunks_exact(brackets)
             .zip(frames)
-            .map(|(record, frame)| {
-                let place = Segment {
-                    frames: frame.to_vec(),
-                    records: vec![*record],
+            .enumerate()
+            .map(|(place, (records, frames))| {
+                let alone = Segment {
+                    frames: frames.to_vec(),
+                    records: records.to_vec(),
                 };
-                let window = BTreeMap::from([(0, place)]);
+                let window = BTreeMap::from([(0, alone)]);
                 let mut work = Work::default();
                 let places = [Some((0, 0))];
                 chunk_rows(
@@ -66,38 +122,45 @@ impl FrameAssembler {
                     &self.resampling,
                     &mut work,
                 );
-                self.luminance_of(&work.rows)
+                self.luminance_of(&mut work.rows, first + place)
             })
             .collect()
     }
 
-    fn luminance_of(&self, rows: &BrdfRows) -> (Vec<f32>, Option<f64>) {
+    fn luminance_of(&self, rows: &mut BrdfRows, index: usize) -> (Vec<f32>, f64) {
         // ITU-R BT.601.
         let weights: &[f32] = if self.channels == 1 {
             &[1.0]
         } else {
             &[0.299, 0.587, 0.114]
         };
+        let factor = |value: usize| {
+            self.correction
+                .as_ref()
+                .map_or(1.0, |correction| correction.factor(index, value))
+        };
+        let is_missing = |rows: &BrdfRows, cell: usize| rows.provenance[cell] == Provenance::Missing.code();
         let (mut variance, mut count) = (0.0, 0_u32);
-        let cells = rows
-            .f
-            .chunks_exact(self.channels)
-            .zip(rows.sigma.chunks_exact(self.channels));
-        let f: Vec<f32> = cells
-            .zip(&rows.provenance)
-            .map(|((f, sigma), &provenance)| {
-                if provenance == Provenance::Missing.code() {
+        for cell in (0..self.disk.len()).filter(|&cell| !is_missing(rows, cell)) {
+            let at = cell * self.channels;
+            let squares = weights.iter().enumerate().map(|(channel, weight)| {
+                (weight * rows.sigma[at + channel].to_f32() * factor(at + channel)).powi(2)
+            });
+            variance += f64::from(squares.sum::<f32>());
+            count += 1;
+        }
+        if let Some(correction) = &self.correction {
+            correction.apply(index, rows);
+        }
+        let f = (0..self.disk.len())
+            .map(|cell| {
+                if is_missing(rows, cell) {
                     return f32::NAN;
                 }
-                let squares = weights
-                    .iter()
-                    .zip(sigma)
-                    .map(|(weight, sigma)| (weight * sigma.to_f32()).powi(2));
-                variance += f64::from(squares.sum::<f32>());
-                count += 1;
+                let f = &rows.f[cell * self.channels..][..self.channels];
                 weights.iter().zip(f).map(|(weight, f)| weight * f).sum()
             })
             .collect();
-        (f, (count > 0).then(|| variance / f64::from(count)))
+        (f, variance / f64::from(count.max(1)))
     }
 }

@@ -212,7 +212,8 @@ impl Captures for Sigmas<'_> {
 
 impl Brdf {
     /// f and its standard uncertainty in sr⁻¹ for pairs of unit vectors (incident, outgoing), found by direct
-    /// interpolation of what was measured itself; `None` where there is no value.
+    /// interpolation of what was measured itself; `None` where there is no value, or the incident direction is in a gap
+    /// between those that were captured.
     ///
     /// # Errors
     /// [`StoreError`].
@@ -226,9 +227,21 @@ impl Brdf {
             let sigmas = look_up(&Sigmas(self), &blend, above)?;
             let both = values.iter().zip(&sigmas);
             Ok(both
-                .map(|(value, sigma)| Some([value.value()?, sigma.value()?]))
+                .zip(above)
+                .map(|((value, sigma), (wi, _))| {
+                    let both = [value.value()?, sigma.value()?];
+                    self.grid.is_spanned(*wi).then_some(both)
+                })
                 .collect())
         })
+    }
+
+    /// Standard uncertainty of f in sr⁻¹ that comes from reading the exchanged pair of (`wi`, `wo`) in place of it, where f is
+    /// about `f`: what that was wrong by where both were captured. 0 if nobody knows.
+    pub(crate) fn exchange_error(&self, wi: DVec3, wo: DVec3, f: f64) -> f64 {
+        self.errors
+            .as_ref()
+            .map_or(0.0, |errors| errors.of_exchange(wi, wo, f))
     }
 
     /// [`Captures::scan`] of what `pick` takes from the rows: values [cell, channel] and provenance.

@@ -189,6 +189,21 @@ impl Measurement {
 }
 
 impl Calibration {
+    /// `rig` with the dark level, dark current, gain and read noise that were found of its camera.
+    #[must_use]
+    pub fn with_camera(&self, rig: &Rig) -> Rig {
+        let mut rig = rig.clone();
+        if let Some(photometry) = &self.photometry {
+            let found = &photometry.camera;
+            let range_dn = f64::from(rig.saturation_dn()) - found.dark_dn;
+            rig.camera.dark_dn = found.dark_dn;
+            rig.camera.read_noise_e = found.read_noise_e;
+            rig.camera.dark_current_e_per_s = (found.dark_dn_per_s * found.gain_e_per_dn).max(0.0);
+            rig.camera.full_well_e = found.gain_e_per_dn * range_dn;
+        }
+        rig
+    }
+
     /// What measurements with it take into account.
     #[must_use]
     pub fn applied(&self) -> Applied {

@@ -35,7 +35,7 @@ pub(super) fn fill(
         .map(|cell| (!above(brdf.disk().direction(cell))).then_some(Unmeasurable::BelowHorizon))
         .collect();
     let text = "reciprocal, interpolated across the wire, modelled as ggx with lambert base, in this order";
-    let writer = writer_like(brdf, path, &incident, &outgoing, facts(text, &[], captures))?;
+    let writer = writer_like(brdf, brdf.grid(), path, &incident, &outgoing, facts(text, &[], captures))?;
     progress.begin("fill", brdf.chunks(), "chunks");
     for chunk in 0..brdf.chunks() {
         let mut image = Chunk::read(brdf, chunk)?;
@@ -126,8 +126,13 @@ impl Chunk {
     fn exchange(&mut self, brdf: &Brdf) -> Result<(), StoreError> {
         let missing = self.missing(brdf);
         let pairs: Vec<(DVec3, DVec3)> = missing.iter().map(|&(_, wi, wo)| (wo, wi)).collect();
-        for ((sample, ..), found) in missing.iter().zip(brdf.with_sigma(&pairs)?) {
+        for ((sample, wi, wo), found) in missing.iter().zip(brdf.with_sigma(&pairs)?) {
             if let Some([f, sigma]) = found {
+                // The exchanged pair lies between the incident directions that were captured.
+                let sigma = std::array::from_fn(|channel| {
+                    let between = brdf.exchange_error(*wi, *wo, f64::from(f[channel]));
+                    sigma[channel].hypot(between as f32)
+                });
                 self.put(*sample, f, sigma, Provenance::Reciprocal);
             }
         }

@@ -12,6 +12,7 @@
 //! have one number for both, so [`COMMON`] of each variance is taken to be shared: with weights w = 1/σ² the variance is
 //! (1 − common)/Σw + common·(Σwσ/Σw)².
 
+use std::ops::Range;
 use std::path::Path;
 
 use glam::{DQuat, DVec3};
@@ -20,6 +21,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
 
+use super::union::Union;
 use super::{FillError, facts, finish, writer_like};
 use crate::brdf::Brdf;
 use crate::direction::from_angles;
@@ -78,25 +80,42 @@ pub(super) fn merge(
         .iter()
         .map(|other| align(base, other))
         .collect::<Result<Vec<_>, _>>()?;
-    let all = || std::iter::once(base).chain(others);
-    let reason =
-        |of: &dyn Fn(&Brdf) -> Option<Unmeasurable>| all().map(of).min_by_key(Option::is_some).flatten();
-    let incident: Vec<_> = (0..base.grid().len())
-        .map(|index| reason(&|brdf| brdf.incident_reason(index)))
+    let all: Vec<&Brdf> = std::iter::once(base).chain(others).collect();
+    let union = Union::of(&all).map_err(|error| FillError::Brdf(base.content(&error)))?;
+    // Where one capture reaches, all do; a direction that a capture does not have has no reason there.
+    let incident: Vec<Option<Unmeasurable>> = (0..union.set.len())
+        .map(|index| {
+            let held = all.iter().zip(&union.rows);
+            let reasons = held.filter_map(|(brdf, rows)| Some(brdf.incident_reason(rows[index]?)));
+            reasons.min_by_key(Option::is_some).flatten()
+        })
         .collect();
-    let outgoing: Vec<_> = (0..base.disk().len())
-        .map(|cell| reason(&|brdf| brdf.outgoing_reason(cell)))
+    let outgoing: Vec<Option<Unmeasurable>> = (0..base.disk().len())
+        .map(|cell| {
+            let reasons = all.iter().map(|brdf| brdf.outgoing_reason(cell));
+            reasons.min_by_key(Option::is_some).flatten()
+        })
         .collect();
     let names: Vec<String> = others
         .iter()
         .map(|other| other.path().display().to_string())
         .collect();
-    let writer = writer_like(base, path, &incident, &outgoing, facts("merged", &names, &[]))?;
-    progress.begin("merge", base.chunks(), "chunks");
-    for chunk in 0..base.chunks() {
-        // Nothing goes where the merged file says that there can be nothing.
-        let is_open = |index: usize, cell: usize| incident[index].is_none() && outgoing[cell].is_none();
-        if let Some(rows) = merged_chunk(base, others, &alignments, chunk, &is_open)? {
+    let writer = writer_like(
+        base,
+        &union.set,
+        path,
+        &incident,
+        &outgoing,
+        facts("merged", &names, &[]),
+    )?;
+    let length = base.chunk_range(0).len();
+    let chunks = union.set.len().div_ceil(length);
+    // Nothing goes where the merged file says that there can be nothing.
+    let is_open = |index: usize, cell: usize| incident[index].is_none() && outgoing[cell].is_none();
+    progress.begin("merge", chunks, "chunks");
+    for chunk in 0..chunks {
+        let range = chunk * length..((chunk + 1) * length).min(union.set.len());
+        if let Some(rows) = merged_chunk(&all, &union, &alignments, range, &is_open)? {
             writer.write_chunk(chunk, &rows)?;
         }
         progress.reach(chunk + 1);
@@ -209,16 +228,16 @@ fn align(base: &Brdf, other: &Brdf) -> Result<Alignment, FillError> {
     })
 }
 
-/// One chunk of all captures together; nothing if none has anything.
+/// The incident directions `range` of all captures together; nothing if none has anything.
 fn merged_chunk(
-    base: &Brdf,
-    others: &[Brdf],
+    captures: &[&Brdf],
+    union: &Union,
     alignments: &[Alignment],
-    chunk: usize,
+    range: Range<usize>,
     is_open: &dyn Fn(usize, usize) -> bool,
 ) -> Result<Option<BrdfRows>, FillError> {
+    let base = captures[0];
     let (cells, channels) = (base.disk().len(), base.channels());
-    let range = base.chunk_range(chunk);
     let samples = range.len() * cells;
     let mut sums = vec![0.0_f64; samples * channels];
     let mut weights = vec![0.0_f64; samples * channels];
@@ -242,47 +261,62 @@ fn merged_chunk(
             Provenance::Merged.code()
         };
     };
-    let mut add_rows = |brdf: &Brdf, scale: f64, is_base: bool| -> Result<(), StoreError> {
-        let Some(rows) = brdf.chunk(chunk)? else {
-            return Ok(());
-        };
-        for sample in 0..samples {
-            let code = rows.provenance[sample];
-            let captured = brdf.incident_reason(range.start + sample / cells).is_none();
-            // What was filled in is made from what takes part already, or will be made anew.
-            let is_seen = Provenance::from_code(code).is_some_and(Provenance::is_seen);
-            if !is_seen || !captured {
+    let mut add_rows = |capture: usize, scale: f64| -> Result<(), StoreError> {
+        let brdf = captures[capture];
+        // The rows of a chunk mostly come from one of the capture.
+        let mut held: Option<(usize, Option<BrdfRows>)> = None;
+        for (place, row) in union.rows[capture][range.clone()].iter().enumerate() {
+            let Some(row) = row.filter(|row| brdf.incident_reason(*row).is_none()) else {
                 continue;
+            };
+            let length = brdf.chunk_range(0).len();
+            if held.as_ref().is_none_or(|held| held.0 != row / length) {
+                held = Some((row / length, brdf.chunk(row / length)?));
             }
-            let at = sample * channels..(sample + 1) * channels;
-            let mut sigma = [0.0; 3];
-            for (sigma, half) in sigma.iter_mut().zip(&rows.sigma[at.clone()]) {
-                *sigma = half.to_f32();
+            let Some((_, Some(rows))) = &held else { continue };
+            for cell in 0..cells {
+                let there = row % length * cells + cell;
+                let code = rows.provenance[there];
+                // What was filled in is made from what takes part already, or will be made anew.
+                if !Provenance::from_code(code).is_some_and(Provenance::is_seen) {
+                    continue;
+                }
+                let at = there * channels..(there + 1) * channels;
+                let mut sigma = [0.0; 3];
+                for (sigma, half) in sigma.iter_mut().zip(&rows.sigma[at.clone()]) {
+                    *sigma = half.to_f32();
+                }
+                let code = if capture == 0 {
+                    code
+                } else {
+                    Provenance::Merged.code()
+                };
+                add(place * cells + cell, &rows.f[at], &sigma, scale, code);
             }
-            let code = if is_base { code } else { Provenance::Merged.code() };
-            add(sample, &rows.f[at], &sigma, scale, code);
         }
         Ok(())
     };
-    add_rows(base, 1.0, true)?;
-    for (other, alignment) in others.iter().zip(alignments) {
+    add_rows(0, 1.0)?;
+    for (capture, alignment) in (1..).zip(alignments) {
         if alignment.turn == DQuat::IDENTITY {
-            add_rows(other, alignment.scale, false)?;
+            add_rows(capture, alignment.scale)?;
         }
     }
-    for (other, alignment) in others.iter().zip(alignments) {
+    for (capture, alignment) in (1..).zip(alignments) {
         if alignment.turn == DQuat::IDENTITY {
             continue;
         }
+        let has = |sample: &usize| union.rows[capture][range.start + sample / cells].is_some();
         let places: Vec<(usize, (DVec3, DVec3))> = (0..samples)
+            .filter(has)
             .filter_map(|sample| {
-                let wi = base.grid().direction(range.start + sample / cells);
+                let wi = union.set.direction(range.start + sample / cells);
                 let wo = base.disk().direction(sample % cells)?;
                 Some((sample, (alignment.turn * wi, alignment.turn * wo)))
             })
             .collect();
         let pairs: Vec<(DVec3, DVec3)> = places.iter().map(|place| place.1).collect();
-        for ((sample, _), found) in places.iter().zip(other.with_sigma(&pairs)?) {
+        for ((sample, _), found) in places.iter().zip(captures[capture].with_sigma(&pairs)?) {
             if let Some([f, sigma]) = found {
                 add(*sample, &f, &sigma, alignment.scale, Provenance::Merged.code());
             }

@@ -15,11 +15,15 @@
 //! Assembled files are in the sample's frame whatever the tilt was, so a pair of directions is the same pair in each. What
 //! the tilts were not quite, and how the light has changed in between, is found in the overlap (`merge`).
 //!
+//! Captures with other incident directions (adaptive ones, lists) become one list of all of them (`union`), in which each row
+//! holds what was measured at just that direction.
+//!
 //! Everything streams chunk by chunk through files; memory does not grow with them. The result is a `brdf.zarr` like any
 //! other, in which directions that were filled count as reached.
 
 mod gaps;
 mod merge;
+mod union;
 
 use std::path::{Path, PathBuf};
 
@@ -28,9 +32,11 @@ use serde_json::{Map, Value, json};
 
 pub use merge::Alignment;
 
-use crate::assemble::{coordinates, interpolation_errors};
 use crate::brdf::{Brdf, BrdfError, evidence};
+use crate::assemble::{coordinates, interpolation_errors, list_attributes};
+use crate::direction::from_angles;
 use crate::fit::{Fit, FitError};
+use crate::incident::IncidentSet;
 use crate::optics::Unmeasurable;
 use crate::progress::Progress;
 use crate::provenance::Provenance;
@@ -38,6 +44,11 @@ use crate::store::{BrdfLayout, BrdfWriter, StoreError};
 
 /// Coverage counts pairs of directions up to this polar angle, degrees.
 pub const COVERED_THETA_DEG: f64 = 85.0;
+
+/// Directions by which the solid angles of a list are found.
+const SPIRAL: u32 = 20_000;
+/// The golden angle, radians.
+const GOLDEN_RAD: f64 = 2.399_963_229_728_653;
 
 /// Why there is nothing filled.
 #[derive(Debug, thiserror::Error)]
@@ -193,10 +204,6 @@ fn captures(base: &Brdf, others: &[Brdf]) -> Result<Vec<String>, FillError> {
 }
 
 fn check_alike(base: &Brdf, other: &Brdf) -> Result<(), FillError> {
-    let grid = |brdf: &Brdf| {
-        let angles = (0..brdf.grid().len()).map(|index| brdf.grid().angles_deg(index));
-        angles.fold(0.0, |sum, (theta, phi)| sum * 1.000_1 + theta + 1e-3 * phi)
-    };
     let fields = [
         (
             "channels",
@@ -208,12 +215,6 @@ fn check_alike(base: &Brdf, other: &Brdf) -> Result<(), FillError> {
             base.disk().size().to_string(),
             other.disk().size().to_string(),
         ),
-        (
-            "incident directions",
-            base.grid().len().to_string(),
-            other.grid().len().to_string(),
-        ),
-        ("incident grid", grid(base).to_string(), grid(other).to_string()),
     ];
     match fields.into_iter().find(|(_, expected, found)| expected != found) {
         None => Ok(()),
@@ -226,9 +227,10 @@ fn check_alike(base: &Brdf, other: &Brdf) -> Result<(), FillError> {
     }
 }
 
-/// A writer of a file like `brdf`, whose directions have these reasons.
+/// A writer of a file like `brdf`, of the incident directions `grid`, whose directions have these reasons.
 fn writer_like(
     brdf: &Brdf,
+    grid: &IncidentSet,
     path: &Path,
     incident: &[Option<Unmeasurable>],
     outgoing: &[Option<Unmeasurable>],
@@ -236,7 +238,7 @@ fn writer_like(
 ) -> Result<BrdfWriter, StoreError> {
     let disk = brdf.disk();
     let layout = BrdfLayout {
-        incident: brdf.grid().len(),
+        incident: grid.len(),
         grid: disk.size(),
         channels: brdf.channels(),
         chunk: brdf.chunk_range(0).len(),
@@ -259,11 +261,15 @@ fn writer_like(
         .collect();
     let mut attributes = brdf.attributes().clone();
     attributes.retain(|name, _| !name.starts_with("rcg_"));
+    if matches!(grid, IncidentSet::List(_)) {
+        attributes.extend(list_attributes());
+        attributes.remove("step_deg");
+    }
     attributes.extend(facts);
     BrdfWriter::create(
         path,
         layout,
-        &coordinates(brdf.grid(), incident, disk, outgoing, &pixel_sr),
+        &coordinates(grid, incident, disk, outgoing, &pixel_sr),
         attributes,
         true,
     )
@@ -286,8 +292,7 @@ pub fn shares(brdf: &Brdf) -> Result<Vec<Share>, StoreError> {
     let cells: Vec<usize> = (0..brdf.disk().len())
         .filter(|&cell| brdf.disk().direction(cell).is_some_and(|w| w.z >= least))
         .collect();
-    // Rings of a θ × φ grid stand for solid angles that go with sin θ; other grids are spread evenly.
-    let is_ring_grid = brdf.attributes().get("incident_kind").and_then(Value::as_str) == Some("theta-phi");
+    let (weights, gaps) = solid_angles(brdf, least);
     let mut sums = [0.0; Provenance::ALL.len()];
     for chunk in 0..brdf.chunks() {
         let rows = brdf.chunk(chunk)?;
@@ -296,11 +301,7 @@ pub fn shares(brdf: &Brdf) -> Result<Vec<Share>, StoreError> {
             if wi.z < least {
                 continue;
             }
-            let weight = if is_ring_grid {
-                (1.0 - wi.z * wi.z).sqrt()
-            } else {
-                1.0
-            };
+            let weight = weights[index];
             for &cell in &cells {
                 let code = rows
                     .as_ref()
@@ -310,6 +311,7 @@ pub fn shares(brdf: &Brdf) -> Result<Vec<Share>, StoreError> {
             }
         }
     }
+    sums[usize::from(Provenance::Missing.code())] += gaps * cells.len() as f64;
     let total: f64 = sums.iter().sum();
     if total <= 0.0 {
         return Ok(Vec::new());
@@ -322,6 +324,31 @@ pub fn shares(brdf: &Brdf) -> Result<Vec<Share>, StoreError> {
             share: sum / total,
         })
         .collect())
+}
+
+/// Relative solid angle that each incident direction of `brdf` stands for, and that of the gaps in which none does, down to
+/// the cosine `least`.
+fn solid_angles(brdf: &Brdf, least: f64) -> (Vec<f64>, f64) {
+    let grid = brdf.grid();
+    let is_ring_grid = brdf.attributes().get("incident_kind").and_then(Value::as_str) == Some("theta-phi");
+    if matches!(grid, IncidentSet::Rings(_)) {
+        // Rings of a θ × φ grid stand for solid angles that go with sin θ; the others are spread evenly.
+        let sine = |index: usize| (1.0 - grid.direction(index).z.powi(2)).sqrt();
+        let weight = |index: usize| if is_ring_grid { sine(index) } else { 1.0 };
+        return ((0..grid.len()).map(weight).collect(), 0.0);
+    }
+    // Evenly spread directions on a spiral stand for the nearest of the list.
+    let (mut weights, mut gaps) = (vec![0.0; grid.len()], 0.0);
+    for at in 0..SPIRAL {
+        let z = 1.0 - (f64::from(at) + 0.5) / f64::from(SPIRAL) * (1.0 - least);
+        let w = from_angles(z.acos(), GOLDEN_RAD * f64::from(at));
+        let nearest = grid.neighbours(w).into_iter().max_by(|a, b| a.1.total_cmp(&b.1));
+        match nearest {
+            Some((index, _)) if grid.is_spanned(w) => weights[index] += 1.0,
+            _ => gaps += 1.0,
+        }
+    }
+    (weights, gaps)
 }
 
 /// What the attributes of a file say of how it was filled, and from which captures.

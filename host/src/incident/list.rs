@@ -23,6 +23,8 @@ use crate::direction::from_degrees;
 const DISTINCT: f64 = 1e-7;
 /// Less than this area, in the plane of projection, is none.
 const FLAT: f64 = 1e-9;
+/// An empty circle so many times as wide as usual is a gap.
+const GAP: f64 = 2.0;
 /// Directions per cell of the raster, about.
 const PER_CELL: f64 = 2.0;
 
@@ -38,6 +40,8 @@ pub struct DirectionList {
     hints: Vec<u32>,
     /// Cells along a side.
     cells: usize,
+    /// Radius in rad of empty circles, median over the hemisphere.
+    usual_rad: f64,
 }
 
 fn project(w: DVec3) -> DVec2 {
@@ -106,13 +110,16 @@ impl DirectionList {
                 hints.push(hint.index() as u32);
             }
         }
-        Ok(Self {
+        let mut list = Self {
             angles_deg: angles_deg.to_vec(),
             directions,
             delaunay,
             hints,
             cells,
-        })
+            usual_rad: 0.0,
+        };
+        list.usual_rad = list.usual_rad();
+        Ok(list)
     }
 
     /// Number of directions.
@@ -150,6 +157,58 @@ impl DirectionList {
     pub fn circumcentre(&self, triangle: [usize; 3]) -> DVec3 {
         let [a, b, c] = triangle.map(|index| self.directions[index]);
         (b - a).cross(c - a).normalize()
+    }
+
+    /// Whether interpolation at `w` is as near to directions of the list as it is elsewhere: the empty circle around it is no
+    /// more than [`GAP`] times as wide as they usually are, and it is no farther beyond the hull. Else `w` is in a gap, such
+    /// as the hole of a mirror, of which the list says nothing.
+    #[must_use]
+    pub fn is_spanned(&self, w: DVec3) -> bool {
+        let within = |triangle: [usize; 3]| self.radius_rad(triangle) <= GAP * self.usual_rad;
+        let at = point(project(w.with_z(w.z.max(0.0)).normalize_or(DVec3::Z)));
+        match self.delaunay.locate(at) {
+            PositionInTriangulation::OnVertex(_) => true,
+            PositionInTriangulation::OnFace(face) => within(corners(self.delaunay.face(face))),
+            PositionInTriangulation::OnEdge(edge) => {
+                let edge = self.delaunay.directed_edge(edge);
+                let sides = [edge.face().as_inner(), edge.rev().face().as_inner()];
+                sides.into_iter().flatten().any(|face| within(corners(face)))
+            }
+            _ => {
+                let nearest = self
+                    .neighbours(w)
+                    .into_iter()
+                    .fold(DVec3::ZERO, |sum, (index, weight)| {
+                        sum + weight * self.directions[index]
+                    });
+                nearest.angle_between(w) <= GAP * self.usual_rad
+            }
+        }
+    }
+
+    /// Radius in rad of the empty circle through the corners of `triangle`.
+    fn radius_rad(&self, triangle: [usize; 3]) -> f64 {
+        self.circumcentre(triangle)
+            .angle_between(self.directions[triangle[0]])
+    }
+
+    /// Median over the hemisphere of the radius of the empty circle.
+    fn usual_rad(&self) -> f64 {
+        let mut radii: Vec<(f64, f64)> = self
+            .triangles()
+            .map(|triangle| {
+                let [a, b, c] = triangle.map(|index| self.directions[index]);
+                (self.radius_rad(triangle), (b - a).cross(c - a).length())
+            })
+            .collect();
+        radii.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let half = radii.iter().map(|radius| radius.1).sum::<f64>() / 2.0;
+        let mut sum = 0.0;
+        let middle = radii.iter().find(|radius| {
+            sum += radius.1;
+            sum >= half
+        });
+        middle.map_or(0.0, |radius| radius.0)
     }
 
     /// See [`super::IncidentSet::neighbours`].

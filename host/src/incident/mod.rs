@@ -204,6 +204,16 @@ impl IncidentSet {
         }
     }
 
+    /// Whether `w` is where the directions say something: not in a gap of a list. Of rings all of them belong to the set,
+    /// those too that were not captured.
+    #[must_use]
+    pub fn is_spanned(&self, w: DVec3) -> bool {
+        match self {
+            Self::Rings(_) => true,
+            Self::List(list) => list.is_spanned(w),
+        }
+    }
+
     /// The directions around direction `index`, itself not among them: those beside it on its ring and next to it on
     /// the rings above and below, or its Delaunay neighbours.
     #[must_use]

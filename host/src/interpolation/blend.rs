@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::leave_one_out::shown;
 use super::region::{REGIONS, WIDER, around, region, wider};
 use super::rule::{DIRECT, HALF_VECTOR, RULES};
 use super::{Interpolation, Regions};
@@ -81,6 +82,16 @@ impl Errors {
     #[must_use]
     pub fn as_slice(&self) -> &[f64] {
         &self.0
+    }
+
+    /// Standard uncertainty of f in sr⁻¹ if the pair (`wi`, `wo`) is read back directly, where f is about `f`.
+    pub(crate) fn of_exchange(&self, wi: DVec3, wo: DVec3, f: f64) -> f64 {
+        let regions: Regions = around(wi, wo);
+        let relative: f64 = regions
+            .into_iter()
+            .map(|(region, weight)| f64::from(weight) * self.0[region * BRANCHES + BACK + DIRECT])
+            .sum();
+        relative / shown(wi, f)
     }
 
     /// From such numbers; `None` unless there are [`REGIONS`] × [`BRANCHES`] positive ones.

@@ -29,6 +29,11 @@ const GREY: f64 = 0.3;
 /// Luminance (BT.601).
 const LUMINANCE: Vec3 = Vec3::new(0.299, 0.587, 0.114);
 
+/// What an error of f counts, relative to white, for incident direction `wi` where f is `f`.
+pub(super) fn shown(wi: DVec3, f: f64) -> f64 {
+    wi.z / (GREY + wi.z * f.max(0.0))
+}
+
 /// One sample: a pair of directions that was captured, and what the branches say of it.
 struct Probe {
     row: usize,
@@ -81,7 +86,7 @@ impl Probe {
         if self.sums[DIRECT].1 < 0.5 {
             return None;
         }
-        let shown = self.wi.z / (GREY + self.wi.z * truth.max(0.0));
+        let shown = shown(self.wi, truth);
         Some(self.sums.map(|(sum, weight)| {
             // A branch that says nothing is wrong by all.
             let predicted = if weight > 0.5 {

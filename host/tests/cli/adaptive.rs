@@ -155,7 +155,18 @@ fn goals_that_make_no_sense_are_refused_and_nothing_is_made() {
         (&["--target", "good"], &["target", "such as 40dB", "found `good`"]),
         (&["--target", "-4dB"], &["target", "found `-4dB`"]),
         (&[], &["a target in dB, a budget", "found none"]),
-        (&["--budget", "50", "--step", "5"], &["--step"]),
+        (
+            &["--budget", "50", "--step", "5"],
+            &[
+                "budget",
+                "for the directions of --grid that can be lit",
+                "found 50",
+            ],
+        ),
+        (
+            &["--budget", "50", "--replay", "plan.toml"],
+            &["--adaptive", "expected no --replay"],
+        ),
     ] {
         refuses(&[&adaptive[..], goal].concat(), "", 2, parts);
         assert!(!out.exists());
@@ -172,5 +183,150 @@ fn goals_that_make_no_sense_are_refused_and_nothing_is_made() {
         "",
         2,
         &[text(&gone), "expected a plan", "found"],
+    );
+}
+
+/// What an adaptive measurement may be taken with, at once: what a loop sees of it must be what assembly makes of it.
+#[test]
+fn whatever_it_is_taken_with_its_plan_and_its_list_measure_the_same() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| text(&scratch.path().join(name)).to_owned();
+    let (truth, calibration, list) = (at("truth.toml"), at("calibration"), at("list.txt"));
+    // Light and throughput are uneven, all stands where it should.
+    let still = ["--position-mm", "0", "--angle-deg", "0"];
+    run(&[&["truth", "--out", &truth][..], &still].concat(), "").done();
+    let photometry = [
+        "calibrate",
+        "photometry",
+        "--image-size",
+        "32",
+        "--truth",
+        &truth,
+        "--out",
+        &calibration,
+    ];
+    run(&photometry, "").done();
+    let lines: String = (0..20)
+        .map(|at| format!("{} {}\n", 15.0 + 3.5 * f64::from(at), f64::from(at * 137 % 360)))
+        .collect();
+    fs::write(&list, lines).unwrap();
+
+    let known = ["--truth", &truth, "--calibration", &calibration];
+    for (place, options) in [
+        &["--brackets", "auto"][..],
+        &["--grid", "equal-solid-angle", "--step", "22.5"],
+        &[&known[..], &["--brackets", "0.5,4,30", "--grid", &list]].concat(),
+        &[
+            "--rig",
+            "rcg-2",
+            "--tilt",
+            "20:100:30",
+            "--brackets",
+            "3",
+            "--step",
+            "30",
+        ],
+        &[&known[..], &["--tilt", "51:84:40", "--exposure-ms", "2"]].concat(),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let shared = [&["--image-size", "17", "--sample", "ggx:satin"], options].concat();
+        let [out, cut] = ["out", "cut"].map(|name| at(&format!("{name}{place}")));
+        let goal = ["--adaptive", "--budget", "56", "--json"];
+        let measure = |out| [&["measure", "--out", out][..], &shared, &goal].concat();
+        let summary = run(&measure(&out), "").object();
+        assert_eq!(summary["adaptive"]["captures"], 56, "{options:?}");
+        let f = |out: &str| files(&std::path::Path::new(out).join("brdf.zarr/f"));
+        let expected = f(&out);
+
+        // As if it had been killed before it had a plan, after some of its segments.
+        run(&measure(&cut), "").done();
+        for name in ["plan.toml", "rig.toml", "manifest.json", "report.html"] {
+            fs::remove_file(format!("{cut}/{name}")).unwrap();
+        }
+        fs::rename(format!("{cut}/raw.zarr"), format!("{cut}/adaptive.zarr")).unwrap();
+        fs::remove_file(format!("{cut}/adaptive.zarr/frames/c.3.0.0.0")).unwrap();
+        let with_calibration = options.contains(&"--calibration");
+        if with_calibration {
+            let parts = ["adaptive.toml", "found another"];
+            let without: Vec<&str> = measure(&cut)
+                .into_iter()
+                .filter(|part| *part != "--calibration" && *part != calibration.as_str())
+                .chain(["--resume"])
+                .collect();
+            run(&without, "").complains(2, &parts);
+        }
+        run(&[&measure(&cut)[..], &["--resume"]].concat(), "").done();
+        assert!(f(&cut) == expected, "resumed to other values with {options:?}");
+
+        // The plan and the list say all.
+        let rig = if options.contains(&"rcg-2") {
+            "rcg-2"
+        } else {
+            "rcg-1"
+        };
+        let [again, listed] = ["again", "listed"].map(|name| at(&format!("{name}{place}")));
+        let applied: &[&str] = if with_calibration { &known[2..] } else { &[] };
+        let plan = format!("{out}/plan.toml");
+        let replay = ["measure", "--out", &again, "--replay", &plan, "--rig", rig];
+        run(&[&replay[..], applied].concat(), "").done();
+        assert!(f(&again) == expected, "replayed to other values with {options:?}");
+        let is_given = options
+            .iter()
+            .any(|option| ["--exposure-ms", "0.5,4,30"].contains(option));
+        if is_given {
+            let directions = format!("{out}/directions.txt");
+            let kept = shared
+                .iter()
+                .enumerate()
+                .filter(|(at, option)| **option != "--grid" && (*at == 0 || shared[at - 1] != "--grid"));
+            let kept: Vec<&str> = kept.map(|(_, option)| *option).collect();
+            let grid = ["measure", "--out", &listed, "--grid", &directions];
+            run(&[&grid[..], &kept].concat(), "").done();
+            assert!(
+                f(&listed) == expected,
+                "another order or other directions with {options:?}"
+            );
+        }
+        assert_eq!(
+            std::path::Path::new(&out).join("calibration.json").exists(),
+            with_calibration
+        );
+    }
+}
+
+#[test]
+fn a_grid_is_where_it_starts_and_images_without_values_predict_nothing() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| text(&scratch.path().join(name)).to_owned();
+    let [out, list, dark] = ["out", "list.txt", "dark"].map(at);
+    // One in the hole, which cannot be lit.
+    fs::write(&list, "40 10\n10 0\n50 130\n60.5 250\n70 330\n").unwrap();
+    let start = ["measure", "--out", &out, "--grid", &list, "--budget", "20"];
+    run(&[&start[..], &QUICK].concat(), "").done();
+    let chosen = fs::read_to_string(format!("{out}/directions.txt")).unwrap();
+    let lines: Vec<&str> = chosen.lines().skip(1).collect();
+    assert_eq!(lines[..4], ["40 10", "50 130", "60.5 250", "70 330"]);
+    assert_eq!(lines.len(), 20);
+
+    // All saturated: no error is known, and that is no error of 0.
+    let all = [
+        "measure",
+        "--out",
+        &dark,
+        "--adaptive",
+        "--budget",
+        "32",
+        "--image-size",
+        "16",
+    ];
+    let outcome = run(
+        &[&all[..], &["--sample", "lambert:0.9", "--exposure-ms", "500"]].concat(),
+        "",
+    );
+    outcome.complains(
+        1,
+        &["expected images from which errors can be predicted", "saturated"],
     );
 }

@@ -33,6 +33,8 @@ mod fits;
 mod grids;
 #[cfg(unix)]
 mod killed;
+#[cfg(unix)]
+mod matrix;
 mod multiplexed;
 mod outputs;
 mod pictures;

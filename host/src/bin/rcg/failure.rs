@@ -222,6 +222,7 @@ impl Blame for AdaptiveError {
         match self {
             Self::Goal(_) | Self::Toml(_) | Self::Differs { .. } | Self::OutOfReach { .. } => true,
             Self::Measure(error) => error.is_input(),
+            Self::NothingSeen { .. } => false,
         }
     }
 }

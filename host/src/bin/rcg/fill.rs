@@ -11,9 +11,9 @@ use crate::output::Output;
 
 /// Fill what a capture does not reach: from captures at other tilts, from reciprocity, from neighbours, from a model.
 ///
-/// Further captures are of the same sample, tilted otherwise in the mirror (`rcg measure --tilt`), with the same grid and
-/// image size; their scale and what their tilts were not quite are found in the
-/// overlap. What is left comes from the exchanged pair of directions, across the wire from both its sides, and from a fitted
+/// Further captures are of the same sample, tilted otherwise in the mirror (`rcg measure --tilt`), with the same image size;
+/// their scale and what their tilts were not quite are found in the
+/// overlap. Where their incident directions differ (adaptive ones, lists), the result has all of them, as a list. What is left comes from the exchanged pair of directions, across the wire from both its sides, and from a fitted
 /// GGX with a Lambert base. Every value says where it comes from.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {

@@ -4,13 +4,15 @@ use std::io::{self, Write as _};
 
 use rcg::direction::from_degrees;
 use rcg::optics::{Spread, Unmeasurable, View};
-use rcg::rig::Rig;
+use rcg::rig::{Rig, Tilt};
+use rcg::setup::Setup;
 use serde_json::json;
 
 use crate::Done;
 use crate::numbers::directions_of;
 use crate::output::Output;
 use crate::request::image_size;
+use crate::request::CalibrationArgs;
 
 /// Directions on stdin to camera and projector pixels.
 ///
@@ -24,13 +26,19 @@ pub(crate) struct Args {
     /// Give pixels of a camera image of this size instead of the rig's own
     #[arg(long, value_name = "N", value_parser = image_size)]
     image_size: Option<u32>,
+    /// Tilt of the sample by its holder, as in `rcg measure --tilt` [default: none]
+    #[arg(long, value_name = "TILT:TOWARDS[:TURN]", allow_hyphen_values = true)]
+    tilt: Option<Tilt>,
+    #[command(flatten)]
+    calibration: CalibrationArgs,
     /// Give parallax and blur of each direction too
     #[arg(long)]
     spread: bool,
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
-    let mut rig = Rig::load(rig)?;
+    let rig = args.calibration.rig(Rig::load(rig)?, &mut Setup::default())?;
+    let mut rig = rig.tilted(args.tilt)?;
     if let Some(size) = args.image_size {
         rig = rig.with_image_size(size)?;
     }

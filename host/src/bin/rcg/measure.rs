@@ -3,14 +3,16 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use rcg::adaptive::{self, AdaptiveError, Goal};
-use rcg::measure::{complete, prepare};
+use rcg::adaptive::{self, AdaptiveError, Begun, Goal};
+use rcg::incident::Grid;
+use rcg::measure::{complete, prepare_at};
 use rcg::measurement::Measurement;
-use rcg::plan::Plan;
+use rcg::plan::{Plan, Request};
 use rcg::report::lines;
 use rcg::rig::Rig;
 
 use crate::Done;
+use crate::failure::Failure;
 use crate::output::{Output, table};
 use crate::request::{CalibrationArgs, RequestArgs, SetupArgs};
 
@@ -22,8 +24,9 @@ pub(crate) struct Args {
     out: PathBuf,
     #[command(flatten)]
     request: RequestArgs,
-    /// Choose the incident directions on the way, where the predicted error is largest, until --target or --budget
-    #[arg(long, conflicts_with_all = ["grid", "step", "replay", "brackets", "calibration"])]
+    /// Choose the incident directions on the way, where the predicted error is largest, until --target or --budget; --grid
+    /// and --step say from which directions it starts [default: 48 that are far apart]
+    #[arg(long)]
     adaptive: bool,
     /// With --adaptive: stop at this predicted PSNR of f·cosθi at exposure 1, clipped to 1
     #[arg(long, value_name = "dB", requires = "adaptive", allow_hyphen_values = true)]
@@ -44,29 +47,73 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
+    if args.adaptive && args.replay.is_some() {
+        return Err(Failure::input(
+            "--adaptive: expected no --replay, which measures the directions of a plan and no others, found one (--grid \
+             with the list of directions lets an adaptive measurement start from them)",
+        ));
+    }
     let mut setup = args.setup.setup()?;
     let rig = args.calibration.rig(Rig::load(rig)?, &mut setup)?;
+    let begun = if args.resume {
+        adaptive::begun(&args.out)?
+    } else {
+        None
+    };
     let measurement = if args.resume && Measurement::exists(&args.out) {
         let measurement = Measurement::open(&args.out)?;
-        let request = args.request.request(Some(&measurement.plan.request))?;
+        let held = &measurement.plan.request;
+        let request = match (&begun, args.adaptive) {
+            (Some(begun), true) => {
+                let (start, goal) = args.adaptive(Some(begun))?;
+                adaptive::check_same(&args.out, begun, start.as_ref(), goal)?;
+                let request = args.request.request(Some(&begun.request))?;
+                Request {
+                    grid: held.grid.clone(),
+                    ..request
+                }
+            }
+            (None, true) => {
+                return Err(Failure::input(format!(
+                    "{}: expected a measurement that was begun with --adaptive, found one of a {}",
+                    args.out.display(),
+                    held.grid
+                )));
+            }
+            (_, false) => match &args.replay {
+                Some(path) => args
+                    .request
+                    .request(Some(&Plan::of_rig(path, &rig)?.replayed()))?,
+                None => args.request.request(Some(held))?,
+            },
+        };
         measurement.check_same(&request, &rig.name)?;
         measurement.check_calibration(setup.calibration.as_ref())?;
         measurement
+    } else if args.adaptive || begun.is_some() {
+        if args.resume {
+            Measurement::sweep(&args.out)?;
+        }
+        let (start, goal) = args.adaptive(begun.as_ref())?;
+        let request = args.request.request(begun.as_ref().map(|begun| &begun.request))?;
+        let (out, start) = (&args.out, start.as_ref());
+        adaptive::measure(out, &rig, &request, start, goal, &setup, args.resume, output)?.0
     } else {
         if args.resume {
             Measurement::sweep(&args.out)?;
         }
-        let before = match &args.replay {
-            Some(path) => Some(Plan::of_rig(path, &rig)?.replayed()),
-            None => None,
-        };
+        let plan = args
+            .replay
+            .as_ref()
+            .map(|path| Plan::of_rig(path, &rig))
+            .transpose()?;
+        let before = plan.as_ref().map(Plan::replayed);
         let request = args.request.request(before.as_ref())?;
-        if args.adaptive {
-            let goal = Goal::new(args.target.as_deref(), args.budget).map_err(AdaptiveError::from)?;
-            adaptive::measure(&args.out, &rig, &request, goal, &setup, args.resume, output)?.0
-        } else {
-            prepare(&args.out, &rig, request, &setup, output)?
-        }
+        let exposures_s = plan.zip(before).and_then(|(plan, before)| {
+            let is_same = (request.exposure_s, &request.brackets) == (before.exposure_s, &before.brackets);
+            is_same.then(|| plan.exposures_s())
+        });
+        prepare_at(&args.out, &rig, request, exposures_s, &setup, output)?
     };
     let began = Instant::now();
     let summary = complete(&measurement, &setup, &|| began.elapsed(), output)?;
@@ -77,4 +124,17 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     })?;
     output.warn(&summary.evaluation.warnings);
     Ok(())
+}
+
+impl Args {
+    /// Coarse beginning and goal of an adaptive measurement; what is not given is as it was `begun`.
+    fn adaptive(&self, begun: Option<&Begun>) -> Result<(Option<Grid>, Goal), Failure> {
+        let start = self.request.given_grid()?;
+        let start = start.or_else(|| begun.and_then(|begun| begun.start.clone()));
+        let goal = match (begun, &self.target, self.budget) {
+            (Some(begun), None, None) => begun.goal,
+            (_, target, budget) => Goal::new(target.as_deref(), budget).map_err(AdaptiveError::from)?,
+        };
+        Ok((start, goal))
+    }
 }

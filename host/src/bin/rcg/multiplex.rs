@@ -4,16 +4,16 @@ use std::fmt::Write as _;
 
 use rcg::measure::DEFAULT_SAMPLE;
 use rcg::multiplex::choose::{Choice, Method, REGIONS, choose};
-use rcg::plan::{Plan, Request};
+use rcg::plan::Plan;
 use rcg::progress::Progress as _;
 use rcg::report::duration;
 use rcg::rig::Rig;
-use rcg::setup::Setup;
 use serde_json::{Value, json};
 
 use crate::Done;
+use crate::failure::Failure;
 use crate::output::Output;
-use crate::request::{GridArgs, image_size};
+use crate::request::{CalibrationArgs, RequestArgs, SetupArgs};
 
 /// Say whether multiplexed light pays: uncertainty of single, longer and multiplexed exposures in the same time.
 ///
@@ -23,23 +23,18 @@ use crate::request::{GridArgs, image_size};
 /// tail beyond. The smallest over all values is picked.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// What the virtual rig measures: a model such as ward:brass, or a measured .bsdf file
-    #[arg(long, value_name = "SAMPLE", default_value = DEFAULT_SAMPLE)]
-    sample: String,
     #[command(flatten)]
-    grid: GridArgs,
-    /// Camera image: pixels a side
-    #[arg(long, value_name = "N", default_value_t = 96, value_parser = image_size)]
-    image_size: u32,
+    request: RequestArgs,
+    #[command(flatten)]
+    calibration: CalibrationArgs,
     /// Most directions that are lit in one block, or auto for 7, 15, 31, 63, 127 and 255
     #[arg(long, value_name = "N|auto", default_value = "auto", value_parser = order)]
     order: Order,
-    /// Read noise of the camera in electrons [default: as the rig says]
+    /// Read noise of the camera in electrons [default: as the rig says, or what calibration found]
     #[arg(long, value_name = "E", allow_negative_numbers = true)]
     read_noise: Option<f64>,
-    /// Seed of all chance of the virtual rig
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
+    #[command(flatten)]
+    setup: SetupArgs,
 }
 
 /// Which orders are tried.
@@ -60,24 +55,32 @@ fn order(text: &str) -> Result<Order, String> {
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
-    let mut rig = Rig::load(rig)?;
+    let mut setup = args.setup.setup()?;
+    let mut rig = args.calibration.rig(Rig::load(rig)?, &mut setup)?;
+    let request = args.request.request(None)?;
+    if request.exposure_s.is_some() || !request.brackets.is_one() {
+        return Err(Failure::input(
+            "multiplex: expected neither --exposure-ms nor --brackets, as it finds the exposure times of every alternative \
+             itself, found one",
+        ));
+    }
     if let Some(read_noise_e) = args.read_noise {
+        if request.truth.is_some() || setup.calibration.is_some() {
+            return Err(Failure::input(format!(
+                "--read-noise: expected none with --truth or --calibration, which say what the camera really has, found \
+                 {read_noise_e}"
+            )));
+        }
         rig = rig.with_read_noise(read_noise_e)?;
     }
-    let request = Request {
-        grid: args.grid.grid(None, 3.0)?,
-        image_size: args.image_size,
-        exposure_s: None,
-        brackets: rcg::brackets::Brackets::One,
-        sample: Some(args.sample.clone()),
-        truth: None,
-        tilt: None,
-        noise: true,
-        seed: args.seed,
-    };
     let rig = request.rig(&rig)?;
     Plan::new(request.clone(), &rig, rig.camera.exposure_s)?;
-    let mut instrument = Setup::default().open(&rig, &request)?;
+    let mut instrument = setup.open(&rig, &request)?;
+    let rig = setup
+        .calibration
+        .as_ref()
+        .map_or_else(|| rig.clone(), |found| found.with_camera(&rig));
+    let sample = request.sample.as_deref().unwrap_or(DEFAULT_SAMPLE);
     let order = match args.order {
         Order::Auto => None,
         Order::Given(order) => Some(order),
@@ -87,14 +90,13 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     output.end();
     let mut value = serde_json::to_value(&choice).map_err(std::io::Error::from)?;
     if let Value::Object(object) = &mut value {
-        object.insert("sample".to_owned(), json!(args.sample));
+        object.insert("sample".to_owned(), json!(sample));
         object.insert("rig".to_owned(), json!(rig.name));
         object.insert("read_noise_e".to_owned(), json!(rig.camera.read_noise_e));
     }
     output.print(&value, || {
         let head = format!(
-            "{} on {}, read noise {} e⁻: {} directions in {}\n",
-            args.sample,
+            "{sample} on {}, read noise {} e⁻: {} directions in {}\n",
             rig.name,
             rig.camera.read_noise_e,
             choice.directions,

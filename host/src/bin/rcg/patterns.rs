@@ -10,12 +10,13 @@ use rcg::pattern::{BitPattern, PatternMaker};
 use rcg::plan::{Directions, PlanError, spot_deg};
 use rcg::progress::Progress as _;
 use rcg::render::save;
-use rcg::rig::Rig;
+use rcg::rig::{Rig, Tilt};
+use rcg::setup::Setup;
 use serde_json::json;
 
 use crate::Done;
 use crate::output::Output;
-use crate::request::GridArgs;
+use crate::request::{CalibrationArgs, GridArgs};
 
 /// Write the patterns that a measurement shows.
 ///
@@ -28,10 +29,16 @@ pub(crate) struct Args {
     out: PathBuf,
     #[command(flatten)]
     grid: GridArgs,
+    /// Tilt of the sample by its holder, as in `rcg measure --tilt` [default: none]
+    #[arg(long, value_name = "TILT:TOWARDS[:TURN]", allow_hyphen_values = true)]
+    tilt: Option<Tilt>,
+    #[command(flatten)]
+    calibration: CalibrationArgs,
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
-    let rig = Rig::load(rig)?;
+    let rig = args.calibration.rig(Rig::load(rig)?, &mut Setup::default())?;
+    let rig = rig.tilted(args.tilt)?;
     let grid = args.grid.grid(None, 15.0)?;
     let directions = Directions::new(&rig, &grid).map_err(PlanError::from)?;
     Measurement::check_new(&args.out)?;

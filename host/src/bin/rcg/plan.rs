@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 use crate::Done;
 use crate::output::{Output, table};
-use crate::request::{CalibrationArgs, MischiefArgs, RequestArgs};
+use crate::request::{CalibrationArgs, RequestArgs, SetupArgs};
 
 /// Show what a measurement would take, or write its plan.
 #[derive(Debug, clap::Args)]
@@ -26,11 +26,11 @@ pub(crate) struct Args {
     #[command(flatten)]
     calibration: CalibrationArgs,
     #[command(flatten)]
-    mischief: MischiefArgs,
+    setup: SetupArgs,
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
-    let mut setup = args.mischief.setup();
+    let mut setup = args.setup.setup()?;
     let rig = args.calibration.rig(Rig::load(rig)?, &mut setup)?;
     let request = args.request.request(None)?;
     let plan = if let Some(out) = &args.out {

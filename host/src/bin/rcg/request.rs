@@ -27,6 +27,12 @@ pub(crate) struct GridArgs {
 }
 
 impl GridArgs {
+    /// The incident directions if any were asked for.
+    pub(crate) fn given(&self) -> Result<Option<Grid>, Failure> {
+        let is_given = self.grid.is_some() || self.step.is_some();
+        is_given.then(|| self.grid(None, 3.0)).transpose()
+    }
+
     /// The incident directions: what is not given is as in `before`, or a θ × φ grid of `default_step_deg`.
     pub(crate) fn grid(&self, before: Option<&Grid>, default_step_deg: f64) -> Result<Grid, Failure> {
         let step_deg = self
@@ -66,12 +72,7 @@ pub(crate) struct RequestArgs {
     exposure_ms: Option<f64>,
     /// Exposures of each pattern, merged for high dynamic range: as many as a pilot capture proposes (auto), so many of
     /// its choice, or these times in milliseconds [default: 1]
-    #[arg(
-        long,
-        value_name = "auto|N|MS,MS,...",
-        conflicts_with = "exposure_ms",
-        allow_hyphen_values = true
-    )]
+    #[arg(long, value_name = "auto|N|MS,MS,...", allow_hyphen_values = true)]
     brackets: Option<Brackets>,
     /// Tilt of the sample by its holder: the normal leans by TILT towards the mirror's azimuth TOWARDS, the sample is turned
     /// by TURN about it, degrees; for captures that `rcg fill` merges [default: none]
@@ -110,8 +111,21 @@ impl CalibrationArgs {
 }
 
 impl RequestArgs {
+    /// The incident directions if any were asked for.
+    pub(crate) fn given_grid(&self) -> Result<Option<Grid>, Failure> {
+        self.grid.given()
+    }
+
     /// The request, with `before` in place of the defaults if there is one.
     pub(crate) fn request(&self, before: Option<&Request>) -> Result<Request, Failure> {
+        if let (Some(ms), Some(brackets)) = (self.exposure_ms, &self.brackets)
+            && !brackets.is_one()
+        {
+            return Err(Failure::input(format!(
+                "--exposure-ms: expected none beside --brackets {brackets}, which says how long each exposure of a pattern \
+                 is (all times can be given there), found {ms}"
+            )));
+        }
         let sample = before.map_or_else(|| Some(DEFAULT_SAMPLE.to_owned()), |before| before.sample.clone());
         Ok(Request {
             grid: self.grid.grid(before.map(|before| &before.grid), 3.0)?,

@@ -6,12 +6,12 @@ use std::path::PathBuf;
 use rcg::calibrate::geometry::{Geometry, Request, Views, calibrate, capture};
 use rcg::progress::Progress as _;
 use rcg::rig::Rig;
-use rcg::setup::Setup;
 
 use crate::Done;
 use crate::failure::Failure;
 use crate::output::Output;
 use crate::request::image_size;
+use crate::request::SetupArgs;
 
 /// Find poses, lenses, mirror and sample frame with a flat mirror and a diffuse standard in the sample's place.
 ///
@@ -38,6 +38,8 @@ pub(crate) struct Args {
     image_size: u32,
     #[command(flatten)]
     conditions: super::ConditionArgs,
+    #[command(flatten)]
+    setup: SetupArgs,
 }
 
 fn tilt(text: &str) -> Result<[f64; 2], String> {
@@ -62,7 +64,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             tilts: args.tilts.clone(),
             conditions: args.conditions.conditions(args.image_size),
         };
-        capture(&request, &args.out, &Setup::default(), output)?;
+        capture(&request, &args.out, &args.setup.setup()?, output)?;
     }
     let geometry = calibrate(&args.out).map_err(|error| Failure::from(error).at(args.out.display()))?;
     output.print(&geometry, || text(&geometry))

@@ -7,12 +7,12 @@ use rcg::calibrate::photometry::{Photometry, Request, Views, calibrate, capture}
 use rcg::measurement::write_whole;
 use rcg::progress::Progress as _;
 use rcg::rig::{Rig, Tilt};
-use rcg::setup::Setup;
 
 use crate::Done;
 use crate::failure::Failure;
 use crate::output::{Output, table};
 use crate::request::{exposure_ms, image_size};
+use crate::request::SetupArgs;
 
 /// Find camera, projector's response, light, throughput and interreflection with reflectance standards.
 ///
@@ -49,6 +49,8 @@ pub(crate) struct Args {
     image_size: u32,
     #[command(flatten)]
     conditions: super::ConditionArgs,
+    #[command(flatten)]
+    setup: SetupArgs,
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
@@ -79,7 +81,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             exposure_s: args.exposure_ms.map(|ms| ms * 1e-3),
             conditions: args.conditions.conditions(args.image_size),
         };
-        capture(&request, &args.out, &Setup::default(), output)?;
+        capture(&request, &args.out, &args.setup.setup()?, output)?;
     }
     let photometry = calibrate(&args.out, uncertainty)
         .map_err(|error| Failure::from(error).at(args.out.display()))?;
