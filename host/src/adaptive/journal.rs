@@ -3,8 +3,11 @@
 //! | file | holds |
 //! |---|---|
 //! | `adaptive.toml` | what was asked for, and the exposure time |
-//! | `directions.txt` | lines `θ φ` in degrees in the order of capture; written before the batch is captured |
+//! | `directions.txt` | lines `θ φ` in degrees in the order of capture; written before the batch is captured; a checksum last |
 //! | `adaptive.zarr` | raw frames: a segment of black patterns, then one segment per batch |
+//!
+//! `adaptive.zarr` has the checksums of `adaptive.toml`, sample and truth; the checksum in `directions.txt` goes over
+//! `adaptive.toml` too: no file can be exchanged alone.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,14 +17,17 @@ use serde::{Deserialize, Serialize};
 use super::{BATCH, Goal, GoalError};
 use crate::incident::IncidentError;
 use crate::measure::MeasureError;
-use crate::measurement::{MeasurementError, write_whole};
-use crate::plan::Request;
+use crate::measurement::{MeasurementError, Sums, sum, sums_at, sums_of, write_whole};
+use crate::plan::{Plan, Request};
 use crate::rig::{Rig, RigError, explain};
+use crate::store::raw::SUBJECT;
 use crate::store::{RawLayout, RawStore, StoreError};
 
 const ASKED: &str = "adaptive.toml";
 const DIRECTIONS: &str = "directions.txt";
 const FRAMES: &str = "adaptive.zarr";
+/// What stands before the checksum in the list of directions.
+const SEALED: &str = "# checksum ";
 
 /// Why an adaptive measurement failed.
 #[derive(Debug, thiserror::Error)]
@@ -87,6 +93,8 @@ pub(super) struct Asked {
 /// The files.
 pub(super) struct Journal {
     dir: PathBuf,
+    /// SHA-256 of `adaptive.toml`.
+    sum: String,
     pub(super) asked: Asked,
     pub(super) frames: RawStore,
 }
@@ -98,37 +106,61 @@ impl Journal {
     }
 
     /// Begins in `dir`, which is new or empty; `rig` has its camera image scaled.
-    pub(super) fn create(dir: &Path, asked: Asked, rig: &Rig) -> Result<Self, AdaptiveError> {
+    pub(super) fn create(
+        dir: &Path,
+        asked: Asked,
+        rig: &Rig,
+        clock_hz: u32,
+    ) -> Result<Self, AdaptiveError> {
         fs::create_dir_all(dir).map_err(|source| io(dir, source))?;
         let text = toml::to_string(&asked).expect("plain data");
         write_whole(&dir.join(ASKED), text.as_bytes())?;
-        Self::with(dir, asked, rig)
+        Self::with(dir, asked, &text, rig, clock_hz)
     }
 
-    /// Opens what was begun in `dir`.
-    pub(super) fn open(dir: &Path, rig: &Rig) -> Result<Self, AdaptiveError> {
+    /// Opens what was begun in `dir`, with a trigger box whose clock has the same rate.
+    pub(super) fn open(dir: &Path, rig: &Rig, clock_hz: u32) -> Result<Self, AdaptiveError> {
         let path = dir.join(ASKED);
         let text = fs::read_to_string(&path).map_err(|source| io(&path, source))?;
         let asked: Asked = toml::from_str(&text).map_err(|error| explain(&text, &path, &error))?;
         if asked.rig != rig.to_toml() {
             return Err(differs(dir, "rig"));
         }
-        Self::with(dir, asked, rig)
+        Self::with(dir, asked, &text, rig, clock_hz)
     }
 
-    fn with(dir: &Path, asked: Asked, rig: &Rig) -> Result<Self, AdaptiveError> {
+    /// `text` is that of the file.
+    fn with(
+        dir: &Path,
+        asked: Asked,
+        text: &str,
+        rig: &Rig,
+        clock_hz: u32,
+    ) -> Result<Self, AdaptiveError> {
         let path = dir.join(FRAMES);
+        let sum = sum(text.as_bytes());
+        let mut sums = sums_of(&asked.request)?;
+        sums.insert(ASKED.to_owned(), sum.clone());
         let frames = if path.exists() {
-            RawStore::open(&path)?
+            let frames = RawStore::open(&path)?;
+            let held = frames.attributes().get(SUBJECT);
+            let held = |name: &str| held.and_then(|sums| sums.get(name)).and_then(|sum| sum.as_str());
+            for (name, field) in [("sample", "sample"), ("truth", "truth"), (ASKED, "content")] {
+                if held(name) != sums.get(name).map(String::as_str) {
+                    return Err(differs(dir, field));
+                }
+            }
+            if frames.layout().clock_hz != clock_hz {
+                return Err(differs(dir, "clock rate of the trigger box"));
+            }
+            frames
         } else {
-            RawStore::create(
-                &path,
-                layout(rig, BATCH + asked.goal.budget),
-                serde_json::Map::new(),
-            )?
+            let layout = layout(rig, BATCH + asked.goal.budget, clock_hz);
+            RawStore::create(&path, layout, about(&sums))?
         };
         Ok(Self {
             dir: dir.to_owned(),
+            sum,
             asked,
             frames,
         })
@@ -139,6 +171,16 @@ impl Journal {
         let path = self.dir.join(DIRECTIONS);
         if !path.exists() {
             return Ok(Vec::new());
+        }
+        let text = fs::read_to_string(&path).map_err(|source| io(&path, source))?;
+        let lines = text.rfind(SEALED).map(|at| &text[..at]);
+        if lines.is_none_or(|lines| text != self.sealed(lines)) {
+            return Err(MeasurementError::Changed {
+                path: path.display().to_string(),
+                expected: "the list".to_owned(),
+                found: "another".to_owned(),
+            }
+            .into());
         }
         match crate::incident::Grid::read_list(&path)? {
             crate::incident::Grid::List { directions_deg } => Ok(directions_deg),
@@ -153,23 +195,32 @@ impl Journal {
             .map(|[theta_deg, phi_deg]| format!("{theta_deg} {phi_deg}\n"))
             .collect();
         let text = format!("# θ φ in degrees, in the order of capture\n{}", lines.concat());
-        Ok(write_whole(&self.dir.join(DIRECTIONS), text.as_bytes())?)
+        Ok(write_whole(
+            &self.dir.join(DIRECTIONS),
+            self.sealed(&text).as_bytes(),
+        )?)
     }
 
-    /// Makes `raw.zarr` of the first `directions` captures, for a plan with segments of [`BATCH`].
-    pub(super) fn publish(&self, rig: &Rig, directions: usize) -> Result<(), AdaptiveError> {
+    /// `lines` with their checksum behind.
+    fn sealed(&self, lines: &str) -> String {
+        format!("{lines}{SEALED}{}\n", sum(format!("{}\n{lines}", self.sum).as_bytes()))
+    }
+
+    /// Makes `raw.zarr` of the first captures, those of `plan` for `rig`, which has segments of [`BATCH`].
+    pub(super) fn publish(&self, rig: &Rig, plan: &Plan) -> Result<(), AdaptiveError> {
         let path = self.dir.join("raw.zarr");
         if path.exists() {
             // Of a run that ended before its plan was written.
             fs::remove_dir_all(&path).map_err(|source| io(&path, source))?;
         }
-        let mut attributes = serde_json::Map::new();
+        let mut attributes = about(&sums_at(&self.dir, rig, plan)?);
         attributes.insert("rig".to_owned(), rig.name.clone().into());
         attributes.insert(
             "source".to_owned(),
             concat!("rcg ", env!("CARGO_PKG_VERSION")).into(),
         );
-        let raw = RawStore::create(&path, layout(rig, BATCH + directions), attributes)?;
+        let layout = layout(rig, BATCH + plan.directions, self.frames.layout().clock_hz);
+        let raw = RawStore::create(&path, layout, attributes)?;
         for segment in 0..raw.segments() {
             raw.write_segment(segment, &self.frames.read_segment(segment)?)?;
         }
@@ -190,7 +241,12 @@ pub(super) fn differs(dir: &Path, field: &'static str) -> AdaptiveError {
     }
 }
 
-fn layout(rig: &Rig, exposures: usize) -> RawLayout {
+/// Attributes of frames that were captured with what has these sums.
+fn about(sums: &Sums) -> serde_json::Map<String, serde_json::Value> {
+    serde_json::Map::from_iter([(SUBJECT.to_owned(), serde_json::json!(sums))])
+}
+
+fn layout(rig: &Rig, exposures: usize, clock_hz: u32) -> RawLayout {
     let format = rig.frame_format();
     RawLayout {
         exposures,
@@ -199,6 +255,7 @@ fn layout(rig: &Rig, exposures: usize) -> RawLayout {
         width: format.width_px,
         channels: format.channels,
         bits: format.bits,
+        clock_hz,
     }
 }
 

@@ -15,7 +15,7 @@ use crate::capture::{Instrument, Tally};
 use crate::direction::{angle_between, to_angles};
 use crate::disk::Disk;
 use crate::incident::{DirectionList, Grid, IncidentSet, Rings};
-use crate::measurement::{Measurement, MeasurementError, State, take_segment};
+use crate::measurement::{Measurement, MeasurementError, take_segment};
 use crate::optics::View;
 use crate::pattern::{LitSet, PatternMaker};
 use crate::pilot::pilot;
@@ -24,6 +24,7 @@ use crate::progress::Progress;
 use crate::rig::Rig;
 use crate::schedule::Timing;
 use crate::setup::Setup;
+use crate::store::Lock;
 
 /// Captures of the coarse beginning.
 const FIRST: usize = 3 * BATCH;
@@ -96,13 +97,18 @@ pub fn measure(
         request.exposure_s.unwrap_or(rig.camera.exposure_s),
     )
     .map_err(MeasurementError::from)?;
+    if !resume || !Journal::exists(out) {
+        Measurement::check_new(out)?;
+    }
+    let lock = Lock::folder(out)?;
     let resumed = resume && Journal::exists(out);
     if !resumed {
         Measurement::check_new(out)?;
     }
     let mut instrument = setup.open(&scaled, &request)?;
+    let clock_hz = instrument.device.info().clock_hz;
     let journal = if resumed {
-        let journal = Journal::open(out, &scaled)?;
+        let journal = Journal::open(out, &scaled, clock_hz)?;
         if journal.asked.goal != goal {
             return Err(differs(out, "goal"));
         }
@@ -121,7 +127,7 @@ pub fn measure(
             goal,
             request: request.clone(),
         };
-        Journal::create(out, asked, &scaled)?
+        Journal::create(out, asked, &scaled, clock_hz)?
     };
     let exposure_s = journal.asked.exposure_s;
     let fixed = Loop {
@@ -144,12 +150,9 @@ pub fn measure(
         segment: BATCH,
         ..Plan::new(Request { grid, ..request }, &scaled, exposure_s).map_err(MeasurementError::from)?
     };
-    journal.publish(&scaled, plan.directions)?;
-    let measurement = Measurement::found(out, scaled.clone(), plan)?;
-    let mut facts = Map::new();
-    facts.insert("adaptive".to_owned(), json!(adapted));
-    facts.insert("capture".to_owned(), json!(tally));
-    measurement.note(State::Captured, facts)?;
+    journal.publish(&scaled, &plan)?;
+    let facts = Map::from_iter([("adaptive".to_owned(), json!(adapted))]);
+    let measurement = Measurement::found_with(out, scaled.clone(), plan, None, facts)?.holding(lock);
     journal.close()?;
     Ok((measurement, adapted))
 }

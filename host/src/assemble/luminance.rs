@@ -53,6 +53,7 @@ impl FrameAssembler {
                 let place = Segment {
                     frames: frame.to_vec(),
                     records: vec![*record],
+                    ..Segment::default()
                 };
                 let window = BTreeMap::from([(0, place)]);
                 let mut work = Work::default();

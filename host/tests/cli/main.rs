@@ -29,8 +29,11 @@ mod disk_full;
 mod faults_on_purpose;
 mod fits;
 mod grids;
+mod identity;
 #[cfg(unix)]
 mod killed;
+#[cfg(unix)]
+mod locks;
 mod multiplexed;
 mod pictures;
 mod pipes;

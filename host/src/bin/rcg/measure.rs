@@ -6,11 +6,13 @@ use std::time::Instant;
 use rcg::adaptive::{self, AdaptiveError, Goal};
 use rcg::measure::{complete, prepare};
 use rcg::measurement::Measurement;
-use rcg::plan::Plan;
+use rcg::plan::{Plan, Request};
 use rcg::report::lines;
 use rcg::rig::Rig;
+use rcg::setup::Setup;
 
 use crate::Done;
+use crate::failure::Failure;
 use crate::output::{Output, table};
 use crate::request::{CalibrationArgs, RequestArgs, SetupArgs};
 
@@ -43,27 +45,52 @@ pub(crate) struct Args {
     setup: SetupArgs,
 }
 
+impl Args {
+    fn goal(&self) -> Result<Goal, Failure> {
+        Ok(Goal::new(self.target.as_deref(), self.budget).map_err(AdaptiveError::from)?)
+    }
+
+    /// What `--replay` asks for.
+    fn replayed(&self, rig: &Rig) -> Result<Option<Request>, Failure> {
+        let plan = self.replay.as_deref().map(|path| Plan::of_rig(path, rig));
+        Ok(plan.transpose()?.map(Plan::replayed))
+    }
+}
+
+/// The measurement that was begun, which must be what is asked for.
+fn resumed(args: &Args, rig: &Rig, setup: &Setup) -> Result<Measurement, Failure> {
+    let mut measurement = Measurement::open_to_write(&args.out)?;
+    measurement.check_rig(rig, setup.calibration.as_ref())?;
+    let before = args.replayed(rig)?;
+    let held = measurement.plan.request.clone();
+    measurement.check_same(&args.request.request(Some(before.as_ref().unwrap_or(&held)))?)?;
+    if args.adaptive {
+        measurement.check_goal(args.goal()?)?;
+    }
+    Ok(measurement)
+}
+
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let mut setup = args.setup.setup()?;
     let rig = args.calibration.rig(Rig::load(rig)?, &mut setup)?;
     let measurement = if args.resume && Measurement::exists(&args.out) {
-        let measurement = Measurement::open(&args.out)?;
-        let request = args.request.request(Some(&measurement.plan.request))?;
-        measurement.check_same(&request, &rig.name)?;
-        measurement.check_calibration(setup.calibration.as_ref())?;
-        measurement
+        resumed(args, &rig, &setup)?
     } else {
         if args.resume {
             Measurement::sweep(&args.out)?;
         }
-        let before = match &args.replay {
-            Some(path) => Some(Plan::of_rig(path, &rig)?.replayed()),
-            None => None,
-        };
-        let request = args.request.request(before.as_ref())?;
+        let request = args.request.request(args.replayed(&rig)?.as_ref())?;
         if args.adaptive {
-            let goal = Goal::new(args.target.as_deref(), args.budget).map_err(AdaptiveError::from)?;
-            adaptive::measure(&args.out, &rig, &request, goal, &setup, args.resume, output)?.0
+            adaptive::measure(
+                &args.out,
+                &rig,
+                &request,
+                args.goal()?,
+                &setup,
+                args.resume,
+                output,
+            )?
+            .0
         } else {
             prepare(&args.out, &rig, request, &setup, output)?
         }

@@ -112,7 +112,7 @@ impl RequestArgs {
     /// The request, with `before` in place of the defaults if there is one.
     pub(crate) fn request(&self, before: Option<&Request>) -> Result<Request, Failure> {
         let sample = before.map_or_else(|| Some(DEFAULT_SAMPLE.to_owned()), |before| before.sample.clone());
-        Ok(Request {
+        let request = Request {
             grid: self.grid.grid(before.map(|before| &before.grid), 3.0)?,
             image_size: self
                 .image_size
@@ -140,7 +140,8 @@ impl RequestArgs {
             seed: self
                 .seed
                 .unwrap_or_else(|| before.map_or(1, |before| before.seed)),
-        })
+        };
+        Ok(request.located())
     }
 }
 

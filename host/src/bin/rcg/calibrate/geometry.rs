@@ -7,6 +7,7 @@ use rcg::calibrate::geometry::{Geometry, Request, Views, calibrate, capture};
 use rcg::progress::Progress as _;
 use rcg::rig::Rig;
 use rcg::setup::Setup;
+use rcg::store::Lock;
 
 use crate::Done;
 use crate::output::Output;
@@ -49,6 +50,7 @@ fn tilt(text: &str) -> Result<[f64; 2], String> {
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
+    let _lock = Lock::folder(&args.out)?;
     if Views::exist(&args.out) {
         output.remark(&format!(
             "{}: holds captures, which are fitted again",

@@ -8,6 +8,7 @@ use rcg::measurement::write_whole;
 use rcg::progress::Progress as _;
 use rcg::rig::{Rig, Tilt};
 use rcg::setup::Setup;
+use rcg::store::Lock;
 
 use crate::Done;
 use crate::failure::Failure;
@@ -58,6 +59,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             args.standard_uncertainty_percent
         )));
     }
+    let _lock = Lock::folder(&args.out)?;
     if Views::exist(&args.out) {
         output.remark(&format!(
             "{}: holds captures, which are fitted again",
