@@ -94,6 +94,10 @@ pub trait Camera: Send {
     /// [`CameraError`].
     fn arm(&mut self) -> Result<(), CameraError>;
 
+    /// Told before each part of a measurement that is captured as a whole: how many parts before it show just the same. A
+    /// simulated camera draws its noise from that, so that it depends on what is captured and not on when.
+    fn begin_part(&mut self, _same_before: u64) {}
+
     /// The next frame in the order of arrival, waiting at most `timeout`; `None` if none came.
     ///
     /// # Errors

@@ -13,7 +13,6 @@
 use std::time::Duration;
 
 use rcg_protocol::{Event, State, Step, StepRecord, Ticks};
-use serde::{Deserialize, Serialize};
 
 use crate::camera::{Camera, CameraError, Frame};
 use crate::device::{Device, DeviceError};
@@ -23,6 +22,9 @@ use crate::pattern::{BitPattern, LitSet};
 use crate::projector::{Projector, ProjectorError};
 use crate::run::Ending;
 use crate::schedule::Timing;
+use crate::store::OrphanFrame;
+
+pub use crate::store::Tally;
 
 /// How often an exposure is tried.
 pub const ATTEMPTS: u8 = 8;
@@ -39,30 +41,6 @@ pub struct Instrument {
     pub projector: Box<dyn Projector>,
 }
 
-/// What happened on the way, over a whole measurement.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct Tally {
-    /// Exposures that were paired and kept.
-    pub paired: u64,
-    /// Triggers that the camera ignored.
-    pub missed_triggers: u64,
-    /// Exposures whose frame never came.
-    pub dropped_frames: u64,
-    /// Steps whose record never came.
-    pub lost_records: u64,
-    /// Frames whose number and time contradicted each other.
-    pub disputed: u64,
-    /// Frames that came twice.
-    pub duplicates: u64,
-    /// Frames that belonged to no trigger.
-    pub orphans: u64,
-    /// Exposures that nothing had triggered.
-    pub spurious_strobes: u64,
-    /// Exposures that were taken again.
-    pub repeated: u64,
-}
-
 /// One exposure.
 #[derive(Clone, Debug)]
 pub struct Captured {
@@ -72,6 +50,8 @@ pub struct Captured {
     pub ticks: [Ticks; 3],
     /// Number of the frame in its run.
     pub frame_id: u64,
+    /// Start of its exposure on the camera's own clock, s.
+    pub camera_timestamp_s: f64,
     /// How often it was tried, at least 1.
     pub attempts: u8,
     /// Flags of the controller's record.
@@ -169,7 +149,14 @@ impl Instrument {
             let tick_s = 1.0 / f64::from(self.device.info().clock_hz);
             let pairing = pair(open.len(), &records, &spurious_on, &frames, tick_s);
             tally.duplicates += pairing.duplicates as u64;
-            tally.orphans += pairing.orphans as u64;
+            tally.orphans += pairing.orphans.len() as u64;
+            tally.orphan_frames.extend(pairing.orphans.iter().map(|&frame| {
+                let Frame { id, timestamp_s, .. } = frames[frame];
+                OrphanFrame {
+                    frame_id: id,
+                    timestamp_s,
+                }
+            }));
             tally.spurious_strobes += spurious_on.len() as u64;
 
             let mut by_step = vec![None; open.len()];
@@ -182,8 +169,7 @@ impl Instrument {
                 match *outcome {
                     Outcome::Paired(frame) => {
                         let record = by_step[step].expect("a paired step has a record");
-                        let dn = std::mem::take(&mut frames[frame].dn);
-                        done[open[step]] = Some(captured(record, dn, frames[frame].id, attempt));
+                        done[open[step]] = Some(captured(record, &mut frames[frame], attempt));
                         tally.paired += 1;
                     }
                     Outcome::MissedTrigger => tally.missed_triggers += 1,
@@ -308,15 +294,16 @@ impl Instrument {
     }
 }
 
-fn captured(record: &StepRecord, dn: Vec<u16>, frame_id: u64, attempts: u8) -> Captured {
-    let (on, off) = record.strobe.map_or((Ticks::ZERO, Ticks::ZERO), |strobe| {
-        let on = record.trigger + strobe.delay;
-        (on, on + strobe.width)
-    });
+fn captured(record: &StepRecord, frame: &mut Frame, attempts: u8) -> Captured {
+    let strobe = record
+        .strobe
+        .expect("invariant: a frame is paired by its strobe");
+    let on = record.trigger + strobe.delay;
     Captured {
-        dn,
-        ticks: [record.trigger, on, off],
-        frame_id,
+        dn: std::mem::take(&mut frame.dn),
+        ticks: [record.trigger, on, on + strobe.width],
+        frame_id: frame.id,
+        camera_timestamp_s: frame.timestamp_s,
         attempts,
         flags: record.flags.0,
     }

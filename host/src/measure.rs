@@ -7,7 +7,7 @@ use serde_json::{Map, json};
 
 use crate::assemble::{AssembleError, Assembled, assemble};
 use crate::brdf::{Brdf, BrdfError};
-use crate::calibrate::{Applied, CalibrateError};
+use crate::calibrate::{Applied, CalibrateError, Calibration};
 use crate::capture::Tally;
 use crate::device::DeviceError;
 use crate::evaluate::evaluate;
@@ -144,16 +144,8 @@ pub fn prepare_at(
 ) -> Result<Measurement, MeasureError> {
     Measurement::check_new(out)?;
     let (scaled, plan) = planned_at(rig, request, exposures_s, setup, progress)?;
-    if let Some(calibration) = &setup.calibration {
-        Measurement::check_new(out)?;
-        std::fs::create_dir_all(out).map_err(|source| MeasurementError::Io {
-            path: out.display().to_string(),
-            source,
-        })?;
-        calibration.applied().write(out)?;
-        return Ok(Measurement::found(out, scaled, plan)?);
-    }
-    Ok(Measurement::create(out, scaled, plan)?)
+    let applied = setup.calibration.as_ref().map(Calibration::applied);
+    Ok(Measurement::create_with(out, scaled, plan, applied.as_ref())?)
 }
 
 /// Captures what is missing of `measurement` with the instrument that `setup` opens.
@@ -166,6 +158,7 @@ pub fn capture(
     progress: &dyn Progress,
 ) -> Result<Tally, MeasureError> {
     let mut instrument = setup.open(&measurement.rig, &measurement.plan.request)?;
+    measurement.check_inputs()?;
     progress.begin("capture", measurement.plan.len(), "exposures");
     let tally = measurement.capture(&mut instrument, &mut |done| progress.reach(done))?;
     progress.end();
@@ -189,6 +182,8 @@ pub fn assemble_measurement(
         ..
     } = measurement;
     let (raw, brdf) = (measurement.path("raw.zarr"), measurement.path("brdf.zarr"));
+    // Frames of another measurement are not combined with this one's plan.
+    measurement.raw()?;
     let applied = Applied::read(measurement.dir()).map_err(Box::new)?;
     let assembled = assemble(rig, plan, directions, &applied, &raw, &brdf, &|done| {
         progress.reach(done);
@@ -227,6 +222,7 @@ pub fn complete(
         .as_deref()
         .unwrap_or(DEFAULT_SAMPLE);
     let sample = crate::sample::parse(spec)?;
+    measurement.check_inputs()?;
     progress.begin("evaluate", brdf.chunks(), "chunks");
     let evaluation = evaluate(&brdf, Some((spec, sample.as_ref())), &|done| progress.reach(done))?;
     progress.end();

@@ -1,102 +1,59 @@
 //! A measurement: a directory with everything that belongs to it, and the stages that fill it.
 //!
 //! # Design
-//! `rig.toml` and `plan.toml` come first and never change; they say what all later stages do. `raw.zarr` grows
-//! by whole segments; a run that was killed goes on with the next one. What is derived (`brdf.zarr`, figures,
-//! report) appears under its name only when it is whole. `manifest.json` says how far things are.
+//! `rig.toml`, `plan.toml` and `calibration.json` (if there is one) come first and never change; they say what all later
+//! stages do. `manifest.json` holds their checksums and those of what they name elsewhere (sample, truth) from the start,
+//! `raw.zarr` holds them too: every stage compares them with what it finds. `raw.zarr` grows by whole segments; a run that
+//! was killed goes on with the next one. What is derived (`brdf.zarr`, figures, report) appears under its name only when it is
+//! whole. `manifest.json` also says how far things are. Who writes has the directory's [`Lock`].
 
+use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::mpsc::sync_channel;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
-use sha2::{Digest as _, Sha256};
 
-use crate::capture::{CaptureError, Instrument, Tally};
-use crate::incident::IncidentError;
+use crate::calibrate::Applied;
+use crate::capture::{Instrument, Tally};
 use crate::optics::View;
 use crate::pattern::{LitSet, PatternMaker};
-use crate::plan::{Directions, Exposure, Plan, PlanError, Request};
-use crate::rig::{Rig, RigError};
-use crate::store::{RawLayout, RawStore, Segment, StoreError};
-use crate::text::Maybe;
+use crate::plan::{Directions, Exposure, Plan};
+use crate::rig::Rig;
+use crate::store::lock::{self, dangling};
+use crate::store::raw::SUBJECT;
+use crate::store::{Lock, RawLayout, RawStore, Segment, StoreError};
 use crate::whole_file::is_partial;
 
+mod error;
 mod files;
+mod identity;
+mod manifest;
+mod resume;
 mod segment;
 
+pub use error::MeasurementError;
 pub use files::write_whole;
 use files::{io, write_synced};
+pub(crate) use identity::{Sums, hex, sum, sums_at, sums_of};
+use manifest::{MANIFEST, Manifest};
 pub(crate) use segment::take_segment;
 
 /// Files that a directory can hold before it is a measurement.
-const BEGINNINGS: [&str; 6] = [
+const BEGINNINGS: [&str; 9] = [
     "rig.tmp",
     "rig.toml",
     "plan.tmp",
     "adaptive.tmp",
     "calibration.tmp",
-    "calibration.json",
+    Applied::FILE,
+    "manifest.tmp",
+    MANIFEST,
+    lock::NAME,
 ];
-
-/// Why a measurement cannot go on.
-#[derive(Debug, thiserror::Error)]
-pub enum MeasurementError {
-    /// The directory is taken.
-    #[error("{path}: expected a new or empty directory, found {found}")]
-    Exists {
-        /// The directory.
-        path: String,
-        /// What is there.
-        found: &'static str,
-    },
-    /// The directory holds no measurement.
-    #[error("{path}: expected a measurement (with plan.toml and rig.toml), found none")]
-    NotOne {
-        /// The directory.
-        path: String,
-    },
-    /// What was asked for is not what the directory holds.
-    #[error("{path}: {field}: expected {expected} as in the measurement that is resumed, found {found}")]
-    Differs {
-        /// The directory.
-        path: String,
-        /// What differs.
-        field: &'static str,
-        /// What the directory holds.
-        expected: String,
-        /// What was asked for.
-        found: String,
-    },
-    /// A file cannot be written or read.
-    #[error("{path}: {source}")]
-    Io {
-        /// The file.
-        path: String,
-        /// What the system says.
-        source: std::io::Error,
-    },
-    /// The rig.
-    #[error(transparent)]
-    Rig(#[from] RigError),
-    /// The plan.
-    #[error(transparent)]
-    Plan(#[from] PlanError),
-    /// A store.
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    /// The capture.
-    #[error(transparent)]
-    Capture(#[from] CaptureError),
-}
-
-impl From<IncidentError> for MeasurementError {
-    fn from(error: IncidentError) -> Self {
-        Self::Plan(error.into())
-    }
-}
 
 /// How far a measurement is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -116,6 +73,10 @@ pub enum State {
 #[derive(Clone, Debug)]
 pub struct Measurement {
     dir: PathBuf,
+    /// What it was begun with.
+    sums: Sums,
+    /// The right to write in the directory, if it was asked for.
+    _lock: Option<Arc<Lock>>,
     /// The rig, its camera image of the planned size.
     pub rig: Rig,
     /// The plan.
@@ -130,16 +91,23 @@ impl Measurement {
     /// # Errors
     /// [`MeasurementError::Exists`].
     pub fn check_new(dir: &Path) -> Result<(), MeasurementError> {
-        let taken = |found| MeasurementError::Exists {
-            path: dir.display().to_string(),
+        let taken = |path: &Path, found| MeasurementError::Exists {
+            path: path.display().to_string(),
             found,
         };
-        match fs::read_dir(dir).map(|mut entries| entries.next().is_some()) {
+        if let Some(link) = dangling(dir) {
+            return Err(taken(link, "a link that leads nowhere"));
+        }
+        let is_file = |entry: std::io::Result<fs::DirEntry>| {
+            // The lock of a writer that was killed, or ours.
+            entry.map_or(true, |entry| entry.file_name() != lock::NAME)
+        };
+        match fs::read_dir(dir).map(|mut entries| entries.any(is_file)) {
             Ok(false) => Ok(()),
-            Ok(true) if Self::exists(dir) => Err(taken("a measurement; use --resume to go on with it")),
-            Ok(true) => Err(taken("one with files in it")),
+            Ok(true) if Self::exists(dir) => Err(taken(dir, "a measurement; use --resume to go on with it")),
+            Ok(true) => Err(taken(dir, "one with files in it")),
             Err(_) if !dir.exists() => Ok(()),
-            Err(_) if !dir.is_dir() => Err(taken("a file")),
+            Err(_) if !dir.is_dir() => Err(taken(dir, "a file")),
             Err(source) => Err(io(dir, source)),
         }
     }
@@ -148,18 +116,22 @@ impl Measurement {
     /// where there is a plan, or anything else, all stays as it is.
     ///
     /// # Errors
-    /// [`MeasurementError::Io`].
+    /// [`MeasurementError::Io`]; [`StoreError::Busy`] if another process is writing there.
     pub fn sweep(dir: &Path) -> Result<(), MeasurementError> {
-        let Ok(entries) = fs::read_dir(dir) else {
+        if !dir.is_dir() {
             return Ok(());
-        };
+        }
+        let _lock = Lock::folder(dir)?;
+        let entries = fs::read_dir(dir).map_err(|source| io(dir, source))?;
         let names: Vec<_> = entries.flatten().map(|entry| entry.file_name()).collect();
-        let ours = names
-            .iter()
-            .all(|name| is_partial(name) || BEGINNINGS.iter().any(|beginning| name == beginning));
-        let has = |wanted: &str| names.iter().any(|name| name == wanted);
-        if ours && (has("plan.tmp") || !has("rig.toml")) {
-            for name in names {
+        let all_of = |ours: &[&str]| {
+            let is_ours = |name: &OsString| is_partial(name) || ours.iter().any(|one| name == one);
+            names.iter().all(is_ours)
+        };
+        let has_plan = names.iter().any(|name| name == "plan.tmp");
+        // The plan comes first, under its temporary name: without it these are somebody's files.
+        if has_plan && all_of(&BEGINNINGS) || all_of(&[lock::NAME]) {
+            for name in names.iter().filter(|name| *name != lock::NAME) {
                 let path = dir.join(name);
                 fs::remove_file(&path).map_err(|source| io(&path, source))?;
             }
@@ -167,45 +139,102 @@ impl Measurement {
         Ok(())
     }
 
-    /// Begins a measurement in `dir`. `rig` has its camera image scaled to the plan's size.
+    /// Begins a measurement in `dir`, with the right to write there. `rig` has its camera image scaled to the plan's size.
     ///
     /// # Errors
     /// [`MeasurementError`].
     pub fn create(dir: &Path, rig: Rig, plan: Plan) -> Result<Self, MeasurementError> {
-        Self::check_new(dir)?;
-        Self::found(dir, rig, plan)
+        Self::create_with(dir, rig, plan, None)
     }
 
-    /// As [`create`](Self::create), in a directory that holds what belongs to the measurement already.
+    /// As [`create`](Self::create), with what a calibration found of the instrument.
+    ///
+    /// # Errors
+    /// [`MeasurementError`].
+    pub fn create_with(
+        dir: &Path,
+        rig: Rig,
+        plan: Plan,
+        calibration: Option<&Applied>,
+    ) -> Result<Self, MeasurementError> {
+        Self::check_new(dir)?;
+        let lock = Lock::folder(dir)?;
+        Self::check_new(dir)?;
+        Ok(Self::found_with(dir, rig, plan, calibration, Map::new())?.holding(lock))
+    }
+
+    /// As [`create`](Self::create), in a directory that holds what belongs to the measurement already, its calibration
+    /// perhaps among it, and to which the caller has the right to write.
     ///
     /// # Errors
     /// [`MeasurementError`].
     pub fn found(dir: &Path, rig: Rig, plan: Plan) -> Result<Self, MeasurementError> {
+        Self::found_with(dir, rig, plan, None, Map::new())
+    }
+
+    /// As [`found`](Self::found), with the `calibration` to write and `facts` for the manifest.
+    ///
+    /// # Errors
+    /// [`MeasurementError`].
+    pub fn found_with(
+        dir: &Path,
+        rig: Rig,
+        plan: Plan,
+        calibration: Option<&Applied>,
+        facts: Map<String, Value>,
+    ) -> Result<Self, MeasurementError> {
         let directions = Directions::new(&rig, &plan.request.grid)?;
+        // A directory with a plan is a measurement, so the plan gets its name last. Until then it lies there under its
+        // temporary one, which tells `sweep` that the others are ours.
+        let temporary = dir.join("plan.tmp");
+        write_synced(&temporary, plan.to_toml().as_bytes())?;
+        write_whole(&dir.join("rig.toml"), rig.to_toml().as_bytes())?;
+        if let Some(calibration) = calibration {
+            calibration.write(dir)?;
+        }
         let measurement = Self {
             dir: dir.to_owned(),
+            sums: sums_at(dir, &rig, &plan)?,
+            _lock: None,
             rig,
             plan,
             directions,
         };
-        fs::create_dir_all(dir).map_err(|source| io(dir, source))?;
-        // A directory with a plan is a measurement, so the plan gets its name last. Until then it lies beside the rig
-        // under its temporary one, which tells `sweep` that the rig is ours.
-        let (plan, temporary) = (measurement.path("plan.toml"), measurement.path("plan.tmp"));
-        write_synced(&temporary, measurement.plan.to_toml().as_bytes())?;
-        write_whole(
-            &measurement.path("rig.toml"),
-            measurement.rig.to_toml().as_bytes(),
-        )?;
-        fs::rename(&temporary, &plan).map_err(|source| io(&plan, source))?;
-        measurement.note(State::Planned, Map::new())?;
+        let seed = measurement.plan.request.seed;
+        Manifest::new(dir, &measurement.sums, seed, facts).write()?;
+        let path = measurement.path("plan.toml");
+        fs::rename(&temporary, &path).map_err(|source| io(&path, source))?;
         Ok(measurement)
     }
 
-    /// Opens the measurement in `dir`.
+    /// With the right to write in its directory.
+    #[must_use]
+    pub fn holding(self, lock: Lock) -> Self {
+        Self {
+            _lock: Some(Arc::new(lock)),
+            ..self
+        }
+    }
+
+    /// Opens the measurement in `dir` with the right to write there, which this process alone has until it is dropped.
     ///
     /// # Errors
-    /// [`MeasurementError::NotOne`], or what is wrong with its rig or plan.
+    /// As for [`open`](Self::open); [`StoreError::Busy`] if another process is writing there.
+    pub fn open_to_write(dir: &Path) -> Result<Self, MeasurementError> {
+        if !Self::exists(dir) {
+            return Err(MeasurementError::NotOne {
+                path: dir.display().to_string(),
+            });
+        }
+        let lock = Lock::folder(dir)?;
+        Ok(Self::open(dir)?.holding(lock))
+    }
+
+    /// Opens the measurement in `dir` to read it; a writer's right it neither has nor needs.
+    ///
+    /// # Errors
+    /// [`MeasurementError::NotOne`], what is wrong with its rig, plan or manifest, or [`MeasurementError::Changed`] if one of
+    /// its files is not the one with which it was begun.
     pub fn open(dir: &Path) -> Result<Self, MeasurementError> {
         if !Self::exists(dir) {
             return Err(MeasurementError::NotOne {
@@ -237,60 +266,22 @@ impl Measurement {
                 found: format!("{} and {}", directions.measurable().count(), lens.width_px),
             });
         }
-        Ok(Self {
+        let measurement = Self {
             dir: dir.to_owned(),
+            sums: Manifest::read(dir)?.sums(),
+            _lock: None,
             rig,
             plan,
             directions,
-        })
+        };
+        measurement.check_files()?;
+        Ok(measurement)
     }
 
     /// Whether `dir` holds a measurement.
     #[must_use]
     pub fn exists(dir: &Path) -> bool {
         dir.join("plan.toml").is_file()
-    }
-
-    /// Refuses to go on if something else is asked for than what this measurement holds.
-    ///
-    /// # Errors
-    /// [`MeasurementError::Differs`] with the first field that differs.
-    pub fn check_same(&self, request: &Request, rig_name: &str) -> Result<(), MeasurementError> {
-        let held = &self.plan.request;
-        let differs = |field, expected: String, found: String| MeasurementError::Differs {
-            path: self.dir.display().to_string(),
-            field,
-            expected,
-            found,
-        };
-        let name = |name: &Option<String>| Maybe(name.as_deref()).to_string();
-        let on = |noise: bool| if noise { "on" } else { "off" }.to_owned();
-        let ms = |exposure_s: Option<f64>| Maybe(exposure_s.map(|s| (s * 1e12).round() * 1e-9)).to_string();
-        let other_grid = if held.grid != request.grid && held.grid.to_string() == request.grid.to_string() {
-            format!("another {}", request.grid)
-        } else {
-            request.grid.to_string()
-        };
-        let fields: [(&'static str, String, String); 10] = [
-            ("rig", self.rig.name.clone(), rig_name.to_owned()),
-            ("grid", held.grid.to_string(), other_grid),
-            ("image-size", held.image_size.to_string(), request.image_size.to_string()),
-            ("exposure-ms", ms(held.exposure_s), ms(request.exposure_s)),
-            (
-                "brackets",
-                held.brackets.to_string(),
-                request.brackets.to_string(),
-            ),
-            ("sample", name(&held.sample), name(&request.sample)),
-            ("truth", name(&held.truth), name(&request.truth)),
-            ("tilt", Maybe(held.tilt).to_string(), Maybe(request.tilt).to_string()),
-            ("noise", on(held.noise), on(request.noise)),
-            ("seed", held.seed.to_string(), request.seed.to_string()),
-        ];
-        match fields.into_iter().find(|(_, held, asked)| held != asked) {
-            Some((field, expected, found)) => Err(differs(field, expected, found)),
-            None => Ok(()),
-        }
     }
 
     /// The directory.
@@ -306,7 +297,7 @@ impl Measurement {
     }
 
     /// Captures what is not stored yet; `progress(exposures)` is told how many are done in all. The tally is that of
-    /// all calls that came to their end.
+    /// all segments, whenever they were captured.
     ///
     /// # Errors
     /// [`MeasurementError`]; what was stored before stays.
@@ -315,12 +306,21 @@ impl Measurement {
         instrument: &mut Instrument,
         progress: &mut dyn FnMut(usize),
     ) -> Result<Tally, MeasurementError> {
+        let clock_hz = instrument.device.info().clock_hz;
         let raw_path = self.path("raw.zarr");
         let raw = if raw_path.exists() {
-            RawStore::open(&raw_path)?
+            self.raw()?
         } else {
-            self.create_raw(&raw_path)?
+            self.create_raw(&raw_path, clock_hz)?
         };
+        if raw.layout().clock_hz != clock_hz {
+            return Err(MeasurementError::Differs {
+                path: raw_path.display().to_string(),
+                field: "ticks_per_second",
+                expected: raw.layout().clock_hz.to_string(),
+                found: format!("a trigger box with {clock_hz}"),
+            });
+        }
         let patterns = self.plan.patterns(&self.directions);
         let brackets = self.plan.brackets();
         let maker = self.pattern_maker();
@@ -332,7 +332,6 @@ impl Measurement {
                 "segments are stored already"
             );
         }
-        let mut tally: Tally = self.noted("capture").unwrap_or_default();
         let mut result = Ok(());
         std::thread::scope(|scope| {
             // One segment is written while the next is captured.
@@ -348,13 +347,12 @@ impl Measurement {
                 let range = raw.segment_range(index);
                 progress(range.start);
                 let mut report = |done: usize| progress(range.start + done);
-                match self.capture_segment(
-                    instrument,
-                    &maker,
-                    &patterns[range.start / brackets..range.end / brackets],
-                    &mut tally,
-                    &mut report,
-                ) {
+                let shown = range.start / brackets..range.end / brackets;
+                // Segments that show the same, which only black ones do, are told apart by their number among these.
+                let before = patterns[..shown.start].chunks(shown.len().max(1));
+                let same = before.filter(|before| **before == patterns[shown.clone()]).count();
+                instrument.camera.begin_part(same as u64);
+                match self.capture_segment(instrument, &maker, &patterns[shown], &mut report) {
                     Ok(segment) => {
                         if tx.send((index, segment)).is_err() {
                             break; // the writer has failed; its error follows
@@ -376,13 +374,44 @@ impl Measurement {
         });
         result?;
         progress(self.plan.len());
+        let tally = raw.tally()?;
         let mut facts = Map::new();
         facts.insert("capture".to_owned(), json!(tally));
         self.note(State::Captured, facts)?;
         Ok(tally)
     }
 
-    fn create_raw(&self, path: &Path) -> Result<RawStore, MeasurementError> {
+    /// The stored frames, which must be of this measurement.
+    ///
+    /// # Errors
+    /// [`MeasurementError::Changed`] if they were captured with another rig, plan, calibration, sample or truth;
+    /// [`MeasurementError::Store`].
+    pub fn raw(&self) -> Result<RawStore, MeasurementError> {
+        let path = self.path("raw.zarr");
+        let raw = RawStore::open(&path)?;
+        let found = raw.attributes().get(SUBJECT);
+        if found != Some(&json!(self.sums)) {
+            let of = |name: &str| found.and_then(|sums| sums.get(name)).and_then(Value::as_str);
+            let name = self.sums.iter().find(|(name, sum)| of(name) != Some(*sum));
+            let (name, sum) = name.map_or(("all", ""), |(name, sum)| (name, sum));
+            return Err(MeasurementError::Changed {
+                path: path.display().to_string(),
+                expected: format!("frames that were captured with its own {name} (SHA-256 {sum:.12})"),
+                found: format!("frames of another one ({:.12})", of(name).unwrap_or("none")),
+            });
+        }
+        let (layout, bits) = (raw.layout(), self.rig.frame_format().bits);
+        if (layout.segment, layout.bits) != (self.plan.segment, bits) {
+            return Err(MeasurementError::Changed {
+                path: path.display().to_string(),
+                expected: format!("segments of {} exposures of {bits} bits", self.plan.segment),
+                found: format!("{} of {} bits", layout.segment, layout.bits),
+            });
+        }
+        Ok(raw)
+    }
+
+    fn create_raw(&self, path: &Path, clock_hz: u32) -> Result<RawStore, MeasurementError> {
         let format = self.rig.frame_format();
         let layout = RawLayout {
             exposures: self.plan.len(),
@@ -391,8 +420,10 @@ impl Measurement {
             width: format.width_px,
             channels: format.channels,
             bits: format.bits,
+            clock_hz,
         };
         let mut attributes = Map::new();
+        attributes.insert(SUBJECT.to_owned(), json!(self.sums));
         attributes.insert("rig".to_owned(), json!(self.rig.name));
         attributes.insert(
             "source".to_owned(),
@@ -414,11 +445,18 @@ impl Measurement {
         instrument: &mut Instrument,
         maker: &PatternMaker,
         patterns: &[Exposure],
-        tally: &mut Tally,
         progress: &mut dyn FnMut(usize),
     ) -> Result<Segment, MeasurementError> {
         let lit = self.lit_sets(maker, patterns);
-        take_segment(instrument, &self.plan.timings(), patterns, &lit, tally, progress)
+        let timings = self.plan.timings();
+        take_segment(
+            instrument,
+            &timings,
+            patterns,
+            &lit,
+            &mut Tally::default(),
+            progress,
+        )
     }
 
     fn lit_sets(&self, maker: &PatternMaker, patterns: &[Exposure]) -> Vec<Option<LitSet>> {
@@ -433,45 +471,16 @@ impl Measurement {
 
     /// What `manifest.json` says of `fact`, if it does.
     pub(crate) fn noted<T: serde::de::DeserializeOwned>(&self, fact: &str) -> Option<T> {
-        let bytes = fs::read(self.path("manifest.json")).ok()?;
-        let mut manifest: Map<String, Value> = serde_json::from_slice(&bytes).ok()?;
-        serde_json::from_value(manifest.remove(fact)?).ok()
+        Manifest::read(&self.dir).ok()?.get(fact)
     }
 
     /// Writes the state and `facts` into `manifest.json`, beside what it holds already.
     ///
     /// # Errors
-    /// [`MeasurementError::Io`].
+    /// [`MeasurementError::Manifest`]; [`MeasurementError::Io`].
     pub fn note(&self, state: State, facts: Map<String, Value>) -> Result<(), MeasurementError> {
-        let path = self.path("manifest.json");
-        let old = fs::read(&path)
-            .ok()
-            .and_then(|bytes| serde_json::from_slice::<Map<String, Value>>(&bytes).ok());
-        let mut manifest = old.unwrap_or_default();
-        manifest.insert("state".to_owned(), json!(state));
-        manifest.insert(
-            "program".to_owned(),
-            json!(concat!("rcg ", env!("CARGO_PKG_VERSION"))),
-        );
-        manifest.insert("protocol".to_owned(), json!(rcg_protocol::PROTOCOL_VERSION));
-        manifest.insert("seed".to_owned(), json!(self.plan.request.seed));
-        let mut sums = Map::new();
-        for name in ["rig.toml", "plan.toml"] {
-            let path = self.path(name);
-            let bytes = fs::read(&path).map_err(|source| io(&path, source))?;
-            sums.insert(name.to_owned(), json!(hex(&Sha256::digest(&bytes))));
-        }
-        manifest.insert("sha256".to_owned(), Value::Object(sums));
-        manifest.extend(facts);
-        let text = serde_json::to_string_pretty(&manifest).expect("JSON values can be written");
-        write_whole(&path, text.as_bytes())
+        let mut manifest = Manifest::read(&self.dir)?;
+        manifest.note(state, facts);
+        manifest.write()
     }
-}
-
-pub(crate) fn hex(bytes: &[u8]) -> String {
-    use std::fmt::Write as _;
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        write!(text, "{byte:02x}").expect("strings take everything");
-        text
-    })
 }

@@ -43,8 +43,8 @@ impl std::fmt::Display for Outcome {
 pub struct Pairing {
     /// One outcome per step.
     pub outcomes: Vec<Outcome>,
-    /// Frames that no strobe explains.
-    pub orphans: usize,
+    /// Indices of the frames that no strobe explains.
+    pub orphans: Vec<usize>,
     /// Frames that came a second time.
     pub duplicates: usize,
 }
@@ -91,11 +91,11 @@ pub fn pair(
 
     let mut pairing = Pairing {
         outcomes,
-        orphans: 0,
+        orphans: Vec::new(),
         duplicates: 0,
     };
     let Some(mut offset_s) = first_offset(&pairing.outcomes, &exposures, &spurious_s, frames) else {
-        pairing.orphans = frames.len();
+        pairing.orphans = (0..frames.len()).collect();
         return pairing;
     };
     // Half of the smallest distance between strobes separates them; a quarter leaves room for doubt.
@@ -122,11 +122,12 @@ pub fn pair(
         last_id = Some(frame.id);
         let on_s = frame.timestamp_s - offset_s;
         let Some((ordinal, exposure)) = nearest(&exposures, on_s) else {
+            pairing.orphans.push(index);
             continue;
         };
         let error_s = on_s - exposure.on_s;
         if error_s.abs() > tolerance_s {
-            pairing.orphans += 1;
+            pairing.orphans.push(index);
             continue;
         }
         offset_s += error_s / 8.0; // follows drift, ignores jitter
@@ -221,7 +222,7 @@ mod tests {
         let frames: Vec<_> = (0..32_400).map(|step| frame(step, step)).collect();
         let pairing = pair(32_400, &records, &[], &frames, TICK_S);
         assert!((0..32_400).all(|step| pairing.outcomes[step] == Paired(step)));
-        assert_eq!((pairing.orphans, pairing.duplicates), (0, 0));
+        assert_eq!((pairing.orphans.len(), pairing.duplicates), (0, 0));
     }
 
     #[test]
@@ -283,7 +284,7 @@ mod tests {
         ];
         let pairing = pair(4, &records, &[spurious], &frames, TICK_S);
         assert_eq!(pairing.outcomes, [Paired(0), Paired(1), Paired(4), Paired(5)]);
-        assert_eq!((pairing.orphans, pairing.duplicates), (1, 1));
+        assert_eq!((pairing.orphans, pairing.duplicates), (vec![3], 1));
     }
 
     #[test]
@@ -300,6 +301,6 @@ mod tests {
         let frames: Vec<_> = (0..4).map(|step| frame(step, step)).collect();
         let pairing = pair(4, &records, &[], &frames, TICK_S);
         assert_eq!(pairing.outcomes, [Paired(0), Paired(1), NoRecord, Paired(3)]);
-        assert_eq!(pairing.orphans, 1);
+        assert_eq!(pairing.orphans, [2]);
     }
 }

@@ -83,6 +83,24 @@ impl Request {
         Ok(rig.tilted(self.tilt)?.with_image_size(self.image_size)?)
     }
 
+    /// With the full paths of the files that it names, so that they are found from any working directory. A path that
+    /// leads nowhere, or is no text, stays as it is.
+    #[must_use]
+    pub fn located(mut self) -> Self {
+        let full = |path: &std::path::Path| {
+            let full = path.canonicalize().ok()?;
+            full.to_str().map(str::to_owned)
+        };
+        let sample = self.sample.as_deref().and_then(crate::sample::file_of);
+        if let Some(sample) = sample.and_then(full) {
+            self.sample = Some(sample);
+        }
+        if let Some(truth) = self.truth.as_deref().and_then(|path| full(path.as_ref())) {
+            self.truth = Some(truth);
+        }
+        self
+    }
+
     fn check_image_size(&self) -> Result<(), PlanError> {
         if IMAGE_SIZES_PX.contains(&self.image_size) {
             return Ok(());

@@ -2,6 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::Adapted;
+use crate::measurement::{Measurement, MeasurementError};
+
 /// Captures with light that a measurement without a budget takes at most.
 const MOST_CAPTURES: usize = 4096;
 /// The fewest that say anything.
@@ -72,6 +75,15 @@ impl Goal {
             return Err(GoalError::Budget(budget));
         }
         Ok(Self { target_db, budget })
+    }
+}
+
+impl std::fmt::Display for Goal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if let Some(target_db) = self.target_db {
+            write!(f, "{target_db} dB within ")?;
+        }
+        write!(f, "{} captures", self.budget)
     }
 }
 

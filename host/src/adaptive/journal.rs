@@ -3,9 +3,12 @@
 //! | file | holds |
 //! |---|---|
 //! | `adaptive.toml` | what was asked for, and the exposure times |
-//! | `directions.txt` | lines `θ φ` in degrees in the order of capture; written before the batch is captured |
+//! | `directions.txt` | lines `θ φ` in degrees in the order of capture; written before the batch is captured; a checksum last |
 //! | `adaptive.zarr` | raw frames: black patterns, then those with light, a batch in one segment or several |
 //! | `calibration.json` | what was known of the instrument, as in every measurement |
+//!
+//! `adaptive.zarr` has the checksums of `adaptive.toml`, `calibration.json`, sample and truth; the checksum in
+//! `directions.txt` goes over `adaptive.toml` too: no file can be exchanged alone.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,14 +19,17 @@ use super::{Goal, GoalError};
 use crate::calibrate::Applied;
 use crate::incident::{Grid, IncidentError};
 use crate::measure::MeasureError;
-use crate::measurement::{MeasurementError, write_whole};
-use crate::plan::{BLACK_EXPOSURES, Request};
+use crate::measurement::{MeasurementError, Sums, sum, sums_at, sums_of, write_whole};
+use crate::plan::{BLACK_EXPOSURES, Plan, Request};
 use crate::rig::{Rig, RigError, explain};
+use crate::store::raw::SUBJECT;
 use crate::store::{RawLayout, RawStore, StoreError};
 
 const ASKED: &str = "adaptive.toml";
 const DIRECTIONS: &str = "directions.txt";
 const FRAMES: &str = "adaptive.zarr";
+/// What stands before the checksum in the list of directions.
+const SEALED: &str = "# checksum ";
 
 /// Why an adaptive measurement failed.
 #[derive(Debug, thiserror::Error)]
@@ -124,6 +130,8 @@ pub(super) struct Segments {
 /// The files.
 pub(super) struct Journal {
     dir: PathBuf,
+    /// SHA-256 of `adaptive.toml`.
+    sum: String,
     pub(super) frames: RawStore,
 }
 
@@ -141,14 +149,15 @@ impl Journal {
         rig: &Rig,
         applied: Option<&Applied>,
         segments: Segments,
+        clock_hz: u32,
     ) -> Result<Self, AdaptiveError> {
         fs::create_dir_all(dir).map_err(|source| io(dir, source))?;
+        let text = toml::to_string(asked).expect("plain data");
+        write_whole(&dir.join(ASKED), text.as_bytes())?;
         if let Some(applied) = applied {
             applied.write(dir)?;
         }
-        let text = toml::to_string(asked).expect("plain data");
-        write_whole(&dir.join(ASKED), text.as_bytes())?;
-        Self::open(dir, rig, segments)
+        Self::open(dir, rig, segments, clock_hz)
     }
 
     /// What was asked for in `dir`.
@@ -158,18 +167,56 @@ impl Journal {
         Ok(toml::from_str(&text).map_err(|error| explain(&text, &path, &error))?)
     }
 
-    /// Opens what was begun in `dir`, its frames in `segments` unless there are some already.
-    pub(super) fn open(dir: &Path, rig: &Rig, segments: Segments) -> Result<Self, AdaptiveError> {
+    /// Opens what was begun in `dir`, its frames in `segments` unless there are some already, with a trigger box whose clock
+    /// has the same rate.
+    pub(super) fn open(
+        dir: &Path,
+        rig: &Rig,
+        segments: Segments,
+        clock_hz: u32,
+    ) -> Result<Self, AdaptiveError> {
+        let content = |name: &str| {
+            let path = dir.join(name);
+            fs::read(&path).map_err(|source| io(&path, source))
+        };
+        let sum_of_asked = sum(&content(ASKED)?);
+        let mut sums = sums_of(&Self::asked(dir)?.request)?;
+        sums.insert(ASKED.to_owned(), sum_of_asked.clone());
+        if dir.join(Applied::FILE).exists() {
+            sums.insert(Applied::FILE.to_owned(), sum(&content(Applied::FILE)?));
+        }
         let path = dir.join(FRAMES);
         let frames = if path.exists() {
-            RawStore::open(&path)?
+            let frames = RawStore::open(&path)?;
+            let held = frames.attributes().get(SUBJECT);
+            let held = |name: &str| held.and_then(|sums| sums.get(name)).and_then(|sum| sum.as_str());
+            for (name, field) in [
+                ("sample", "sample"),
+                ("truth", "truth"),
+                (ASKED, "content"),
+                (Applied::FILE, "calibration"),
+            ] {
+                if held(name) != sums.get(name).map(String::as_str) {
+                    return Err(differs(dir, field));
+                }
+            }
+            if frames.layout().clock_hz != clock_hz {
+                return Err(differs(dir, "clock rate of the trigger box"));
+            }
+            frames
         } else {
-            RawStore::create(&path, layout(rig, segments), serde_json::Map::new())?
+            RawStore::create(&path, layout(rig, segments, clock_hz), about(&sums))?
         };
         Ok(Self {
             dir: dir.to_owned(),
+            sum: sum_of_asked,
             frames,
         })
+    }
+
+    /// Whether frames were captured in `dir`: until then a calibration may not be there yet.
+    pub(super) fn has_frames(dir: &Path) -> bool {
+        dir.join(FRAMES).exists()
     }
 
     /// A file of it.
@@ -182,6 +229,16 @@ impl Journal {
         let path = self.dir.join(DIRECTIONS);
         if !path.exists() {
             return Ok(Vec::new());
+        }
+        let text = fs::read_to_string(&path).map_err(|source| io(&path, source))?;
+        let lines = text.rfind(SEALED).map(|at| &text[..at]);
+        if lines.is_none_or(|lines| text != self.sealed(lines)) {
+            return Err(MeasurementError::Changed {
+                path: path.display().to_string(),
+                expected: "the list".to_owned(),
+                found: "another".to_owned(),
+            }
+            .into());
         }
         match Grid::read_list(&path)? {
             Grid::List { directions_deg } => Ok(directions_deg),
@@ -196,23 +253,32 @@ impl Journal {
             .map(|[theta_deg, phi_deg]| format!("{theta_deg} {phi_deg}\n"))
             .collect();
         let text = format!("# θ φ in degrees, in the order of capture\n{}", lines.concat());
-        Ok(write_whole(&self.dir.join(DIRECTIONS), text.as_bytes())?)
+        Ok(write_whole(
+            &self.dir.join(DIRECTIONS),
+            self.sealed(&text).as_bytes(),
+        )?)
     }
 
-    /// Makes `raw.zarr` of as many of its frames as `segments` hold.
-    pub(super) fn publish(&self, rig: &Rig, segments: Segments) -> Result<(), AdaptiveError> {
+    /// `lines` with their checksum behind.
+    fn sealed(&self, lines: &str) -> String {
+        format!("{lines}{SEALED}{}\n", sum(format!("{}\n{lines}", self.sum).as_bytes()))
+    }
+
+    /// Makes `raw.zarr` of `plan` for `rig`: of as many of the frames as `segments` hold.
+    pub(super) fn publish(&self, rig: &Rig, plan: &Plan, segments: Segments) -> Result<(), AdaptiveError> {
         let path = self.dir.join("raw.zarr");
         if path.exists() {
             // Of a run that ended before its plan was written.
             fs::remove_dir_all(&path).map_err(|source| io(&path, source))?;
         }
-        let mut attributes = serde_json::Map::new();
+        let mut attributes = about(&sums_at(&self.dir, rig, plan)?);
         attributes.insert("rig".to_owned(), rig.name.clone().into());
         attributes.insert(
             "source".to_owned(),
             concat!("rcg ", env!("CARGO_PKG_VERSION")).into(),
         );
-        let raw = RawStore::create(&path, layout(rig, segments), attributes)?;
+        let layout = layout(rig, segments, self.frames.layout().clock_hz);
+        let raw = RawStore::create(&path, layout, attributes)?;
         for segment in 0..raw.segments() {
             raw.write_segment(segment, &self.frames.read_segment(segment)?)?;
         }
@@ -233,7 +299,12 @@ pub(super) fn differs(dir: &Path, field: &'static str) -> AdaptiveError {
     }
 }
 
-fn layout(rig: &Rig, segments: Segments) -> RawLayout {
+/// Attributes of frames that were captured with what has these sums.
+fn about(sums: &Sums) -> serde_json::Map<String, serde_json::Value> {
+    serde_json::Map::from_iter([(SUBJECT.to_owned(), serde_json::json!(sums))])
+}
+
+fn layout(rig: &Rig, segments: Segments, clock_hz: u32) -> RawLayout {
     let format = rig.frame_format();
     RawLayout {
         exposures: (BLACK_EXPOSURES + segments.captures) * segments.brackets,
@@ -242,6 +313,7 @@ fn layout(rig: &Rig, segments: Segments) -> RawLayout {
         width: format.width_px,
         channels: format.channels,
         bits: format.bits,
+        clock_hz,
     }
 }
 

@@ -17,7 +17,7 @@ use crate::capture::{Instrument, Tally};
 use crate::disk::Disk;
 use crate::incident::{DirectionList, Grid, IncidentSet};
 use crate::measure::{MeasureError, planned};
-use crate::measurement::{Measurement, MeasurementError, State, take_segment};
+use crate::measurement::{Measurement, MeasurementError, take_segment};
 use crate::optics::{Unmeasurable, View};
 use crate::pattern::{LitSet, PatternMaker};
 use crate::plan::{BLACK_EXPOSURES, Directions, Exposure, Plan, PlanError, Request};
@@ -25,6 +25,7 @@ use crate::progress::Progress;
 use crate::rig::Rig;
 use crate::schedule::Timing;
 use crate::setup::Setup;
+use crate::store::Lock;
 
 /// Nothing is chosen nearer to the horizon than this polar angle, in degrees.
 const GRAZING_DEG: f64 = 85.0;
@@ -90,14 +91,18 @@ pub fn measure(
     };
     let applied = setup.calibration.as_ref().map(Calibration::applied);
     let resumed = resume && Journal::exists(out);
-    let (scaled, plan, asked) = if resumed {
+    let (scaled, plan, asked, lock) = if resumed {
+        let lock = Lock::folder(out)?;
         let scaled = request.rig(rig).map_err(MeasurementError::from)?;
         let asked = resumed_as(out, &scaled, &request, start, goal, applied.as_ref())?;
         let plan = Plan::bracketed(begun, &scaled, &asked.exposures_s()).map_err(MeasurementError::from)?;
-        (scaled, plan, asked)
+        (scaled, plan, asked, lock)
     } else {
         Measurement::check_new(out)?;
         let (scaled, plan) = planned(rig, begun, setup, progress)?;
+        let lock = Lock::folder(out)?;
+        // The pilot capture takes its time.
+        Measurement::check_new(out)?;
         let asked = Asked {
             exposure_s: plan.exposure_s,
             longer_s: plan.exposures_s().split_off(1),
@@ -106,7 +111,7 @@ pub fn measure(
             goal,
             request: request.clone(),
         };
-        (scaled, plan, asked)
+        (scaled, plan, asked, lock)
     };
     let known = applied.clone().unwrap_or_default();
     // What divides a batch, as far as memory allows.
@@ -137,10 +142,11 @@ pub fn measure(
         brackets: plan.brackets(),
     };
     let mut instrument = setup.open(&scaled, &request)?;
+    let clock_hz = instrument.device.info().clock_hz;
     let journal = if resumed {
-        Journal::open(out, &scaled, segments)?
+        Journal::open(out, &scaled, segments, clock_hz)?
     } else {
-        Journal::create(out, &asked, &scaled, applied.as_ref(), segments)?
+        Journal::create(out, &asked, &scaled, applied.as_ref(), segments, clock_hz)?
     };
     let mut tally = Tally::default();
     let (directions_deg, adapted) = fixed.run(
@@ -161,16 +167,15 @@ pub fn measure(
     };
     journal.publish(
         &scaled,
+        &plan,
         Segments {
             captures: plan.directions,
             ..segments
         },
     )?;
-    let measurement = Measurement::found(out, scaled.clone(), plan)?;
-    let mut facts = Map::new();
-    facts.insert("adaptive".to_owned(), json!(adapted));
-    facts.insert("capture".to_owned(), json!(tally));
-    measurement.note(State::Captured, facts)?;
+    let facts = Map::from_iter([("adaptive".to_owned(), json!(adapted))]);
+    let measurement =
+        Measurement::found_with(out, scaled.clone(), plan, applied.as_ref(), facts)?.holding(lock);
     journal.close()?;
     Ok((measurement, adapted))
 }
@@ -224,6 +229,9 @@ fn resumed_as(
     applied: Option<&Applied>,
 ) -> Result<Asked, AdaptiveError> {
     let asked = Journal::asked(out)?;
+    if let Some(applied) = applied.filter(|_| !Journal::has_frames(out)) {
+        applied.write(out).map_err(MeasureError::from)?;
+    }
     let known = Applied::read(out).map_err(|error| MeasureError::from(Box::new(error)))?;
     let fields = [
         ("rig", asked.rig == scaled.to_toml()),

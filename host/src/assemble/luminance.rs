@@ -109,6 +109,7 @@ impl<'a> FrameAssembler<'a> {
                 let alone = Segment {
                     frames: frames.to_vec(),
                     records: records.to_vec(),
+                    ..Segment::default()
                 };
                 let window = BTreeMap::from([(0, alone)]);
                 let mut work = Work::default();

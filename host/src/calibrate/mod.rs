@@ -12,6 +12,7 @@
 pub mod geometry;
 pub mod photometry;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -21,14 +22,17 @@ use geometry::{GEOMETRY, Geometry};
 use photometry::{PHOTOMETRY, Photometry};
 
 use crate::brackets::Brackets;
-use crate::capture::{CaptureError, Captured};
+use crate::capture::{CaptureError, Captured, Instrument, Tally};
 use crate::incident::Grid;
 use crate::measure::MeasureError;
 use crate::measurement::{Measurement, MeasurementError, hex, write_whole};
 use crate::plan::{self, PlanError};
 use crate::rig::{Rig, RigError, Tilt};
-use crate::store::{ExposureRecord, Segment, StoreError};
+use crate::store::raw::SUBJECT;
+use crate::store::{ExposureRecord, RawLayout, RawStore, Segment, StoreError};
 
+/// Kind of exposures that show a view of a calibration.
+const VIEW: u8 = crate::store::exposure_record::KINDS[2].0;
 /// Name of the calibrated rig's file.
 pub const RIG: &str = "rig.toml";
 
@@ -133,6 +137,9 @@ pub struct Applied {
     pub edge_deg: f64,
     /// Light, throughput and camera.
     pub photometry: Option<Photometry>,
+    /// SHA-256 of the rig that was calibrated, as it was before.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub nominal_sha256: Option<String>,
 }
 
 impl Applied {
@@ -167,24 +174,38 @@ impl Applied {
 }
 
 impl Measurement {
-    /// Refuses to go on with a `calibration` that is not the one with which this measurement was begun; none leaves it.
+    /// Refuses to go on with a `rig` (as loaded, or that of `calibration`) or a `calibration` that is not the one with which
+    /// this measurement was begun; no calibration leaves the one of then.
     ///
     /// # Errors
     /// [`MeasurementError::Differs`]; [`CalibrateError::Content`].
-    pub fn check_calibration(&self, calibration: Option<&Calibration>) -> Result<(), CalibrateError> {
-        let Some(calibration) = calibration else {
-            return Ok(());
+    pub fn check_rig(&self, rig: &Rig, calibration: Option<&Calibration>) -> Result<(), CalibrateError> {
+        if rig.name != self.rig.name {
+            let (expected, found) = (self.rig.name.clone(), rig.name.clone());
+            return Err(self.differs("rig", expected, found).into());
+        }
+        let applied = Applied::read(self.dir())?;
+        if let Some(calibration) = calibration
+            && applied != calibration.applied()
+        {
+            let (expected, found) = ("the one".to_owned(), "another".to_owned());
+            return Err(self.differs("calibration", expected, found).into());
+        }
+        let (expected, found) = match &applied.nominal_sha256 {
+            Some(nominal) if calibration.is_none() => (nominal.clone(), rig_hash(rig)),
+            _ => (
+                rig_hash(&self.rig),
+                rig_hash(&self.plan.request.rig(rig).map_err(MeasurementError::from)?),
+            ),
         };
-        if Applied::read(self.dir())? == calibration.applied() {
+        if expected == found {
             return Ok(());
         }
-        Err(MeasurementError::Differs {
-            path: self.dir().display().to_string(),
-            field: "calibration",
-            expected: "the one".to_owned(),
-            found: "another".to_owned(),
-        }
-        .into())
+        let (expected, found) = (
+            format!("{} (SHA-256 {expected:.12})", rig.name),
+            format!("another one of that name ({found:.12})"),
+        );
+        Err(self.differs("rig", expected, found).into())
     }
 }
 
@@ -214,6 +235,10 @@ impl Calibration {
                 .map_or([0.0; 2], |geometry| [geometry.camera_deg, geometry.projector_deg]),
             edge_deg: self.geometry.as_ref().map_or(0.0, Geometry::edge_deg),
             photometry: self.photometry.clone(),
+            nominal_sha256: Some(self.geometry.as_ref().map_or_else(
+                || rig_hash(&self.rig),
+                |geometry| geometry.nominal_sha256.clone(),
+            )),
         }
     }
 }
@@ -306,22 +331,71 @@ fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, Calibrate
         .map_err(|error| content("a file as rcg calibrate writes it", error.to_string()))
 }
 
+/// Makes the file of the frames that `instrument` will take of the views in the file `views`, which will hold `text`.
+fn create_raw(
+    path: &Path,
+    layout: RawLayout,
+    instrument: &Instrument,
+    views: &str,
+    text: &str,
+) -> Result<RawStore, CalibrateError> {
+    let layout = RawLayout {
+        clock_hz: instrument.device.info().clock_hz,
+        ..layout
+    };
+    let mut attributes = serde_json::Map::new();
+    let sums = BTreeMap::from([(views, hex(&Sha256::digest(text.as_bytes())))]);
+    attributes.insert(SUBJECT.to_owned(), serde_json::json!(sums));
+    Ok(RawStore::create(path, layout, attributes)?)
+}
+
+/// Opens the frames `raw` in `dir`, which must have been taken of the views in the file `views` as it is.
+fn open_raw(dir: &Path, raw: &str, views: &str) -> Result<RawStore, CalibrateError> {
+    let path = dir.join(views);
+    let content = |expected: String, found: String| CalibrateError::Content {
+        path: path.display().to_string(),
+        field: "file".to_owned(),
+        expected,
+        found,
+    };
+    let bytes = std::fs::read(&path)
+        .map_err(|error| content("a readable file".to_owned(), error.to_string()))?;
+    let found = hex(&Sha256::digest(&bytes));
+    let raw = RawStore::open(&dir.join(raw))?;
+    let expected = raw.attributes().get(SUBJECT).and_then(|sums| sums[views].as_str());
+    if expected == Some(&found) {
+        return Ok(raw);
+    }
+    Err(content(
+        format!(
+            "the one of which the frames beside it were taken (SHA-256 {:.12})",
+            expected.unwrap_or("unknown")
+        ),
+        format!("another ({found:.12}); put it back, or calibrate into a new directory"),
+    ))
+}
+
 /// Frames and records of exposures that show no incident direction of a plan.
-fn segment_of(shots: Vec<Captured>, kind: u8, exposure_s: f64) -> Segment {
-    let mut segment = Segment::default();
+fn segment_of(shots: Vec<Captured>, tally: Tally, exposure_s: f64) -> Segment {
+    let mut segment = Segment {
+        tally,
+        ..Segment::default()
+    };
     for shot in shots {
         let [trigger, on, off] = shot.ticks;
         segment.records.push(ExposureRecord {
             incident: -1,
-            kind,
+            kind: VIEW,
             exposure_s,
             trigger_tick: trigger.0,
             strobe_on_tick: on.0,
             strobe_off_tick: off.0,
             frame_id: shot.frame_id,
+            camera_timestamp_s: shot.camera_timestamp_s,
             attempts: shot.attempts,
             flags: u16::from(shot.flags),
-            ..ExposureRecord::default()
+            lit_solid_angle_sr: f64::NAN,
+            lit_irradiance: f64::NAN,
         });
         segment.frames.extend(shot.dn);
     }

@@ -7,7 +7,8 @@ use crate::plan::Exposure;
 use crate::schedule::Timing;
 use crate::store::{ExposureRecord, Segment};
 
-/// Takes one segment: the exposures of `timings` with each pattern of `lit`, with their records.
+/// Takes one segment: the exposures of `timings` with each pattern of `lit`, with their records and their tally, which is
+/// added to `tally` too.
 pub(crate) fn take_segment(
     instrument: &mut Instrument,
     timings: &[Timing],
@@ -16,10 +17,13 @@ pub(crate) fn take_segment(
     tally: &mut Tally,
     progress: &mut dyn FnMut(usize),
 ) -> Result<Segment, MeasurementError> {
-    let captured = instrument.take_lit(lit, timings, tally, progress)?;
+    let mut own = Tally::default();
+    let captured = instrument.take_lit(lit, timings, &mut own, progress)?;
+    tally.add(&own);
     let mut segment = Segment {
         frames: Vec::new(),
         records: Vec::with_capacity(captured.len()),
+        tally: own,
     };
     let length: usize = captured.iter().map(|shot| shot.dn.len()).sum();
     segment.frames.reserve_exact(length);
@@ -35,6 +39,7 @@ pub(crate) fn take_segment(
             strobe_on_tick: shot.ticks[1].0,
             strobe_off_tick: shot.ticks[2].0,
             frame_id: shot.frame_id,
+            camera_timestamp_s: shot.camera_timestamp_s,
             attempts: shot.attempts,
             flags: u16::from(shot.flags),
             lit_solid_angle_sr: lit.as_ref().map_or(0.0, |lit| lit.solid_angle_sr),

@@ -30,7 +30,7 @@ use crate::rig::{Rig, RigError};
 use crate::sample::{SampleError, parse};
 use crate::scan::{AzimuthScan, INCIDENT_DEG, THETA_R_DEG};
 use crate::setup::Setup;
-use crate::store::StoreError;
+use crate::store::{Lock, StoreError};
 use crate::study::{Settings, Study, StudyError, study};
 
 /// What stands in for the paper's cloths.
@@ -113,6 +113,7 @@ pub fn paper(
     progress: &dyn Progress,
 ) -> Result<Paper, PaperError> {
     Measurement::check_new(out)?;
+    let _lock = Lock::folder(out)?;
     // Checks what was asked for before anything is made.
     Grid::ThetaPhi { step_deg }
         .build()

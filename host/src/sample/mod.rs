@@ -143,6 +143,14 @@ pub fn parse(spec: &str) -> Result<Box<dyn Sample>, SampleError> {
     }
 }
 
+/// The file that `spec` names; `None` for a model.
+#[must_use]
+pub fn file_of(spec: &str) -> Option<&Path> {
+    let model = spec.split_once(':').map_or(spec, |(model, _)| model);
+    let is_model = ["lambert", "ward", "ggx", "velvet", "satin"].contains(&model);
+    (!is_model).then(|| Path::new(spec))
+}
+
 /// Directional albedo of `sample` under light from `wi`: ∫ f·cosθo dωo, per channel.
 ///
 /// By quadrature, 1,440 directions at equal steps of sin²θ, which weigh each with its cosine alike; a lobe narrower than

@@ -8,6 +8,8 @@
 //! zarrs is told to use one thread per chunk: callers write and read several chunks at a time.
 
 use std::borrow::Cow;
+use std::fs::File;
+use std::io::{Read as _, Seek as _, SeekFrom};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -17,6 +19,7 @@ use zarrs::array::codec::{BytesCodec, Crc32cCodec};
 use zarrs::array::{
     Array, ArrayBuilder, ArrayMetadataOptions, ChunkKeySeparator, CodecOptions, Element, ElementOwned,
 };
+use zarrs::metadata::FillValueMetadata;
 use zarrs::storage::{ReadableStorageTraits as _, StoreKey};
 
 use super::atomic::AtomicStore;
@@ -53,6 +56,16 @@ impl ElementType {
             Self::F16 => "float16",
             Self::F32 => "float32",
             Self::F64 => "float64",
+        }
+    }
+
+    /// What stands for a value that was never written: the array's attribute `_FillValue` if it has one, else NaN for real
+    /// numbers, which have no need of it, and 0.
+    fn fill(self, attributes: &Map<String, Value>) -> FillValueMetadata {
+        match (attributes.get("_FillValue").and_then(Value::as_number), self) {
+            (Some(fill), _) => FillValueMetadata::Number(fill.clone()),
+            (None, Self::F16 | Self::F32 | Self::F64) => FillValueMetadata::String("NaN".to_owned()),
+            (None, _) => FillValueMetadata::Number(0.into()),
         }
     }
 
@@ -144,7 +157,8 @@ impl ZarrArray {
             .map_err(|found| StoreError::argument(store.root(), spec.name, SANE_SHAPE, found))?;
         let path = store.path_of(&metadata_key(spec.name));
         let shape: Vec<u64> = spec.shape.iter().map(|&length| length as u64).collect();
-        let array = ArrayBuilder::new(shape, spec.chunk_shape(), spec.element.name(), 0u8)
+        let fill = spec.element.fill(&attributes);
+        let array = ArrayBuilder::new(shape, spec.chunk_shape(), spec.element.name(), fill)
             .chunk_key_encoding_default_separator(ChunkKeySeparator::Dot)
             .array_to_bytes_codec(Arc::new(BytesCodec::little()))
             .bytes_to_bytes_codecs(vec![Arc::new(Crc32cCodec::new())])
@@ -355,6 +369,18 @@ impl ZarrArray {
             expected: "a file".into(),
             found: "none".into(),
         })
+    }
+
+    /// The CRC-32C with which the file of chunk `index` ends, as it stands there.
+    pub(super) fn stored_checksum(&self, index: usize) -> Result<[u8; CHECKSUM], StoreError> {
+        let path = self.path_of(index);
+        let mut checksum = [0; CHECKSUM];
+        let read = File::open(&path).and_then(|mut file| {
+            file.seek(SeekFrom::End(-(CHECKSUM as i64)))?;
+            file.read_exact(&mut checksum)
+        });
+        read.map_err(|error| StoreError::io(&path, "read", error))?;
+        Ok(checksum)
     }
 
     /// Removes chunk `index` if it exists.

@@ -30,6 +30,7 @@ use super::atomic::AtomicStore;
 use super::error::StoreError;
 use super::group;
 use super::header::Header;
+use super::lock::Lock;
 use super::small_array::{self, SmallArray, SmallData};
 use crate::provenance::Provenance;
 
@@ -100,6 +101,7 @@ pub struct BrdfRows {
 /// A `brdf.zarr` that is being made.
 #[derive(Debug)]
 pub struct BrdfWriter {
+    _lock: Lock,
     path: PathBuf,
     partial: PathBuf,
     overwrite: bool,
@@ -130,7 +132,7 @@ impl BrdfWriter {
     ) -> Result<Self, StoreError> {
         layout.f().check(path)?;
         small_array::check(path, extra, layout.lengths(), &[F, SIGMA, PROVENANCE])?;
-        let partial = group::start(path, FORMAT, overwrite)?;
+        let (partial, lock) = group::start(path, FORMAT, overwrite)?;
         let store = Arc::new(AtomicStore::new(&partial)?);
 
         let mut about_f = described("sr-1", "BRDF, without the cosine");
@@ -160,6 +162,7 @@ impl BrdfWriter {
             .collect();
         group::write(&store, &group::attributes_of(FORMAT, attributes), &metadata)?;
         Ok(Self {
+            _lock: lock,
             path: path.to_path_buf(),
             partial,
             overwrite,

@@ -18,6 +18,16 @@ pub enum StoreError {
         /// The path that is taken.
         path: PathBuf,
     },
+    /// Another process is writing there; nothing was changed.
+    #[error(
+        "{path}: expected to be the only one who writes there, found {holder} writing it; try again when that has ended"
+    )]
+    Busy {
+        /// What was to be written.
+        path: PathBuf,
+        /// Who holds the lock.
+        holder: String,
+    },
     /// The path is not a file of this kind.
     #[error("{path}: expected {expected}, found {found}")]
     NotAGroup {

@@ -15,16 +15,28 @@ use zarrs::storage::{StoreKey, WritableStorageTraits as _};
 
 use super::atomic::AtomicStore;
 use super::error::StoreError;
+use super::lock::Lock;
 
 /// Attribute of the group that says which kind of file it is.
 const FORMAT: &str = "rcg_format";
 /// Attribute of the group that says which version of that kind.
 const FORMAT_VERSION: &str = "rcg_format_version";
-/// The version this program writes, and the only one so far.
-const VERSION: u64 = 1;
+
+/// The version of `format` that this program writes, and the only one of it that it reads.
+///
+/// | format | version | what is new in it |
+/// |---|---|---|
+/// | `raw` | 2 | tallies, seals and orphans by segments, the camera's time-stamps, the clock's rate, declared fill values |
+/// | `brdf` | 1 | |
+fn version(format: &str) -> u64 {
+    match format {
+        "raw" => 2,
+        _ => 1,
+    }
+}
 
 /// `path` with a suffix on its last component, which a trailing slash does not hide.
-fn with_suffix(path: &Path, suffix: &str) -> Result<PathBuf, StoreError> {
+pub(super) fn with_suffix(path: &Path, suffix: &str) -> Result<PathBuf, StoreError> {
     let Some(name) = path.file_name() else {
         return Err(StoreError::argument(
             path,
@@ -38,16 +50,17 @@ fn with_suffix(path: &Path, suffix: &str) -> Result<PathBuf, StoreError> {
     Ok(path.with_file_name(name))
 }
 
-/// Makes the empty folder in which the file that will be `path` is built, and returns it.
+/// Makes the empty folder in which the file that will be `path` is built, and returns it with the right to write there.
 ///
-/// An older unfinished one is removed. An existing `path` is refused, unless `overwrite` is set and
+/// An unfinished one of a writer that is no more is removed. An existing `path` is refused, unless `overwrite` is set and
 /// it is a file of the same `format`.
-pub(super) fn start(path: &Path, format: &str, overwrite: bool) -> Result<PathBuf, StoreError> {
+pub(super) fn start(path: &Path, format: &str, overwrite: bool) -> Result<(PathBuf, Lock), StoreError> {
     check_free(path, format, overwrite)?;
+    let lock = Lock::output(path)?;
     let partial = with_suffix(path, ".partial")?;
     remove_folder(&partial)?;
     fs::create_dir_all(&partial).map_err(|error| StoreError::io(&partial, "create", error))?;
-    Ok(partial)
+    Ok((partial, lock))
 }
 
 /// Gives the finished `partial` its final name `path`.
@@ -100,7 +113,7 @@ fn remove_folder(path: &Path) -> Result<(), StoreError> {
 pub(super) fn attributes_of(format: &str, attributes: Map<String, Value>) -> Map<String, Value> {
     let mut all = Map::new();
     all.insert(FORMAT.into(), format.into());
-    all.insert(FORMAT_VERSION.into(), VERSION.into());
+    all.insert(FORMAT_VERSION.into(), version(format).into());
     for (name, value) in attributes {
         all.entry(name).or_insert(value);
     }
@@ -165,12 +178,12 @@ pub(super) fn read_attributes(path: &Path, format: &str) -> Result<Map<String, V
         None => return Err(not_a_group("a group without that attribute")),
     }
     match attributes.get(FORMAT_VERSION) {
-        Some(version) if *version == json!(VERSION) => Ok(attributes.clone()),
-        version => Err(StoreError::metadata(
+        Some(found) if *found == json!(version(format)) => Ok(attributes.clone()),
+        found => Err(StoreError::metadata(
             &file,
             format!("attributes.{FORMAT_VERSION}"),
-            VERSION.to_string(),
-            version.map_or_else(|| "nothing".to_owned(), short),
+            version(format).to_string(),
+            found.map_or_else(|| "nothing".to_owned(), short),
         )),
     }
 }

@@ -11,6 +11,8 @@
 //! | [`raw`] | append-only frames and their records, by segments; survives `kill -9` |
 //! | [`exposure_record`] | the columns that stand beside each raw frame |
 //! | [`brdf_file`] | f, its standard uncertainty and its provenance |
+//! | [`tally`] | what happened on the way, by segments |
+//! | [`lock`] | one writer at a time |
 //! | [`small_array`] | coordinates and masks beside them |
 //!
 //! # Tradeoffs
@@ -25,12 +27,17 @@ mod error;
 pub mod exposure_record;
 mod group;
 mod header;
+pub mod lock;
 pub mod raw;
+mod seal;
 pub mod small_array;
+pub mod tally;
 
 pub use atomic::AtomicStore;
 pub use brdf_file::{BrdfLayout, BrdfReader, BrdfRows, BrdfWriter};
 pub use error::StoreError;
 pub use exposure_record::ExposureRecord;
+pub use lock::Lock;
 pub use raw::{RawLayout, RawStore, Segment};
 pub use small_array::{SmallArray, SmallData};
+pub use tally::{OrphanFrame, Tally};

@@ -2,8 +2,9 @@
 //!
 //! # Design
 //! A *segment* is a fixed number of consecutive exposures: one chunk along the exposure axis, and
-//! what a crash may lose. Its records are written first and its frames last, each file atomically:
-//! the frames' chunk is the commit marker. A segment that is written again first loses its marker.
+//! what a crash may lose. Its records and its tally are written first, then its frames, each file
+//! atomically, and its seal last: the seal is the commit marker, and binds the others to each other and
+//! to the measurement. A segment that is written again first loses its seal.
 //! [`RawStore::whole_segments`] reads everything up to the first gap, so a capture that was killed
 //! goes on at a segment for which nothing is half true.
 //!
@@ -11,9 +12,16 @@
 //! |---|---|---|
 //! | `frames` | exposure, y, x, channel | u8 up to 8 bits, else u16 |
 //! | one per field of [`ExposureRecord`] | exposure | see [`super::exposure_record`] |
+//! | one per count of [`Tally`] | segment | u64 |
+//! | `orphan_frame_id`, `orphan_timestamp_s` | segment, orphan | u64, f64 |
+//! | `seal` | segment | u64, see `seal.rs` |
+//!
+//! Attributes of the group: `ticks_per_second`, the rate of the clock of all ticks; `segment_exposures`; `sha256`, what the
+//! frames were captured with (given by the measurement).
 //!
 //! # Tradeoffs
-//! One process writes. The store does not lock its folder against a second one.
+//! One process writes; the [lock](super::lock) of the folder around sees to it. Frames of cameras with 8 or 16 bits have no
+//! number to spare: where no such frame was stored yet, `attempts` says so (its fill value).
 
 use std::ops::Range;
 use std::path::Path;
@@ -27,6 +35,8 @@ use super::error::StoreError;
 use super::exposure_record::{ExposureRecord, RecordColumns};
 use super::group;
 use super::header::Header;
+use super::seal::Seals;
+use super::tally::{Tally, TallyColumns};
 
 /// Name of the format in the group's attributes.
 const FORMAT: &str = "raw";
@@ -35,6 +45,12 @@ const FRAMES: &str = "frames";
 const FRAME_DIMS: &[&str] = &["exposure", "y", "x", "channel"];
 /// Attribute of the frames: how many of a sample's bits carry data.
 const BITS: &str = "significant_bits";
+/// Attribute of the group: ticks per second of the controller's clock.
+const CLOCK: &str = "ticks_per_second";
+/// Attribute of the group: exposures of a segment.
+const SEGMENT: &str = "segment_exposures";
+/// Attribute of the group: the checksums of what the frames were captured with.
+pub const SUBJECT: &str = "sha256";
 
 /// Size of a `raw.zarr`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,6 +67,8 @@ pub struct RawLayout {
     pub channels: usize,
     /// Significant bits of a sample, 1–16.
     pub bits: u8,
+    /// Ticks per second of the controller's clock, above 0.
+    pub clock_hz: u32,
 }
 
 impl RawLayout {
@@ -68,6 +86,20 @@ impl RawLayout {
         }
     }
 
+    fn about_frames(&self) -> Map<String, Value> {
+        let mut about = described("1", "raw camera frames, digital numbers");
+        about.insert(BITS.into(), self.bits.into());
+        about.insert("ancillary_variables".into(), "attempts flags".into());
+        // A number that no such camera gives.
+        match self.bits {
+            8 | 16 => None,
+            ..8 => Some(u16::from(u8::MAX)),
+            _ => Some(u16::MAX),
+        }
+        .map(|fill| about.insert("_FillValue".into(), fill.into()));
+        about
+    }
+
     /// The largest sample.
     fn largest_sample(&self) -> u16 {
         u16::MAX >> (16 - u32::from(self.bits.clamp(1, 16)))
@@ -81,6 +113,8 @@ pub struct Segment {
     pub frames: Vec<u16>,
     /// One record per exposure.
     pub records: Vec<ExposureRecord>,
+    /// What happened on the way.
+    pub tally: Tally,
 }
 
 /// What the writer knows about the content.
@@ -100,6 +134,8 @@ pub struct RawStore {
     attributes: Map<String, Value>,
     frames: ZarrArray,
     records: RecordColumns,
+    tallies: TallyColumns,
+    seals: Seals,
     progress: Mutex<Progress>,
 }
 
@@ -122,18 +158,31 @@ impl RawStore {
                 layout.bits.to_string(),
             ));
         }
+        if layout.clock_hz == 0 {
+            return Err(StoreError::argument(path, "clock_hz", "above 0", "0"));
+        }
         layout.frames().check(path)?;
-        let partial = group::start(path, FORMAT, false)?;
+        let (partial, _lock) = group::start(path, FORMAT, false)?;
         let store = Arc::new(AtomicStore::new(&partial)?);
-        let mut about_frames = described("1", "raw camera frames, digital numbers");
-        about_frames.insert(BITS.into(), layout.bits.into());
-        let frames = ZarrArray::create(&store, &layout.frames(), about_frames)?;
-        let records = RecordColumns::create(&store, layout.exposures, layout.segment)?;
-        let arrays = std::iter::once(&frames).chain(records.arrays());
+        let mut all = group::attributes_of(FORMAT, Map::new());
+        all.insert(CLOCK.into(), layout.clock_hz.into());
+        all.insert(SEGMENT.into(), layout.segment.into());
+        for (name, value) in attributes {
+            all.entry(name).or_insert(value);
+        }
+        let frames = ZarrArray::create(&store, &layout.frames(), layout.about_frames())?;
+        let records = RecordColumns::create(&store, layout.exposures, layout.segment, layout.clock_hz)?;
+        let segments = frames.chunks();
+        let tallies = TallyColumns::create(&store, segments, layout.segment)?;
+        let seals = Seals::create(&store, segments, subject(&all))?;
+        let arrays = std::iter::once(&frames)
+            .chain(records.arrays())
+            .chain(tallies.arrays())
+            .chain([seals.array()]);
         let metadata = arrays
             .map(|array| (array.name().to_owned(), array.metadata()))
             .collect();
-        group::write(&store, &group::attributes_of(FORMAT, attributes), &metadata)?;
+        group::write(&store, &all, &metadata)?;
         group::publish(&partial, path, FORMAT, false)?;
         Self::open(path)
     }
@@ -161,6 +210,20 @@ impl RawStore {
                 found,
             ));
         };
+        let clock = attributes.get(CLOCK);
+        let clock_hz = clock
+            .and_then(Value::as_u64)
+            .and_then(|hz| u32::try_from(hz).ok())
+            .filter(|&hz| hz > 0)
+            .ok_or_else(|| {
+                let found = clock.map_or_else(|| "nothing".to_owned(), group::short);
+                StoreError::metadata(
+                    &path.join("zarr.json"),
+                    format!("attributes.{CLOCK}"),
+                    "a whole number above 0",
+                    found,
+                )
+            })?;
         let (shape, segment) = (&header.shape, header.chunk_shape[0]);
         let layout = RawLayout {
             exposures: shape[0],
@@ -169,9 +232,13 @@ impl RawStore {
             width: shape[2],
             channels: shape[3],
             bits,
+            clock_hz,
         };
         let frames = ZarrArray::open(&store, &layout.frames(), &header)?;
         let records = RecordColumns::open(&store, layout.exposures, layout.segment)?;
+        let segments = frames.chunks();
+        let tallies = TallyColumns::open(&store, segments, layout.segment)?;
+        let seals = Seals::open(&store, segments, subject(&attributes))?;
         let progress = Mutex::new(Progress {
             next: None,
             swept: false,
@@ -182,6 +249,8 @@ impl RawStore {
             attributes,
             frames,
             records,
+            tallies,
+            seals,
             progress,
         })
     }
@@ -221,7 +290,7 @@ impl RawStore {
     fn count_whole_segments(&self) -> Result<usize, StoreError> {
         for index in 0..self.segments() {
             // The marker first: beyond the last segment it is missing, and nothing needs to be read.
-            if !self.frames.is_present(index) {
+            if !self.seals.is_present(index) {
                 return Ok(index);
             }
             match self.read_segment(index) {
@@ -284,8 +353,10 @@ impl RawStore {
             progress.swept = true;
         }
         progress.next = Some(index);
+        self.seals.erase(index)?;
         self.frames.erase(index)?;
         self.records.write(index, &segment.records)?;
+        self.tallies.write(index, &segment.tally)?;
         if self.layout.bits <= 8 {
             // Checked above: every sample fits.
             let samples: Vec<u8> = segment.frames.iter().map(|&sample| sample as u8).collect();
@@ -293,14 +364,37 @@ impl RawStore {
         } else {
             self.frames.write(index, &segment.frames)?;
         }
+        self.seals.write(index, self.parts())?;
         progress.next = Some(index + 1);
         Ok(())
+    }
+
+    /// The arrays of which every segment has one chunk.
+    fn parts(&self) -> impl Iterator<Item = &ZarrArray> {
+        std::iter::once(&self.frames)
+            .chain(self.records.arrays())
+            .chain(self.tallies.arrays())
+    }
+
+    /// What happened on the way to the segments that are whole, in all.
+    ///
+    /// # Errors
+    /// [`StoreError::Checksum`] or [`StoreError::Chunk`] if a tally is damaged or missing; [`StoreError::Io`].
+    pub fn tally(&self) -> Result<Tally, StoreError> {
+        let mut total = Tally::default();
+        for index in 0..self.segments() {
+            if !self.seals.is_present(index) {
+                break;
+            }
+            total.add(&self.tallies.read(index)?);
+        }
+        Ok(total)
     }
 
     /// Reads segment `index`.
     ///
     /// # Errors
-    /// [`StoreError::Checksum`] or [`StoreError::Chunk`] if a part of it is damaged or missing;
+    /// [`StoreError::Checksum`] or [`StoreError::Chunk`] if a part of it is damaged, missing or not its own;
     /// [`StoreError::Argument`] if there is no such segment; [`StoreError::Io`].
     pub fn read_segment(&self, index: usize) -> Result<Segment, StoreError> {
         let frames = if self.layout.bits <= 8 {
@@ -312,11 +406,19 @@ impl RawStore {
         } else {
             self.frames.read_present(index)?
         };
-        Ok(Segment {
+        let segment = Segment {
             frames,
             records: self.records.read(index)?,
-        })
+            tally: self.tallies.read(index)?,
+        };
+        self.seals.check(index, self.parts())?;
+        Ok(segment)
     }
+}
+
+/// What the file with these attributes of the group is about, as its seals take it.
+fn subject(attributes: &Map<String, Value>) -> String {
+    attributes.get(SUBJECT).map(Value::to_string).unwrap_or_default()
 }
 
 #[cfg(test)]

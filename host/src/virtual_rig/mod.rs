@@ -177,6 +177,10 @@ impl Camera for VirtualCamera {
         Ok(())
     }
 
+    fn begin_part(&mut self, same_before: u64) {
+        self.stage.lock().begin_part(same_before);
+    }
+
     fn next_frame(&mut self, _timeout: Duration) -> Result<Option<Frame>, CameraError> {
         if self.ready.len() == 0 {
             // Asked first: once the wires have ended nothing comes behind the shots that are taken then.

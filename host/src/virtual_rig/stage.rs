@@ -62,6 +62,8 @@ pub(super) struct Stage {
     /// Fingerprint of the loaded patterns, and how often in a row the same ones were run.
     fingerprint: u64,
     last_run: (u64, u64),
+    /// How many parts of the measurement before this one showed just the same.
+    same_before: u64,
     /// Which light begins at which time; the last entry holds on.
     timeline: VecDeque<(Ticks, Glow)>,
     next_pattern: usize,
@@ -95,6 +97,7 @@ impl Stage {
             patterns: Vec::new(),
             fingerprint: 0,
             last_run: (0, 0),
+            same_before: 0,
             timeline: VecDeque::from([(Ticks::ZERO, Glow::default())]),
             next_pattern: 0,
             open: None,
@@ -122,6 +125,12 @@ impl Stage {
             self.fingerprint = mix(self.fingerprint, u64::from(pixel));
         }
         self.fingerprint = mix(self.fingerprint, u64::MAX);
+    }
+
+    /// A part of the measurement begins; see [`Camera::begin_part`](crate::camera::Camera::begin_part).
+    pub(super) const fn begin_part(&mut self, same_before: u64) {
+        self.last_run = (0, 0);
+        self.same_before = same_before;
     }
 
     pub(super) fn arm_camera(&mut self) {
@@ -238,8 +247,11 @@ impl Stage {
     /// A seed that depends on what is measured, not on when: a resumed run draws the same.
     fn seed(&self, purpose: u64, ordinal: u64) -> u64 {
         let (fingerprint, repeats) = self.last_run;
+        // Not mixed in where there is only one part of a kind: its seeds need no number.
+        let part = (self.same_before > 0).then_some(self.same_before);
         [purpose, fingerprint, repeats, ordinal]
             .into_iter()
+            .chain(part)
             .fold(self.behaviour.seed, mix)
     }
 

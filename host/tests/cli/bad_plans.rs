@@ -152,19 +152,19 @@ fn keys_that_are_unknown_missing_or_of_another_type_are_refused() {
 }
 
 #[test]
-fn a_sample_in_the_plan_that_has_gone_is_refused() {
-    let scratch = tempfile::tempdir().unwrap();
-    let out = planned(scratch.path());
-    let path = out.join("plan.toml");
-    let plan = fs::read_to_string(&path).unwrap();
-    fs::write(&path, with(&plan, "sample", "\"gone.bsdf\"")).unwrap();
-    refuses(
-        &["capture", text(&out)],
-        "",
-        2,
-        &["gone.bsdf", "expected", "found"],
-    );
-    assert!(!out.join("raw.zarr").exists());
+fn a_plan_that_is_another_good_one_is_refused() {
+    for (key, value) in [
+        ("sample", "\"gone.bsdf\""),
+        ("sample", "\"lambert:0.5\""),
+        ("seed", "9"),
+        ("spot_deg", "2.5"),
+    ] {
+        refused(
+            |plan| with(plan, key, value),
+            "plan.toml",
+            &["as when the measurement was begun"],
+        );
+    }
 }
 
 #[test]

@@ -31,10 +31,12 @@ mod disk_full;
 mod faults_on_purpose;
 mod fits;
 mod grids;
+mod identity;
 #[cfg(unix)]
 mod killed;
 #[cfg(unix)]
 mod matrix;
+mod locks;
 mod multiplexed;
 mod outputs;
 mod pictures;

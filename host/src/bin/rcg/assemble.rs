@@ -17,7 +17,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
-    let measurement = Measurement::open(&args.dir)?;
+    let measurement = Measurement::open_to_write(&args.dir)?;
     let assembled = rcg::measure::assemble_measurement(&measurement, output)?;
     output.print(&assembled, || {
         format!(

@@ -20,7 +20,7 @@ pub(crate) struct Args {
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
     let setup = args.setup.setup()?;
-    let measurement = Measurement::open(&args.dir)?;
+    let measurement = Measurement::open_to_write(&args.dir)?;
     let tally = rcg::measure::capture(&measurement, &setup, output)?;
     output.print(&tally, || {
         format!(

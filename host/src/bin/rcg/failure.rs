@@ -120,7 +120,7 @@ impl Blame for StoreError {
     fn is_input(&self) -> bool {
         !matches!(
             self,
-            Self::DiskFull { .. } | Self::Io { .. } | Self::Argument { .. }
+            Self::DiskFull { .. } | Self::Io { .. } | Self::Argument { .. } | Self::Busy { .. }
         )
     }
 }
@@ -194,6 +194,8 @@ impl Blame for MeasurementError {
             Self::Exists { .. }
             | Self::NotOne { .. }
             | Self::Differs { .. }
+            | Self::Changed { .. }
+            | Self::Manifest { .. }
             | Self::Rig(_)
             | Self::Plan(_) => true,
             Self::Store(error) => error.is_input(),

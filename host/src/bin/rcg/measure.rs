@@ -10,6 +10,7 @@ use rcg::measurement::Measurement;
 use rcg::plan::{Plan, Request};
 use rcg::report::lines;
 use rcg::rig::Rig;
+use rcg::setup::Setup;
 
 use crate::Done;
 use crate::failure::Failure;
@@ -46,6 +47,39 @@ pub(crate) struct Args {
     setup: SetupArgs,
 }
 
+/// The measurement that was begun, adaptively if there is a `begun`, which must be what is asked for.
+fn resumed(args: &Args, rig: &Rig, setup: &Setup, begun: Option<&Begun>) -> Result<Measurement, Failure> {
+    let mut measurement = Measurement::open_to_write(&args.out)?;
+    measurement.check_rig(rig, setup.calibration.as_ref())?;
+    let held = &measurement.plan.request;
+    let request = match (begun, args.adaptive) {
+        (Some(begun), true) => {
+            let (start, goal) = args.adaptive(Some(begun))?;
+            adaptive::check_same(&args.out, begun, start.as_ref(), goal)?;
+            let request = args.request.request(Some(&begun.request))?;
+            Request {
+                grid: held.grid.clone(),
+                ..request
+            }
+        }
+        (None, true) => {
+            return Err(Failure::input(format!(
+                "{}: expected a measurement that was begun with --adaptive, found one of a {}",
+                args.out.display(),
+                held.grid
+            )));
+        }
+        (_, false) => match &args.replay {
+            Some(path) => args
+                .request
+                .request(Some(&Plan::of_rig(path, rig)?.replayed()))?,
+            None => args.request.request(Some(held))?,
+        },
+    };
+    measurement.check_same(&request)?;
+    Ok(measurement)
+}
+
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     if args.adaptive && args.replay.is_some() {
         return Err(Failure::input(
@@ -61,35 +95,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         None
     };
     let measurement = if args.resume && Measurement::exists(&args.out) {
-        let measurement = Measurement::open(&args.out)?;
-        let held = &measurement.plan.request;
-        let request = match (&begun, args.adaptive) {
-            (Some(begun), true) => {
-                let (start, goal) = args.adaptive(Some(begun))?;
-                adaptive::check_same(&args.out, begun, start.as_ref(), goal)?;
-                let request = args.request.request(Some(&begun.request))?;
-                Request {
-                    grid: held.grid.clone(),
-                    ..request
-                }
-            }
-            (None, true) => {
-                return Err(Failure::input(format!(
-                    "{}: expected a measurement that was begun with --adaptive, found one of a {}",
-                    args.out.display(),
-                    held.grid
-                )));
-            }
-            (_, false) => match &args.replay {
-                Some(path) => args
-                    .request
-                    .request(Some(&Plan::of_rig(path, &rig)?.replayed()))?,
-                None => args.request.request(Some(held))?,
-            },
-        };
-        measurement.check_same(&request, &rig.name)?;
-        measurement.check_calibration(setup.calibration.as_ref())?;
-        measurement
+        resumed(args, &rig, &setup, begun.as_ref())?
     } else if args.adaptive || begun.is_some() {
         if args.resume {
             Measurement::sweep(&args.out)?;

@@ -1,10 +1,9 @@
 //! `rcg patterns`
 
 use std::fmt::Write as _;
-use std::fs;
 use std::path::PathBuf;
 
-use rcg::measurement::{Measurement, MeasurementError, write_whole};
+use rcg::measurement::{Measurement, write_whole};
 use rcg::optics::View;
 use rcg::pattern::{BitPattern, PatternMaker};
 use rcg::plan::{Directions, PlanError, spot_deg};
@@ -12,6 +11,7 @@ use rcg::progress::Progress as _;
 use rcg::render::save;
 use rcg::rig::{Rig, Tilt};
 use rcg::setup::Setup;
+use rcg::store::Lock;
 use serde_json::json;
 
 use crate::Done;
@@ -42,10 +42,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let grid = args.grid.grid(None, 15.0)?;
     let directions = Directions::new(&rig, &grid).map_err(PlanError::from)?;
     Measurement::check_new(&args.out)?;
-    fs::create_dir_all(&args.out).map_err(|source| MeasurementError::Io {
-        path: args.out.display().to_string(),
-        source,
-    })?;
+    let _lock = Lock::folder(&args.out)?;
+    Measurement::check_new(&args.out)?;
     let spot_deg = spot_deg(&rig, &grid);
     let maker = PatternMaker::new(View::projector(&rig), spot_deg, rig.projector.irradiance);
     let (width, height) = maker.size_px();

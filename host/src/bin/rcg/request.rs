@@ -127,7 +127,7 @@ impl RequestArgs {
             )));
         }
         let sample = before.map_or_else(|| Some(DEFAULT_SAMPLE.to_owned()), |before| before.sample.clone());
-        Ok(Request {
+        let request = Request {
             grid: self.grid.grid(before.map(|before| &before.grid), 3.0)?,
             image_size: self
                 .image_size
@@ -155,7 +155,8 @@ impl RequestArgs {
             seed: self
                 .seed
                 .unwrap_or_else(|| before.map_or(1, |before| before.seed)),
-        })
+        };
+        Ok(request.located())
     }
 }
 

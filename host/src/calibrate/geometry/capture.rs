@@ -4,9 +4,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
-use serde_json::Map;
 
-use crate::calibrate::{CalibrateError, Conditions, read_json, segment_of};
+use crate::calibrate::{CalibrateError, Conditions, create_raw, open_raw, read_json, segment_of};
 use crate::capture::Tally;
 use crate::direction::from_degrees;
 use crate::incident::Grid;
@@ -59,9 +58,10 @@ pub struct Views {
 }
 
 impl Views {
-    /// What `dir` holds.
-    pub(super) fn read(dir: &Path) -> Result<Self, CalibrateError> {
-        read_json(&dir.join(VIEWS))
+    /// What `dir` holds, with the frames that were captured of it.
+    pub(super) fn read(dir: &Path) -> Result<(Self, RawStore), CalibrateError> {
+        let views = read_json(&dir.join(VIEWS))?;
+        Ok((views, open_raw(dir, RAW, VIEWS)?))
     }
 
     /// The nominal rig with the camera's image as captured.
@@ -114,8 +114,10 @@ pub fn capture(
         width: format.width_px,
         channels: format.channels,
         bits: format.bits,
+        clock_hz: 0,
     };
-    let raw = RawStore::create(&dir.join(RAW), layout, Map::new())?;
+    let mut raw: Option<RawStore> = None;
+    let text = serde_json::to_string_pretty(&views).expect("JSON values can be written");
     let opened_for = request
         .conditions
         .request(Grid::ThetaPhi { step_deg: 15.0 }, None);
@@ -145,14 +147,19 @@ pub fn capture(
             .longest_s
             .clamp(1e-6, 1.0);
         let timing = Timing::new(&rig, exposure_s).map_err(plan::PlanError::from)?;
+        let raw = match &mut raw {
+            Some(raw) => raw,
+            // Now the clock is known.
+            none => none.insert(create_raw(&dir.join(RAW), layout, &instrument, VIEWS, &text)?),
+        };
         let count = raw.segment_range(index).len();
         let report = |taken: usize| progress.reach(done + taken);
-        let shots = instrument.take(count, &[timing], draw, &mut Tally::default(), report)?;
-        raw.write_segment(index, &segment_of(shots, index as u8, exposure_s))?;
+        let mut tally = Tally::default();
+        let shots = instrument.take(count, &[timing], draw, &mut tally, report)?;
+        raw.write_segment(index, &segment_of(shots, tally, exposure_s))?;
         done += count;
     }
     progress.end();
-    let text = serde_json::to_string_pretty(&views).expect("JSON values can be written");
     write_whole(&dir.join(VIEWS), text.as_bytes())?;
     Ok(())
 }

@@ -43,7 +43,6 @@ use crate::direction::from_degrees;
 use crate::measurement::write_whole;
 use crate::optics::View;
 use crate::rig::Rig;
-use crate::store::RawStore;
 use crate::virtual_rig::FlatMirror;
 
 /// Name of the file with what was found.
@@ -102,8 +101,7 @@ pub struct Geometry {
 /// # Errors
 /// [`CalibrateError::Views`] if the captures do not determine it.
 pub fn calibrate(dir: &Path) -> Result<Geometry, CalibrateError> {
-    let views = Views::read(dir)?;
-    let raw = RawStore::open(&dir.join(capture::RAW))?;
+    let (views, raw) = Views::read(dir)?;
     let seen = Sightings::read(&views, &raw)?;
     if seen.matches.len() < FEWEST {
         return Err(CalibrateError::Views {

@@ -22,10 +22,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
-use serde_json::Map;
 
 use super::rank_one::positive;
-use crate::calibrate::{CalibrateError, Conditions, RIG, read_json, segment_of};
+use crate::calibrate::{CalibrateError, Conditions, RIG, create_raw, open_raw, read_json, segment_of};
 use crate::capture::{Instrument, Tally};
 use crate::direction::from_degrees;
 use crate::incident::Grid;
@@ -118,8 +117,10 @@ pub(super) enum Shows {
 }
 
 impl Views {
-    pub(super) fn read(dir: &Path) -> Result<Self, CalibrateError> {
-        read_json(&dir.join(VIEWS))
+    /// What `dir` holds, with the frames that were captured of it.
+    pub(super) fn read(dir: &Path) -> Result<(Self, RawStore), CalibrateError> {
+        let views = read_json(&dir.join(VIEWS))?;
+        Ok((views, open_raw(dir, RAW, VIEWS)?))
     }
 
     /// Whether `dir` holds captures of views.
@@ -233,8 +234,10 @@ pub fn capture(
         width: format.width_px,
         channels: format.channels,
         bits: format.bits,
+        clock_hz: 0,
     };
-    let raw = RawStore::create(&dir.join(RAW), layout, Map::new())?;
+    let text = serde_json::to_string_pretty(&views).expect("JSON values can be written");
+    let mut raw: Option<RawStore> = None;
     let series = holders[0].series()?;
     progress.begin("standard", layout.exposures, "exposures");
     // What is in the holder, and the instrument with it in.
@@ -254,7 +257,13 @@ pub fn capture(
                 &mut held.insert(((stand, what), instrument)).1
             }
         };
+        let raw = match &mut raw {
+            Some(raw) => raw,
+            // Now the clock is known.
+            none => none.insert(create_raw(&dir.join(RAW), layout, instrument, VIEWS, &text)?),
+        };
         let exposure_s = views.exposure_of(shows);
+        let mut tally = Tally::default();
         let timing = Timing::new(&holder.rig, exposure_s).map_err(plan::PlanError::from)?;
         let shots = instrument.take(
             SEGMENT,
@@ -270,13 +279,12 @@ pub fn capture(
                 }
                 Shows::Series(_) | Shows::Black(_) | Shows::SecondBlack | Shows::Dark(_) => {}
             },
-            &mut Tally::default(),
+            &mut tally,
             |taken| progress.reach(index * SEGMENT + taken),
         )?;
-        raw.write_segment(index, &segment_of(shots, 0, exposure_s))?;
+        raw.write_segment(index, &segment_of(shots, tally, exposure_s))?;
     }
     progress.end();
-    let text = serde_json::to_string_pretty(&views).expect("JSON values can be written");
     write_whole(&dir.join(VIEWS), text.as_bytes())?;
     Ok(())
 }

@@ -42,7 +42,7 @@ use crate::direction::from_degrees;
 use crate::measurement::write_whole;
 use crate::rig::Rig;
 use crate::sample::{Sample, albedo};
-use crate::store::{RawStore, Segment};
+use crate::store::Segment;
 
 /// Name of the file with what was found.
 pub const PHOTOMETRY: &str = "photometry.json";
@@ -101,7 +101,7 @@ pub struct Interreflection {
 /// # Errors
 /// [`CalibrateError`].
 pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, CalibrateError> {
-    let views = Views::read(dir)?;
+    let (views, raw) = Views::read(dir)?;
     let rig_path = dir.join(RIG);
     check_rig(
         &dir.join(capture::RAW),
@@ -109,7 +109,6 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         &rig_hash(&views.rig),
     )?;
     let rig = views.rig_of(0)?;
-    let raw = RawStore::open(&dir.join(capture::RAW))?;
     let shows = views.segments();
     let segments: Vec<Segment> = (0..raw.segments())
         .map(|index| raw.read_segment(index))

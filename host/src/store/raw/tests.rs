@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use serde_json::json;
 
 use super::*;
+use crate::store::OrphanFrame;
 
 const LAYOUT: RawLayout = RawLayout {
     exposures: 10,
@@ -13,6 +14,7 @@ const LAYOUT: RawLayout = RawLayout {
     width: 5,
     channels: 2,
     bits: 12,
+    clock_hz: 125_000_000,
 };
 
 /// A segment whose every value differs from its neighbours'.
@@ -31,7 +33,8 @@ fn segment(layout: &RawLayout, range: Range<usize>, seed: u64) -> Segment {
                 trigger_tick: n << 40,
                 strobe_on_tick: (n << 40) + 1,
                 strobe_off_tick: (n << 40) + 2,
-                frame_id: u64::MAX - n,
+                frame_id: u64::MAX - n - 1,
+                camera_timestamp_s: 1000.0 + n as f64 / 7.0,
                 attempts: n as u8 + 1,
                 flags: n as u16 * 257,
                 lit_solid_angle_sr: 0.1 / (n as f64 + 1.0),
@@ -39,7 +42,29 @@ fn segment(layout: &RawLayout, range: Range<usize>, seed: u64) -> Segment {
             }
         })
         .collect();
-    Segment { frames, records }
+    Segment {
+        frames,
+        records,
+        tally: tally(seed),
+    }
+}
+
+/// A tally with as many orphans as `seed` says, up to two.
+fn tally(seed: u64) -> Tally {
+    let orphan_frames: Vec<OrphanFrame> = (0..seed % 3)
+        .map(|n| OrphanFrame {
+            frame_id: seed + n,
+            timestamp_s: 0.5 * n as f64,
+        })
+        .collect();
+    Tally {
+        paired: 4 + seed,
+        missed_triggers: seed * 3,
+        repeated: 1 << 40,
+        orphans: orphan_frames.len() as u64,
+        orphan_frames,
+        ..Tally::default()
+    }
 }
 
 fn new_store(folder: &tempfile::TempDir, layout: RawLayout) -> (PathBuf, RawStore) {

@@ -6,12 +6,12 @@ use std::path::PathBuf;
 use rcg::calibrate::geometry::{Geometry, Request, Views, calibrate, capture};
 use rcg::progress::Progress as _;
 use rcg::rig::Rig;
+use rcg::store::Lock;
 
 use crate::Done;
 use crate::failure::Failure;
 use crate::output::Output;
-use crate::request::image_size;
-use crate::request::SetupArgs;
+use crate::request::{SetupArgs, image_size};
 
 /// Find poses, lenses, mirror and sample frame with a flat mirror and a diffuse standard in the sample's place.
 ///
@@ -53,6 +53,7 @@ fn tilt(text: &str) -> Result<[f64; 2], String> {
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
+    let _lock = Lock::folder(&args.out)?;
     if Views::exist(&args.out) {
         output.remark(&format!(
             "{}: holds captures, which are fitted again",

@@ -7,12 +7,12 @@ use rcg::calibrate::photometry::{Photometry, Request, Views, calibrate, capture}
 use rcg::measurement::write_whole;
 use rcg::progress::Progress as _;
 use rcg::rig::{Rig, Tilt};
+use rcg::store::Lock;
 
 use crate::Done;
 use crate::failure::Failure;
 use crate::output::{Output, table};
-use crate::request::{exposure_ms, image_size};
-use crate::request::SetupArgs;
+use crate::request::{SetupArgs, exposure_ms, image_size};
 
 /// Find camera, projector's response, light, throughput and interreflection with reflectance standards.
 ///
@@ -61,6 +61,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             args.standard_uncertainty_percent
         )));
     }
+    let _lock = Lock::folder(&args.out)?;
     if Views::exist(&args.out) {
         output.remark(&format!(
             "{}: holds captures, which are fitted again",

@@ -1,0 +1,88 @@
+//! Why a measurement cannot go on.
+
+use crate::capture::CaptureError;
+use crate::incident::IncidentError;
+use crate::plan::PlanError;
+use crate::rig::RigError;
+use crate::store::StoreError;
+
+/// Why a measurement cannot go on.
+#[derive(Debug, thiserror::Error)]
+pub enum MeasurementError {
+    /// The directory is taken.
+    #[error("{path}: expected a new or empty directory, found {found}")]
+    Exists {
+        /// The directory.
+        path: String,
+        /// What is there.
+        found: &'static str,
+    },
+    /// The directory holds no measurement.
+    #[error("{path}: expected a measurement (with plan.toml and rig.toml), found none")]
+    NotOne {
+        /// The directory.
+        path: String,
+    },
+    /// What was asked for is not what the directory holds.
+    #[error("{path}: {field}: expected {expected} as in the measurement that is resumed, found {found}")]
+    Differs {
+        /// The directory.
+        path: String,
+        /// What differs.
+        field: &'static str,
+        /// What the directory holds.
+        expected: String,
+        /// What was asked for.
+        found: String,
+    },
+    /// A file is not the one with which the measurement was begun.
+    #[error(
+        "{path}: expected {expected} as when the measurement was begun, found {found}; put it back as it was, or measure \
+         into a new directory"
+    )]
+    Changed {
+        /// The file.
+        path: String,
+        /// What was there, in words.
+        expected: String,
+        /// What is there, in words.
+        found: String,
+    },
+    /// The manifest is not as this program left it.
+    #[error(
+        "{path}: expected the record of what this measurement was begun with, found {found}; put it back as it was, or \
+         measure into a new directory"
+    )]
+    Manifest {
+        /// The file.
+        path: String,
+        /// What is there.
+        found: String,
+    },
+    /// A file cannot be written or read.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: String,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The rig.
+    #[error(transparent)]
+    Rig(#[from] RigError),
+    /// The plan.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// A store.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The capture.
+    #[error(transparent)]
+    Capture(#[from] CaptureError),
+}
+
+impl From<IncidentError> for MeasurementError {
+    fn from(error: IncidentError) -> Self {
+        Self::Plan(error.into())
+    }
+}

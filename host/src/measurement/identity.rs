@@ -1,0 +1,140 @@
+//! What decides what is captured, told by content: a name says little, and files change under theirs.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+
+use sha2::{Digest as _, Sha256};
+
+use super::{Measurement, MeasurementError, io};
+use crate::calibrate::Applied;
+use crate::plan::{Plan, Request};
+use crate::rig::Rig;
+
+/// SHA-256, in hexadecimal digits, by what it is of.
+pub(crate) type Sums = BTreeMap<String, String>;
+
+/// Files in the directory that say what the measurement is; the last is there only with a calibration.
+const FILES: [&str; 3] = ["rig.toml", "plan.toml", Applied::FILE];
+/// Names of the files from elsewhere.
+const SAMPLE: &str = "sample";
+const TRUTH: &str = "truth";
+
+/// SHA-256 of `bytes`.
+pub(crate) fn sum(bytes: &[u8]) -> String {
+    hex(&Sha256::digest(bytes))
+}
+
+pub(crate) fn hex(bytes: &[u8]) -> String {
+    use std::fmt::Write as _;
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        write!(text, "{byte:02x}").expect("strings take everything");
+        text
+    })
+}
+
+/// SHA-256 of the file at `path`.
+fn sum_of(path: &Path) -> std::io::Result<String> {
+    let (mut file, mut digest) = (File::open(path)?, Sha256::new());
+    let mut part = vec![0; 1 << 16];
+    loop {
+        let length = file.read(&mut part)?;
+        if length == 0 {
+            return Ok(hex(&digest.finalize()));
+        }
+        digest.update(&part[..length]);
+    }
+}
+
+/// The files that `request` names, and what for.
+fn files_of(request: &Request) -> impl Iterator<Item = (&'static str, PathBuf)> {
+    let sample = request.sample.as_deref().and_then(crate::sample::file_of);
+    let truth = request.truth.as_deref().map(Path::new);
+    [(SAMPLE, sample), (TRUTH, truth)]
+        .into_iter()
+        .filter_map(|(what, path)| Some((what, path?.to_owned())))
+}
+
+/// Sums of the files that `request` names.
+///
+/// # Errors
+/// [`MeasurementError::Io`] if one cannot be read.
+pub(crate) fn sums_of(request: &Request) -> Result<Sums, MeasurementError> {
+    files_of(request)
+        .map(|(what, path)| {
+            let sum = sum_of(&path).map_err(|source| io(&path, source))?;
+            Ok((what.to_owned(), sum))
+        })
+        .collect()
+}
+
+/// Sums of what decides what a measurement of `plan` on `rig` in `dir` captures; its calibration is there already.
+///
+/// # Errors
+/// [`MeasurementError::Io`] if a file cannot be read.
+pub(crate) fn sums_at(dir: &Path, rig: &Rig, plan: &Plan) -> Result<Sums, MeasurementError> {
+    let mut sums = sums_of(&plan.request)?;
+    sums.insert(FILES[0].to_owned(), sum(rig.to_toml().as_bytes()));
+    sums.insert(FILES[1].to_owned(), sum(plan.to_toml().as_bytes()));
+    let path = dir.join(Applied::FILE);
+    if path.is_file() {
+        let sum = sum_of(&path).map_err(|source| io(&path, source))?;
+        sums.insert(Applied::FILE.to_owned(), sum);
+    }
+    Ok(sums)
+}
+
+impl Measurement {
+    /// Refuses files in the directory that are not those with which the measurement was begun.
+    pub(super) fn check_files(&self) -> Result<(), MeasurementError> {
+        for name in FILES {
+            let path = self.path(name);
+            let held = self.sums.get(name);
+            let found = match sum_of(&path) {
+                Ok(found) => Some(found),
+                Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
+                Err(source) => return Err(io(&path, source)),
+            };
+            if held != found.as_ref() {
+                return Err(changed(&path, held, found.as_ref()));
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses to go on with files from elsewhere, sample and truth, that are not those with which this measurement was
+    /// begun. To be asked after they were read: what changes before that is found out.
+    ///
+    /// # Errors
+    /// [`MeasurementError::Changed`]; [`MeasurementError::Io`] if one cannot be read.
+    pub fn check_inputs(&self) -> Result<(), MeasurementError> {
+        for (what, path) in files_of(&self.plan.request) {
+            let found = sum_of(&path).map_err(|source| io(&path, source))?;
+            let held = self.sums.get(what);
+            if held != Some(&found) {
+                return Err(changed(&path, held, Some(&found)));
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether a file that `request` names is the one with which this measurement was begun, wherever it lies.
+    pub(super) fn is_same_file(&self, request: &Request, name: &str) -> bool {
+        let held = self.sums.get(name);
+        files_of(request)
+            .find(|(what, _)| *what == name)
+            .is_some_and(|(_, path)| held.is_some() && held == sum_of(&path).ok().as_ref())
+    }
+}
+
+fn changed(path: &Path, held: Option<&String>, found: Option<&String>) -> MeasurementError {
+    let told = |sum: Option<&String>, other: &str| {
+        sum.map_or_else(|| "none".to_owned(), |sum| format!("{other} (SHA-256 {sum:.12})"))
+    };
+    MeasurementError::Changed {
+        path: path.display().to_string(),
+        expected: told(held, "the file"),
+        found: told(found, "another"),
+    }
+}

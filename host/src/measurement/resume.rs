@@ -1,0 +1,74 @@
+//! Going on with a measurement only as what it is.
+
+use super::{Measurement, MeasurementError};
+use crate::plan::Request;
+
+impl Measurement {
+    /// Refuses to go on if something else is asked for than what this measurement holds. Sample and truth may lie elsewhere
+    /// now if their content is the same; they are taken from there then.
+    ///
+    /// # Errors
+    /// [`MeasurementError::Differs`] with the first field that differs.
+    pub fn check_same(&mut self, request: &Request) -> Result<(), MeasurementError> {
+        let held = &self.plan.request;
+        let (sample, truth) = (
+            self.is_same_file(request, "sample"),
+            self.is_same_file(request, "truth"),
+        );
+        let or_none = |value: Option<String>| value.unwrap_or_else(|| "none".to_owned());
+        let on_or_off = |noise: bool| if noise { "on" } else { "off" }.to_owned();
+        let milliseconds = |request: &Request| {
+            request
+                .exposure_s
+                .map_or_else(|| "that of a pilot capture".to_owned(), |s| format!("{} ms", s * 1e3))
+        };
+        let grid = |request: &Request| request.grid.to_string();
+        let other_grid = if held.grid != request.grid && grid(held) == grid(request) {
+            format!("another {}", request.grid)
+        } else {
+            grid(request)
+        };
+        let other = |is_same: bool, held: &Option<String>, asked: &Option<String>| {
+            let asked = if is_same { held } else { asked };
+            (or_none(held.clone()), or_none(asked.clone()))
+        };
+        let (held_sample, sample) = other(sample, &held.sample, &request.sample);
+        let (held_truth, truth) = other(truth, &held.truth, &request.truth);
+        let tilt = |request: &Request| or_none(request.tilt.map(|tilt| tilt.to_string()));
+        let fields: [(&'static str, String, String); 9] = [
+            ("grid", grid(held), other_grid),
+            (
+                "image-size",
+                held.image_size.to_string(),
+                request.image_size.to_string(),
+            ),
+            ("exposure-ms", milliseconds(held), milliseconds(request)),
+            (
+                "brackets",
+                held.brackets.to_string(),
+                request.brackets.to_string(),
+            ),
+            ("sample", held_sample, sample),
+            ("truth", held_truth, truth),
+            ("tilt", tilt(held), tilt(request)),
+            ("noise", on_or_off(held.noise), on_or_off(request.noise)),
+            ("seed", held.seed.to_string(), request.seed.to_string()),
+        ];
+        if let Some((field, expected, found)) = fields.into_iter().find(|(_, held, asked)| held != asked) {
+            return Err(self.differs(field, expected, found));
+        }
+        self.plan.request.sample.clone_from(&request.sample);
+        self.plan.request.truth.clone_from(&request.truth);
+        self.check_inputs()
+    }
+
+    /// The error that `field` of what is asked for is not what this measurement holds.
+    pub(crate) fn differs(&self, field: &'static str, expected: String, found: String) -> MeasurementError {
+        MeasurementError::Differs {
+            path: self.dir.display().to_string(),
+            field,
+            expected,
+            found,
+        }
+    }
+}
