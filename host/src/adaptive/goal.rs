@@ -2,9 +2,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Adapted;
-use crate::measurement::{Measurement, MeasurementError};
-
 /// Captures with light that a measurement without a budget takes at most.
 const MOST_CAPTURES: usize = 4096;
 /// The fewest that say anything.

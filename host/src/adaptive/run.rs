@@ -297,13 +297,14 @@ impl Loop<'_> {
         let black = (0..dark)
             .map(|segment| journal.frames.read_segment(segment))
             .collect::<Result<Vec<_>, _>>()?;
+        let unusable = |name: &str, reason| {
+            AdaptiveError::from(MeasurementError::Plan(PlanError::File {
+                path: journal.path(name).display().to_string(),
+                reason,
+            }))
+        };
         let mut assembler = FrameAssembler::new(self.rig, self.applied, &black, self.plan, self.disk)
-            .map_err(|reason| {
-                AdaptiveError::from(MeasurementError::Plan(PlanError::File {
-                    path: journal.path("adaptive.zarr").display().to_string(),
-                    reason,
-                }))
-            })?;
+            .map_err(|reason| unusable("adaptive.zarr", reason))?;
         drop(black);
         let cells = judged_cells(self.disk);
         let mut directions_deg = journal.directions_deg()?;
@@ -322,7 +323,7 @@ impl Loop<'_> {
             let directions = Directions { grid: set, reasons };
             assembler
                 .expect(self.plan, &directions)
-                .map_err(MeasureError::from)?;
+                .map_err(|reason| unusable(Applied::FILE, reason))?;
             let set = directions.grid;
             while images.len() < directions_deg.len() {
                 let batch = images.len()..(images.len() + self.patterns).min(directions_deg.len());

@@ -109,7 +109,7 @@ fn compared(spec: &str, step_deg: f64) -> (usize, (f64, f64), (f64, f64), f64) {
     .unwrap();
     let adaptive = psnr_db(sample.as_ref(), &measurement.directions.grid, &vec![true; budget]);
     let uniform = psnr_db(sample.as_ref(), &uniform.grid, &usable);
-    (adapted.captures, adaptive, uniform, adapted.predicted_db)
+    (adapted.captures, adaptive, uniform, adapted.predicted_db.unwrap())
 }
 
 #[test]

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use super::correction::Correction;
 use super::edges::Edges;
 use super::radiometry::{Radiometry, Work};
-use super::{AssembleError, chunk_rows, seen};
+use super::{chunk_rows, seen};
 use crate::calibrate::Applied;
 use crate::disk::Disk;
 use crate::optics::View;
@@ -74,8 +74,8 @@ impl<'a> FrameAssembler<'a> {
     /// Gets ready for images of those `directions` that can be lit, with spots as in `plan`.
     ///
     /// # Errors
-    /// [`AssembleError::Mismatch`] if the calibration does not fit the camera.
-    pub(crate) fn expect(&mut self, plan: &Plan, directions: &Directions) -> Result<(), AssembleError> {
+    /// What is wrong if the calibration does not fit the camera.
+    pub(crate) fn expect(&mut self, plan: &Plan, directions: &Directions) -> Result<(), String> {
         if self.applied.photometry.is_some() {
             // Edges cut the uncertainty only, and that has no part here.
             let uncut = vec![0.0; directions.grid.len()];
