@@ -3,7 +3,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `adaptive.toml` | what was asked for, and the exposure time |
-//! | `directions.txt` | lines `θ φ` in degrees in the order of capture; written before the batch is captured; a checksum last |
+//! | `directions.txt` | lines `θ φ` in degrees in the order of capture; written before the batch is captured |
 //! | `adaptive.zarr` | raw frames: a segment of black patterns, then one segment per batch |
 //!
 //! `adaptive.zarr` has the checksums of `adaptive.toml`, sample and truth; the checksum in `directions.txt` goes over
@@ -26,8 +26,8 @@ use crate::store::{RawLayout, RawStore, StoreError};
 const ASKED: &str = "adaptive.toml";
 const DIRECTIONS: &str = "directions.txt";
 const FRAMES: &str = "adaptive.zarr";
-/// What stands before the checksum in the list of directions.
-const SEALED: &str = "# checksum ";
+/// What stands before the checksum in the first line of the list of directions.
+const SEALED: &str = "# θ φ in degrees, in the order of capture; checksum ";
 
 /// Why an adaptive measurement failed.
 #[derive(Debug, thiserror::Error)]
@@ -106,12 +106,7 @@ impl Journal {
     }
 
     /// Begins in `dir`, which is new or empty; `rig` has its camera image scaled.
-    pub(super) fn create(
-        dir: &Path,
-        asked: Asked,
-        rig: &Rig,
-        clock_hz: u32,
-    ) -> Result<Self, AdaptiveError> {
+    pub(super) fn create(dir: &Path, asked: Asked, rig: &Rig, clock_hz: u32) -> Result<Self, AdaptiveError> {
         fs::create_dir_all(dir).map_err(|source| io(dir, source))?;
         let text = toml::to_string(&asked).expect("plain data");
         write_whole(&dir.join(ASKED), text.as_bytes())?;
@@ -130,13 +125,7 @@ impl Journal {
     }
 
     /// `text` is that of the file.
-    fn with(
-        dir: &Path,
-        asked: Asked,
-        text: &str,
-        rig: &Rig,
-        clock_hz: u32,
-    ) -> Result<Self, AdaptiveError> {
+    fn with(dir: &Path, asked: Asked, text: &str, rig: &Rig, clock_hz: u32) -> Result<Self, AdaptiveError> {
         let path = dir.join(FRAMES);
         let sum = sum(text.as_bytes());
         let mut sums = sums_of(&asked.request)?;
@@ -173,7 +162,7 @@ impl Journal {
             return Ok(Vec::new());
         }
         let text = fs::read_to_string(&path).map_err(|source| io(&path, source))?;
-        let lines = text.rfind(SEALED).map(|at| &text[..at]);
+        let lines = text.split_once('\n').map(|(_, lines)| lines);
         if lines.is_none_or(|lines| text != self.sealed(lines)) {
             return Err(MeasurementError::Changed {
                 path: path.display().to_string(),
@@ -194,16 +183,16 @@ impl Journal {
             .iter()
             .map(|[theta_deg, phi_deg]| format!("{theta_deg} {phi_deg}\n"))
             .collect();
-        let text = format!("# θ φ in degrees, in the order of capture\n{}", lines.concat());
-        Ok(write_whole(
-            &self.dir.join(DIRECTIONS),
-            self.sealed(&text).as_bytes(),
-        )?)
+        let text = self.sealed(&lines.concat());
+        Ok(write_whole(&self.dir.join(DIRECTIONS), text.as_bytes())?)
     }
 
-    /// `lines` with their checksum behind.
+    /// `lines` with their checksum before them.
     fn sealed(&self, lines: &str) -> String {
-        format!("{lines}{SEALED}{}\n", sum(format!("{}\n{lines}", self.sum).as_bytes()))
+        format!(
+            "{SEALED}{}\n{lines}",
+            sum(format!("{}\n{lines}", self.sum).as_bytes())
+        )
     }
 
     /// Makes `raw.zarr` of the first captures, those of `plan` for `rig`, which has segments of [`BATCH`].
