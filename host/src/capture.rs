@@ -295,9 +295,7 @@ impl Instrument {
 }
 
 fn captured(record: &StepRecord, frame: &mut Frame, attempts: u8) -> Captured {
-    let strobe = record
-        .strobe
-        .expect("invariant: a frame is paired by its strobe");
+    let strobe = record.strobe.expect("invariant: a frame is paired by its strobe");
     let on = record.trigger + strobe.delay;
     Captured {
         dn: std::mem::take(&mut frame.dn),

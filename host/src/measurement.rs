@@ -350,7 +350,9 @@ impl Measurement {
                 let shown = range.start / brackets..range.end / brackets;
                 // Segments that show the same, which only black ones do, are told apart by their number among these.
                 let before = patterns[..shown.start].chunks(shown.len().max(1));
-                let same = before.filter(|before| **before == patterns[shown.clone()]).count();
+                let same = before
+                    .filter(|before| **before == patterns[shown.clone()])
+                    .count();
                 instrument.camera.begin_part(same as u64);
                 match self.capture_segment(instrument, &maker, &patterns[shown], &mut report) {
                     Ok(segment) => {

@@ -228,6 +228,53 @@ fn missed_triggers_dropped_and_doubled_frames_change_nothing_but_the_tally() {
 }
 
 #[test]
+fn a_capture_taken_up_again_at_any_segment_has_the_same_bits() {
+    let dir = tempfile::tempdir().unwrap();
+    // Two segments and more of black patterns alone, which look the same.
+    let begun = |name: &str| {
+        let rig = Rig::load("rcg-1").unwrap().with_image_size(16).unwrap();
+        let request = Request {
+            image_size: 16,
+            grid: Grid::ThetaPhi { step_deg: 30.0 },
+            ..request("lambert:0.5", true)
+        };
+        let mut plan = Plan::new(request, &rig, 0.0333).unwrap();
+        plan.segment = 5;
+        Measurement::create(&dir.path().join(name), rig, plan).unwrap()
+    };
+    let setup = Setup {
+        mischief: Mischief {
+            missed_triggers: 0.1,
+            dropped_frames: 0.1,
+            doubled_frames: 0.1,
+        },
+        ..Setup::default()
+    };
+    let whole = begun("whole");
+    let tally = capture(&whole, &setup, &Silent).unwrap();
+    assert!(tally.missed_triggers > 0 && tally.duplicates > 0);
+    let of = |measurement: &Measurement| {
+        let raw = measurement.raw().unwrap();
+        (0..raw.segments())
+            .map(|segment| raw.read_segment(segment).unwrap())
+            .collect::<Vec<_>>()
+    };
+    let expected = of(&whole);
+    let frames = |segment: usize| &expected[segment].frames;
+    assert!(
+        frames(0) != frames(1) && frames(1) != frames(2),
+        "noise of black frames repeats itself"
+    );
+    for from in 0..expected.len() {
+        for segment in from..expected.len() {
+            std::fs::remove_file(whole.path(&format!("raw.zarr/seal/c.{segment}"))).unwrap();
+        }
+        assert_eq!(capture(&whole, &setup, &Silent).unwrap(), tally);
+        assert!(of(&whole) == expected, "taken up again at segment {from}");
+    }
+}
+
+#[test]
 fn the_stated_uncertainty_is_that_of_the_noise() {
     let dir = tempfile::tempdir().unwrap();
     let measurement = measured(

@@ -3,7 +3,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `adaptive.toml` | what was asked for, and the exposure times |
-//! | `directions.txt` | lines `θ φ` in degrees in the order of capture; written before the batch is captured; a checksum last |
+//! | `directions.txt` | lines `θ φ` in degrees in the order of capture; written before the batch is captured; a checksum first |
 //! | `adaptive.zarr` | raw frames: black patterns, then those with light, a batch in one segment or several |
 //! | `calibration.json` | what was known of the instrument, as in every measurement |
 //!
@@ -28,8 +28,8 @@ use crate::store::{RawLayout, RawStore, StoreError};
 const ASKED: &str = "adaptive.toml";
 const DIRECTIONS: &str = "directions.txt";
 const FRAMES: &str = "adaptive.zarr";
-/// What stands before the checksum in the list of directions.
-const SEALED: &str = "# checksum ";
+/// What stands before the checksum in the first line of the list of directions.
+const SEALED: &str = "# θ φ in degrees, in the order of capture; checksum ";
 
 /// Why an adaptive measurement failed.
 #[derive(Debug, thiserror::Error)]
@@ -231,7 +231,7 @@ impl Journal {
             return Ok(Vec::new());
         }
         let text = fs::read_to_string(&path).map_err(|source| io(&path, source))?;
-        let lines = text.rfind(SEALED).map(|at| &text[..at]);
+        let lines = text.split_once('\n').map(|(_, lines)| lines);
         if lines.is_none_or(|lines| text != self.sealed(lines)) {
             return Err(MeasurementError::Changed {
                 path: path.display().to_string(),
@@ -252,16 +252,16 @@ impl Journal {
             .iter()
             .map(|[theta_deg, phi_deg]| format!("{theta_deg} {phi_deg}\n"))
             .collect();
-        let text = format!("# θ φ in degrees, in the order of capture\n{}", lines.concat());
-        Ok(write_whole(
-            &self.dir.join(DIRECTIONS),
-            self.sealed(&text).as_bytes(),
-        )?)
+        let text = self.sealed(&lines.concat());
+        Ok(write_whole(&self.dir.join(DIRECTIONS), text.as_bytes())?)
     }
 
-    /// `lines` with their checksum behind.
+    /// `lines` with their checksum before them.
     fn sealed(&self, lines: &str) -> String {
-        format!("{lines}{SEALED}{}\n", sum(format!("{}\n{lines}", self.sum).as_bytes()))
+        format!(
+            "{SEALED}{}\n{lines}",
+            sum(format!("{}\n{lines}", self.sum).as_bytes())
+        )
     }
 
     /// Makes `raw.zarr` of `plan` for `rig`: of as many of the frames as `segments` hold.

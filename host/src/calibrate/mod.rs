@@ -235,10 +235,11 @@ impl Calibration {
                 .map_or([0.0; 2], |geometry| [geometry.camera_deg, geometry.projector_deg]),
             edge_deg: self.geometry.as_ref().map_or(0.0, Geometry::edge_deg),
             photometry: self.photometry.clone(),
-            nominal_sha256: Some(self.geometry.as_ref().map_or_else(
-                || rig_hash(&self.rig),
-                |geometry| geometry.nominal_sha256.clone(),
-            )),
+            nominal_sha256: Some(
+                self.geometry
+                    .as_ref()
+                    .map_or_else(|| rig_hash(&self.rig), |geometry| geometry.nominal_sha256.clone()),
+            ),
         }
     }
 }
@@ -358,11 +359,14 @@ fn open_raw(dir: &Path, raw: &str, views: &str) -> Result<RawStore, CalibrateErr
         expected,
         found,
     };
-    let bytes = std::fs::read(&path)
-        .map_err(|error| content("a readable file".to_owned(), error.to_string()))?;
+    let bytes =
+        std::fs::read(&path).map_err(|error| content("a readable file".to_owned(), error.to_string()))?;
     let found = hex(&Sha256::digest(&bytes));
     let raw = RawStore::open(&dir.join(raw))?;
-    let expected = raw.attributes().get(SUBJECT).and_then(|sums| sums[views].as_str());
+    let expected = raw
+        .attributes()
+        .get(SUBJECT)
+        .and_then(|sums| sums[views].as_str());
     if expected == Some(&found) {
         return Ok(raw);
     }

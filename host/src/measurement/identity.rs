@@ -88,19 +88,30 @@ pub(crate) fn sums_at(dir: &Path, rig: &Rig, plan: &Plan) -> Result<Sums, Measur
 impl Measurement {
     /// Refuses files in the directory that are not those with which the measurement was begun.
     pub(super) fn check_files(&self) -> Result<(), MeasurementError> {
-        for name in FILES {
-            let path = self.path(name);
-            let held = self.sums.get(name);
-            let found = match sum_of(&path) {
-                Ok(found) => Some(found),
-                Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
-                Err(source) => return Err(io(&path, source)),
-            };
-            if held != found.as_ref() {
-                return Err(changed(&path, held, found.as_ref()));
-            }
+        FILES
+            .iter()
+            .try_for_each(|name| self.check(name, &self.path(name)))
+    }
+
+    /// Refuses another file at `path` than the one of that `name`.
+    fn check(&self, name: &str, path: &Path) -> Result<(), MeasurementError> {
+        let held = self.sums.get(name);
+        let found = match sum_of(path) {
+            Ok(found) => Some(found),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
+            Err(source) => return Err(io(path, source)),
+        };
+        if held == found.as_ref() {
+            return Ok(());
         }
-        Ok(())
+        let told = |sum: Option<&String>, other: &str| {
+            sum.map_or_else(|| "none".to_owned(), |sum| format!("{other} (SHA-256 {sum:.12})"))
+        };
+        Err(MeasurementError::Changed {
+            path: path.display().to_string(),
+            expected: told(held, "the file"),
+            found: told(found.as_ref(), "another"),
+        })
     }
 
     /// Refuses to go on with files from elsewhere, sample and truth, that are not those with which this measurement was
@@ -109,14 +120,7 @@ impl Measurement {
     /// # Errors
     /// [`MeasurementError::Changed`]; [`MeasurementError::Io`] if one cannot be read.
     pub fn check_inputs(&self) -> Result<(), MeasurementError> {
-        for (what, path) in files_of(&self.plan.request) {
-            let found = sum_of(&path).map_err(|source| io(&path, source))?;
-            let held = self.sums.get(what);
-            if held != Some(&found) {
-                return Err(changed(&path, held, Some(&found)));
-            }
-        }
-        Ok(())
+        files_of(&self.plan.request).try_for_each(|(what, path)| self.check(what, &path))
     }
 
     /// Whether a file that `request` names is the one with which this measurement was begun, wherever it lies.
@@ -125,16 +129,5 @@ impl Measurement {
         files_of(request)
             .find(|(what, _)| *what == name)
             .is_some_and(|(_, path)| held.is_some() && held == sum_of(&path).ok().as_ref())
-    }
-}
-
-fn changed(path: &Path, held: Option<&String>, found: Option<&String>) -> MeasurementError {
-    let told = |sum: Option<&String>, other: &str| {
-        sum.map_or_else(|| "none".to_owned(), |sum| format!("{other} (SHA-256 {sum:.12})"))
-    };
-    MeasurementError::Changed {
-        path: path.display().to_string(),
-        expected: told(held, "the file"),
-        found: told(found, "another"),
     }
 }

@@ -18,9 +18,10 @@ impl Measurement {
         let or_none = |value: Option<String>| value.unwrap_or_else(|| "none".to_owned());
         let on_or_off = |noise: bool| if noise { "on" } else { "off" }.to_owned();
         let milliseconds = |request: &Request| {
-            request
-                .exposure_s
-                .map_or_else(|| "that of a pilot capture".to_owned(), |s| format!("{} ms", s * 1e3))
+            request.exposure_s.map_or_else(
+                || "that of a pilot capture".to_owned(),
+                |s| format!("{} ms", s * 1e3),
+            )
         };
         let grid = |request: &Request| request.grid.to_string();
         let other_grid = if held.grid != request.grid && grid(held) == grid(request) {

@@ -92,7 +92,9 @@ impl Lock {
             if is_at(&file, &path).map_err(|error| StoreError::io(&path, "inspect", error))? {
                 let lock = Self {
                     path,
-                    _file: file.try_clone().map_err(|error| StoreError::io(what, "lock", error))?,
+                    _file: file
+                        .try_clone()
+                        .map_err(|error| StoreError::io(what, "lock", error))?,
                     _made: made,
                 };
                 let noted = file

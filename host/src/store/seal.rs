@@ -104,7 +104,8 @@ impl Seals {
             array: SEAL.to_owned(),
             chunk: index,
             expected: "the seal of the segment's chunks".to_owned(),
-            found: "another: at least one of them belongs to another segment or another measurement".to_owned(),
+            found: "another: at least one of them belongs to another segment or another measurement"
+                .to_owned(),
         })
     }
 

@@ -157,11 +157,7 @@ impl TallyColumns {
     }
 
     /// Opens the columns, which have to be those of `segments` with `slots` for orphans.
-    pub(super) fn open(
-        store: &Arc<AtomicStore>,
-        segments: usize,
-        slots: usize,
-    ) -> Result<Self, StoreError> {
+    pub(super) fn open(store: &Arc<AtomicStore>, segments: usize, slots: usize) -> Result<Self, StoreError> {
         let open = |spec: &ArraySpec<'_>| {
             let header = Header::read(store, spec.name, Some(spec.shape.len()))?;
             ZarrArray::open(store, spec, &header)
@@ -204,7 +200,9 @@ impl TallyColumns {
         let mut tally = Tally::of_counts(&counts);
         let ids = self.orphan_id.read_present::<u64>(index)?;
         let times = self.orphan_time.read_present::<f64>(index)?;
-        let named = self.slots.min(usize::try_from(tally.orphans).unwrap_or(usize::MAX));
+        let named = self
+            .slots
+            .min(usize::try_from(tally.orphans).unwrap_or(usize::MAX));
         tally.orphan_frames = ids
             .into_iter()
             .zip(times)

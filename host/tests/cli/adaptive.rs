@@ -1,9 +1,11 @@
 //! Adaptive measurement: goals, resuming, and replaying its plan.
 
 use std::fs;
+use std::path::Path;
+use std::process::Stdio;
 
-use crate::command::{refuses, run, text};
-use crate::tree::files;
+use crate::command::{rcg, refuses, run, text};
+use crate::tree::{assert_same, count, files};
 
 const QUICK: [&str; 5] = ["--image-size", "24", "--exposure-ms", "4", "--adaptive"];
 
@@ -28,7 +30,7 @@ fn a_budget_is_kept_and_the_plan_can_be_measured_again() {
     let again = scratch.path().join("again");
     let plan = out.join("plan.toml");
     run(&["measure", "--out", text(&again), "--replay", text(&plan)], "").done();
-    let f = |out: &std::path::Path| files(&out.join("brdf.zarr/f"));
+    let f = |out: &Path| files(&out.join("brdf.zarr/f"));
     assert!(f(&again) == f(&out), "replayed to other values");
 
     // Its list is a grid like any other, in the same order.
@@ -95,52 +97,74 @@ fn a_target_stops_before_the_budget_and_one_out_of_reach_says_so() {
     assert!(said.contains("noise alone allows"), "{said}");
 }
 
+/// Begins the adaptive measurement of `arguments` in `out` and kills it once so many `segments` are stored.
+fn begin_and_kill(arguments: &[&str], out: &Path, segments: usize) {
+    for _ in 0..20 {
+        let mut child = rcg(arguments)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let stored = || count(&out.join("adaptive.zarr/frames"), "c.");
+        while stored() < segments && child.try_wait().unwrap().is_none() {
+            std::thread::yield_now();
+        }
+        child.kill().ok();
+        child.wait().unwrap();
+        if out.join("adaptive.toml").exists() && !out.join("plan.toml").exists() {
+            return;
+        }
+        // It was too fast.
+        fs::remove_dir_all(out).unwrap();
+    }
+    panic!("{arguments:?} was never met while it captures");
+}
+
 #[test]
 fn what_was_begun_is_resumed_to_the_same_bits_and_only_as_what_it_is() {
     let scratch = tempfile::tempdir().unwrap();
     let (whole, cut) = (scratch.path().join("whole"), scratch.path().join("cut"));
     let goal = ["--budget", "80"];
-    let arguments = |out| [&["measure", "--out", out][..], &goal, &QUICK].concat();
+    let faults = ["--missed-triggers", "0.05", "--doubled-frames", "0.05"];
+    let arguments = |out| [&["measure", "--out", out][..], &goal, &QUICK, &faults].concat();
     run(&arguments(text(&whole)), "").done();
-    run(&arguments(text(&cut)), "").done();
-    // As if it had been killed after its second batch: neither plan nor what follows from it.
-    for name in ["plan.toml", "rig.toml", "manifest.json", "report.html"] {
-        fs::remove_file(cut.join(name)).unwrap();
-    }
-    fs::rename(cut.join("raw.zarr"), cut.join("adaptive.zarr")).unwrap();
-    fs::remove_dir_all(cut.join("brdf.zarr")).unwrap();
-    for segment in 3..6 {
-        let chunk = format!("c.{segment}.0.0.0");
-        fs::remove_file(cut.join("adaptive.zarr/frames").join(chunk)).unwrap();
-    }
-    let list = fs::read_to_string(cut.join("directions.txt")).unwrap();
-    let kept: Vec<&str> = list.lines().take(1 + 48).collect();
-    fs::write(cut.join("directions.txt"), kept.join("\n")).unwrap();
-
     let resumed = [&arguments(text(&cut))[..], &["--resume"]].concat();
+    begin_and_kill(&arguments(text(&cut)), &cut, 3);
     let other_goal = ["measure", "--out", text(&cut), "--resume", "--budget", "96"];
     let parts = ["adaptive.toml", "expected", "found another goal"];
     refuses(&[&other_goal[..], &QUICK].concat(), "", 2, &parts);
-    refuses(
-        &[&resumed[..], &["--seed", "9"]].concat(),
-        "",
-        2,
-        &["found another request"],
-    );
-    refuses(
-        &[&resumed[..], &["--rig", "rcg-2"]].concat(),
-        "",
-        2,
-        &["found another rig"],
-    );
-    run(&resumed, "").done();
-    for part in ["raw.zarr/frames", "brdf.zarr"] {
-        assert!(
-            files(&cut.join(part)) == files(&whole.join(part)),
-            "{part} differs"
-        );
+    for (more, parts) in [
+        (["--seed", "9"], ["adaptive.toml", "found another request"]),
+        (["--rig", "rcg-2"], ["adaptive.toml", "found another rig"]),
+    ] {
+        refuses(&[&resumed[..], &more].concat(), "", 2, &parts);
     }
-    assert_eq!(fs::read_to_string(cut.join("directions.txt")).unwrap(), list);
+    // Its files are told by content.
+    for (name, from, to) in [
+        ("adaptive.toml", "exposure_s = 0.004", "exposure_s = 0.005"),
+        ("directions.txt", "1", "2"),
+    ] {
+        let path = cut.join(name);
+        let text = fs::read_to_string(&path).unwrap();
+        let edited = text.replacen(from, to, 1);
+        assert_ne!(edited, text, "{name}");
+        for changed in [edited.as_str(), &text[..text.len() / 2]] {
+            fs::write(&path, changed).unwrap();
+            refuses(&resumed, "", 2, &[name]);
+        }
+        fs::write(&path, text).unwrap();
+    }
+    run(&resumed, "").done();
+    assert!(!cut.join("adaptive.zarr").exists());
+    assert_same(&cut, &whole);
+    // Finished, it is still what it is.
+    run(&resumed, "").done();
+    refuses(
+        &[&other_goal[..], &QUICK].concat(),
+        "",
+        2,
+        &["adaptive: expected 80 captures", "found 96 captures"],
+    );
 }
 
 #[test]

@@ -82,6 +82,15 @@ fn a_calibrated_rig_measures_what_is_there_tilted_too() {
     }
     // What was captured is fitted again without a new capture, and found again.
     assert_eq!(run(&standards, "").object(), photometry);
+    // What says what was captured belongs to the frames.
+    for (what, size) in [("geometry", "96"), ("photometry", "48")] {
+        let views = Path::new(&calibration).join(format!("{what}-views.json"));
+        let content = fs::read_to_string(&views).unwrap();
+        fs::write(&views, content.clone() + "\n").unwrap();
+        let parts = [text(&views), "the frames beside it", "found another"];
+        refuses(&lab.calibrate(what, size, &[]), "", 2, &parts);
+        fs::write(&views, content).unwrap();
+    }
 
     let median = |name: &str, rest: &[&str]| {
         let object = run(&lab.measure(name, "15", &[rest, &["--json"]].concat()), "").object();

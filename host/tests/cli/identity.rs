@@ -105,7 +105,9 @@ fn befall(mischance: Mischance, path: &Path, other: &Path) {
             }
             fs::write(path, edited).unwrap();
         }
-        Mischance::Exchanged => drop(fs::copy(other, path).unwrap()),
+        Mischance::Exchanged => {
+            fs::copy(other, path).unwrap();
+        }
         Mischance::CutShort => fs::write(path, &content[..content.len() / 2]).unwrap(),
         Mischance::Removed => fs::remove_file(path).unwrap(),
     }
@@ -233,12 +235,8 @@ fn the_files_that_a_measurement_names_are_told_by_content() {
     let whole = world.begin("measure", "one", "1");
     let expected = files(&whole);
     let planned = world.at("planned");
-    let arguments = [
-        &["plan".to_owned(), "--out".to_owned(), text(&planned).to_owned()],
-        &world.request("one", "1")[..],
-    ]
-    .concat();
-    run(&arguments, "").done();
+    let plan = ["plan", "--out", text(&planned)].map(str::to_owned);
+    run(&[&plan[..], &world.request("one", "1")].concat(), "").done();
     for kind in ["bsdf", "toml"] {
         let path = world.at("one").with_extension(kind);
         let content = fs::read(&path).unwrap();
@@ -246,15 +244,15 @@ fn the_files_that_a_measurement_names_are_told_by_content() {
             befall(mischance, &path, &world.at("other").with_extension(kind));
             let what = format!("{mischance:?} {}", path.display());
             for out in [&whole, &planned] {
-                let resume = [
-                    &["measure".to_owned(), "--resume".to_owned(), "--out".to_owned()],
-                    &[text(out).to_owned()][..],
-                ]
-                .concat();
+                let resume = ["measure", "--resume", "--out", text(out)].map(str::to_owned);
                 let given = [&resume[..], &world.request("one", "1")].concat();
-                for command in [resume, given, vec!["capture".to_owned(), text(out).to_owned()]] {
+                let capture = ["capture", text(out)].map(str::to_owned);
+                for command in [resume.to_vec(), given, capture.to_vec()] {
                     let outcome = run(&command, "");
-                    assert!(is_refused(&outcome, world.folder.path(), &what), "{what}: {outcome:?}");
+                    assert!(
+                        is_refused(&outcome, world.folder.path(), &what),
+                        "{what}: {outcome:?}"
+                    );
                     outcome.complains(outcome.code.unwrap(), &[text(&path)]);
                 }
             }
@@ -278,10 +276,8 @@ fn a_rig_of_the_same_name_is_told_by_content() {
     let out = world.at("out");
     let measure = |out: &Path, rest: &[&str]| {
         let size = ["--step", "15", "--image-size", "16", "--exposure-ms", "4"];
-        [&["measure", "--out", text(out)], &size[..], rest].concat()
-            .into_iter()
-            .map(str::to_owned)
-            .collect::<Vec<_>>()
+        let all = [&["measure", "--out", text(out)][..], &size, rest].concat();
+        all.into_iter().map(str::to_owned).collect::<Vec<_>>()
     };
     run(&measure(&out, &["--rig", text(&rig)]), "").done();
     let before = files(&out);
@@ -295,20 +291,58 @@ fn a_rig_of_the_same_name_is_told_by_content() {
         &measure(&out, &["--resume", "--rig", text(&rig)]),
         "",
         2,
-        &[text(&out), "rig: expected rcg-1 (SHA-256", "found another one of that name"],
+        &[
+            text(&out),
+            "rig: expected rcg-1 (SHA-256",
+            "found another one of that name",
+        ],
     );
     // And the other way round.
     let second = world.at("second");
     run(&measure(&second, &["--rig", text(&rig)]), "").done();
-    refuses(&measure(&second, &["--resume"]), "", 2, &["rig: expected", "found another"]);
+    refuses(
+        &measure(&second, &["--resume"]),
+        "",
+        2,
+        &["rig: expected", "found another"],
+    );
     // What was chosen on the way is compared as well.
-    let adaptive = ["measure", "--resume", "--out", text(&out), "--adaptive", "--budget", "32"];
-    refuses(&adaptive, "", 2, &["adaptive: expected none", "found 32 captures"]);
+    let adaptive = [
+        "measure",
+        "--resume",
+        "--out",
+        text(&out),
+        "--adaptive",
+        "--budget",
+        "32",
+    ];
+    refuses(
+        &adaptive,
+        "",
+        2,
+        &["adaptive: expected none", "found 32 captures"],
+    );
     let plan = second.join("plan.toml");
-    let replay = ["measure", "--resume", "--out", text(&out), "--seed", "1", "--replay", text(&plan)];
+    let replay = [
+        "measure",
+        "--resume",
+        "--out",
+        text(&out),
+        "--seed",
+        "1",
+        "--replay",
+        text(&plan),
+    ];
     run(&replay, "").done();
     let other = world.begin("measure", "one", "3").join("plan.toml");
-    let replay = ["measure", "--resume", "--out", text(&out), "--replay", text(&other)];
+    let replay = [
+        "measure",
+        "--resume",
+        "--out",
+        text(&out),
+        "--replay",
+        text(&other),
+    ];
     refuses(&replay, "", 2, &["sample: expected ward:brass"]);
     assert!(files(&out) == before);
 }
@@ -324,7 +358,15 @@ fn a_relative_sample_is_found_from_anywhere_and_may_be_moved() {
         (output.status.code(), told)
     };
     let size = ["--step", "30", "--image-size", "16", "--exposure-ms", "4"];
-    let plan = ["plan", "--out", "out", "--sample", "one.bsdf", "--truth", "./one.toml"];
+    let plan = [
+        "plan",
+        "--out",
+        "out",
+        "--sample",
+        "one.bsdf",
+        "--truth",
+        "./one.toml",
+    ];
     assert_eq!(from(here, &[&plan[..], &size].concat()).0, Some(0));
     let resume = ["measure", "--resume", "--out", text(&out)];
     assert_eq!(from(&there, &resume), (Some(0), String::new()));
@@ -341,7 +383,11 @@ fn a_relative_sample_is_found_from_anywhere_and_may_be_moved() {
         assert_eq!(from(&there, &given), (Some(0), String::new()));
         assert!(files(&out.join("brdf.zarr")) == whole);
     }
-    let other = [&resume[..], &["--sample", "../other.bsdf", "--truth", "moved.toml"]].concat();
+    let other = [
+        &resume[..],
+        &["--sample", "../other.bsdf", "--truth", "moved.toml"],
+    ]
+    .concat();
     let (code, told) = from(&there, &other);
     assert!(
         code == Some(2) && told.contains("sample: expected") && told.contains("other.bsdf"),

@@ -43,7 +43,7 @@ fn undisturbed() -> (&'static Path, &'static str) {
         let printed = run(&arguments(&out), "").done().replace(text(&out), "");
         (out, printed)
     });
-    (out, printed)
+    (out.as_path(), printed.as_str())
 }
 
 /// Measures into `out` (going on with what is there) and kills it once `moment` has come. Returns whether it was

@@ -37,7 +37,6 @@ pub(crate) fn assert_same(found: &Path, expected: &Path) {
 }
 
 /// Number of files in `folder` whose name starts with `prefix`; 0 if there is no such folder.
-#[cfg(unix)]
 pub(crate) fn count(folder: &Path, prefix: &str) -> usize {
     let starts = |entry: &fs::DirEntry| entry.file_name().to_string_lossy().starts_with(prefix);
     fs::read_dir(folder).map_or(0, |entries| entries.flatten().filter(starts).count())

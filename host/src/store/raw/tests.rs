@@ -510,3 +510,109 @@ fn metadata_that_are_no_json_or_gone_are_told() {
         );
     }
 }
+
+#[test]
+fn tallies_are_stored_with_their_segments_and_summed_over_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, store) = new_store(&folder, LAYOUT);
+    let mut expected = Tally::default();
+    for index in 0..store.segments() {
+        let segment = segment(&LAYOUT, store.segment_range(index), index as u64 + 1);
+        expected.add(&segment.tally);
+        store.write_segment(index, &segment).unwrap();
+        let found = RawStore::open(&path).unwrap();
+        assert_eq!(found.tally().unwrap(), expected);
+        assert_eq!(found.read_segment(index).unwrap(), segment);
+    }
+    assert_eq!(expected.orphan_frames.len(), 3);
+    // Of more orphans than there are places the count tells.
+    let folder = tempfile::tempdir().unwrap();
+    let (_, store) = new_store(&folder, LAYOUT);
+    let mut wild = segment(&LAYOUT, 0..4, 0);
+    wild.tally.orphans = 5;
+    wild.tally.orphan_frames = vec![
+        OrphanFrame {
+            frame_id: 7,
+            timestamp_s: 0.25
+        };
+        5
+    ];
+    store.write_segment(0, &wild).unwrap();
+    let found = store.read_segment(0).unwrap().tally;
+    assert_eq!((found.orphans, found.orphan_frames.len()), (5, 4));
+}
+
+#[test]
+fn a_chunk_that_belongs_elsewhere_is_found_though_it_is_undamaged() {
+    let about = |what: &str| Map::from_iter([(SUBJECT.to_owned(), json!({ "plan.toml": what }))]);
+    let folder = tempfile::tempdir().unwrap();
+    let written = |name: &str, what: &str| {
+        let path = folder.path().join(name);
+        let store = RawStore::create(&path, LAYOUT, about(what)).unwrap();
+        write_all(&store, 0);
+        path
+    };
+    let (path, other) = (written("raw.zarr", "this"), written("other.zarr", "that"));
+    for (from, to) in [
+        // Of another segment, with other values.
+        (path.join("frames/c.0.0.0.0"), "frames/c.1.0.0.0"),
+        (path.join("trigger_tick/c.0"), "trigger_tick/c.1"),
+        // Of another measurement, its seal too: the same values, of something else.
+        (other.join("seal/c.1"), "seal/c.1"),
+    ] {
+        let target = path.join(to);
+        let own = fs::read(&target).unwrap();
+        fs::copy(from, &target).unwrap();
+        let store = RawStore::open(&path).unwrap();
+        assert_eq!(store.whole_segments().unwrap(), 1, "{to}");
+        let told = store.read_segment(1).unwrap_err().to_string();
+        assert!(told.contains("belongs to another"), "{told}");
+        fs::write(&target, own).unwrap();
+    }
+    assert_eq!(RawStore::open(&path).unwrap().whole_segments().unwrap(), 3);
+}
+
+#[test]
+fn no_data_equals_no_legal_value_and_units_are_told() {
+    for bits in [7, 8, 12, 16] {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, _) = new_store(&folder, RawLayout { bits, ..LAYOUT });
+        let metadata = |name: &str| -> Value {
+            serde_json::from_slice(&fs::read(path.join(name).join("zarr.json")).unwrap()).unwrap()
+        };
+        let arrays = fs::read_dir(&path)
+            .unwrap()
+            .flatten()
+            .filter(|entry| entry.path().is_dir());
+        for name in arrays.map(|entry| entry.file_name().into_string().unwrap()) {
+            let array = metadata(&name);
+            let (fill, attributes) = (&array["fill_value"], &array["attributes"]);
+            match array["data_type"].as_str().unwrap() {
+                "float64" => assert_eq!(fill, "NaN", "{name}"),
+                // All numbers of such a camera are legal; `attempts` says what is there.
+                _ if name == "frames" && [8, 16].contains(&bits) => {
+                    assert!(attributes["_FillValue"].is_null());
+                }
+                _ => assert_eq!(fill, &attributes["_FillValue"], "{name}"),
+            }
+            if name == "frames" && bits == 12 {
+                assert_eq!(fill, 65_535);
+            }
+            if name.ends_with("_tick") {
+                assert_eq!(attributes["ticks_per_second"], 125_000_000, "{name}");
+            }
+            let words = |text: &Value| text.as_str().map_or(0, |text| text.split(' ').count());
+            for codes in ["flag_values", "flag_masks"] {
+                if let Some(codes) = attributes[codes].as_array() {
+                    assert_eq!(words(&attributes["flag_meanings"]), codes.len(), "{name}");
+                }
+            }
+        }
+        assert!(metadata("kind")["attributes"]["flag_values"].is_array());
+        assert!(metadata("flags")["attributes"]["flag_masks"].is_array());
+        assert_eq!(metadata("incident")["attributes"]["flag_meanings"], "black");
+        let group = metadata("");
+        assert_eq!(group["attributes"]["ticks_per_second"], 125_000_000);
+        assert_eq!(group["attributes"]["rcg_format_version"], 2);
+    }
+}
