@@ -255,17 +255,17 @@ fn whatever_it_is_taken_with_its_plan_and_its_list_measure_the_same() {
     .into_iter()
     .enumerate()
     {
-        let shared = [&["--image-size", "17", "--sample", "ggx:satin"], options].concat();
+        let shared = [&["--image-size", "17", "--sample", "ggx:satin"][..], options].concat();
         let [out, cut] = ["out", "cut"].map(|name| at(&format!("{name}{place}")));
         let goal = ["--adaptive", "--budget", "56", "--json"];
         let measure = |out| [&["measure", "--out", out][..], &shared, &goal].concat();
-        let summary = run(&measure(&out), "").object();
+        let summary = run(&measure(out.as_str()), "").object();
         assert_eq!(summary["adaptive"]["captures"], 56, "{options:?}");
         let f = |out: &str| files(&std::path::Path::new(out).join("brdf.zarr/f"));
         let expected = f(&out);
 
         // As if it had been killed before it had a plan, after some of its segments.
-        run(&measure(&cut), "").done();
+        run(&measure(cut.as_str()), "").done();
         for name in ["plan.toml", "rig.toml", "manifest.json", "report.html"] {
             fs::remove_file(format!("{cut}/{name}")).unwrap();
         }
@@ -274,14 +274,14 @@ fn whatever_it_is_taken_with_its_plan_and_its_list_measure_the_same() {
         let with_calibration = options.contains(&"--calibration");
         if with_calibration {
             let parts = ["adaptive.toml", "found another"];
-            let without: Vec<&str> = measure(&cut)
+            let without: Vec<&str> = measure(cut.as_str())
                 .into_iter()
                 .filter(|part| *part != "--calibration" && *part != calibration.as_str())
                 .chain(["--resume"])
                 .collect();
             run(&without, "").complains(2, &parts);
         }
-        run(&[&measure(&cut)[..], &["--resume"]].concat(), "").done();
+        run(&[&measure(cut.as_str())[..], &["--resume"]].concat(), "").done();
         assert!(f(&cut) == expected, "resumed to other values with {options:?}");
 
         // The plan and the list say all.

@@ -2,8 +2,8 @@
 //! refused in one sentence that says why.
 //!
 //! # Design
-//! A table of features ([`features`]) makes some 360 pairs of values that are not the usual ones. Each pair is tried on a rig of
-//! 16 pixels. A run of the tests draws [`DRAWN`] of them; `RCG_FULL=1` tries all, `RCG_SEED=N` draws others, and
+//! A table of features ([`features`]) makes some 360 pairs of values that are not the usual ones. Each pair is tried with
+//! images of 24 pixels. A run of the tests draws [`DRAWN`] of them; `RCG_FULL=1` tries all, `RCG_SEED=N` draws others, and
 //! `RCG_PAIR=feature=value,feature=value` tries one.
 
 mod features;
@@ -355,7 +355,7 @@ impl Trial<'_> {
 
     /// What must be refused.
     fn refused(&mut self, why: &str) -> String {
-        let mut all = match self.case.via {
+        let all = match self.case.via {
             Via::Multiplex => {
                 let mut all = vec!["multiplex".to_owned()];
                 all.extend(self.request());
@@ -374,9 +374,6 @@ impl Trial<'_> {
             }
             Via::Measure | Via::Fill => self.measure("m"),
         };
-        if self.case.replay && self.case.via != Via::Multiplex {
-            all.extend(["--replay".to_owned(), self.out("none.toml")]);
-        }
         let outcome = self.run(&all);
         outcome.complains(2, &[why]);
         assert!(!self.folder.join("m").exists(), "something was written");
@@ -447,7 +444,7 @@ fn options_work_in_pairs_or_are_refused() {
                             trial.commands
                         )
                     });
-                    println!("{names}: {}", line.as_ref().map_or("FAILED", |line| line));
+                    println!("{names}: {}", line.as_deref().unwrap_or("FAILED"));
                     table.lock().unwrap().push(line);
                 }
             });

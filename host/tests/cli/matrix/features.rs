@@ -66,7 +66,7 @@ pub(super) const USUAL: Case = Case {
     fault: None,
     resume: false,
     replay: false,
-    image_size: "16",
+    image_size: "24",
     seed: "1",
     via: Via::Measure,
 };
@@ -82,8 +82,8 @@ pub(super) const FEATURES: [Feature; 15] = [
     (
         "sample",
         &[
-            ("ward", |c| c.sample = "ward:rd=0.2,rs=0.2,ax=0.4,ay=0.5"),
-            ("ggx", |c| c.sample = "ggx:f0=0.4,ax=0.5,ay=0.6,rd=0.3"),
+            ("ward", |c| c.sample = "ward:rd=0.3,rs=0.1,ax=0.7,ay=0.6"),
+            ("ggx", |c| c.sample = "ggx:f0=0.2,ax=0.7,ay=0.6,rd=0.4"),
             ("file", |c| c.sample = FILE),
         ],
     ),
@@ -140,7 +140,7 @@ pub(super) const FEATURES: [Feature; 15] = [
     ),
     ("resume", &[("killed", |c| c.resume = true)]),
     ("replay", &[("plan", |c| c.replay = true)]),
-    ("image-size", &[("odd", |c| c.image_size = "17")]),
+    ("image-size", &[("odd", |c| c.image_size = "25")]),
     ("seed", &[("other", |c| c.seed = "7")]),
     (
         "via",

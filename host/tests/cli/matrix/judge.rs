@@ -7,8 +7,8 @@ use rcg::brdf::Brdf;
 use rcg::provenance::Provenance;
 use rcg::sample::Sample;
 
-/// Samples count up to this polar angle, degrees.
-const JUDGED_DEG: f64 = 80.0;
+/// Samples count up to this polar angle, degrees: nearer to the horizon lobes are narrower than these coarse pixels.
+const JUDGED_DEG: f64 = 70.0;
 
 /// How far samples are from the truth in units of their standard uncertainties.
 #[derive(Clone, Copy, Debug, Default)]
