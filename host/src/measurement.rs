@@ -274,7 +274,11 @@ impl Measurement {
         let fields: [(&'static str, String, String); 10] = [
             ("rig", self.rig.name.clone(), rig_name.to_owned()),
             ("grid", held.grid.to_string(), other_grid),
-            ("image-size", held.image_size.to_string(), request.image_size.to_string()),
+            (
+                "image-size",
+                held.image_size.to_string(),
+                request.image_size.to_string(),
+            ),
             ("exposure-ms", ms(held.exposure_s), ms(request.exposure_s)),
             (
                 "brackets",
@@ -283,7 +287,11 @@ impl Measurement {
             ),
             ("sample", name(&held.sample), name(&request.sample)),
             ("truth", name(&held.truth), name(&request.truth)),
-            ("tilt", Maybe(held.tilt).to_string(), Maybe(request.tilt).to_string()),
+            (
+                "tilt",
+                Maybe(held.tilt).to_string(),
+                Maybe(request.tilt).to_string(),
+            ),
             ("noise", on(held.noise), on(request.noise)),
             ("seed", held.seed.to_string(), request.seed.to_string()),
         ];

@@ -315,4 +315,3 @@ impl From<io::Error> for Failure {
         Self::Failed(error.into())
     }
 }
-
