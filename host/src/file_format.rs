@@ -71,7 +71,12 @@ mod tests {
         for (name, format) in [("a.svg", "svg"), ("a.b.PNG", "png"), ("dir.svg/a.Csv", "csv")] {
             assert_eq!(of(name), Ok(format));
         }
-        for (name, found) in [("a.exr", ".exr"), ("svg", "none"), ("a.svg/b", "none"), (".svg", "none")] {
+        for (name, found) in [
+            ("a.exr", ".exr"),
+            ("svg", "none"),
+            ("a.svg/b", "none"),
+            (".svg", "none"),
+        ] {
             assert_eq!(
                 of(name).unwrap_err().to_string(),
                 format!("{name}: expected a file name that ends in .svg, .png or .csv, found {found}")

@@ -161,19 +161,21 @@ pub fn shown(text: &str) -> String {
 /// `text` with escapes in place of what a terminal would obey.
 #[must_use]
 pub fn plain(text: &str) -> String {
-    text.chars().fold(String::with_capacity(text.len()), |mut plain, c| {
-        if is_obeyed(c) {
-            plain.extend(c.escape_default());
-        } else {
-            plain.push(c);
-        }
-        plain
-    })
+    text.chars()
+        .fold(String::with_capacity(text.len()), |mut plain, c| {
+            if is_obeyed(c) {
+                plain.extend(c.escape_default());
+            } else {
+                plain.push(c);
+            }
+            plain
+        })
 }
 
 /// Whether `c` is a control character, or one without width that ends lines or turns the direction of writing.
 fn is_obeyed(c: char) -> bool {
-    let turns = matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}');
+    let turns =
+        matches!(c, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}');
     c.is_control() || turns
 }
 
@@ -206,10 +208,13 @@ fn joined<T: Display>(values: &[T], between: &str) -> String {
     if values.is_empty() {
         return "none".to_owned();
     }
-    values.iter().enumerate().fold(String::new(), |mut text, (at, value)| {
-        write!(text, "{}{value}", if at == 0 { "" } else { between }).expect("strings take everything");
-        text
-    })
+    values
+        .iter()
+        .enumerate()
+        .fold(String::new(), |mut text, (at, value)| {
+            write!(text, "{}{value}", if at == 0 { "" } else { between }).expect("strings take everything");
+            text
+        })
 }
 
 /// What may not be there, in words.
@@ -238,7 +243,13 @@ mod tests {
     #[test]
     fn lines_end_as_systems_end_them_and_a_mark_before_them_is_skipped() {
         let expected = ["1 2", "", "3"].map(|line| Ok(line.to_owned()));
-        for text in ["1 2\n\n3\n", "1 2\n\n3", "1 2\r\n\r\n3\r\n", "\u{feff}1 2\n\n3", "\u{feff}1 2\r\n\r\n3"] {
+        for text in [
+            "1 2\n\n3\n",
+            "1 2\n\n3",
+            "1 2\r\n\r\n3\r\n",
+            "\u{feff}1 2\n\n3",
+            "\u{feff}1 2\r\n\r\n3",
+        ] {
             assert_eq!(all(text.as_bytes()), expected, "{text:?}");
         }
         assert_eq!(all(b""), []);
@@ -251,11 +262,20 @@ mod tests {
         let utf16 = |swap: bool| -> Vec<u8> {
             let units = "\u{feff}45 0\n".encode_utf16();
             units
-                .flat_map(|unit| if swap { unit.to_be_bytes() } else { unit.to_le_bytes() })
+                .flat_map(|unit| {
+                    if swap {
+                        unit.to_be_bytes()
+                    } else {
+                        unit.to_le_bytes()
+                    }
+                })
                 .collect()
         };
         for swap in [false, true] {
-            assert_eq!(all(&utf16(swap)), [Err("UTF-16 text (save it as UTF-8)".to_owned())]);
+            assert_eq!(
+                all(&utf16(swap)),
+                [Err("UTF-16 text (save it as UTF-8)".to_owned())]
+            );
             let dir = tempfile::tempdir().unwrap();
             let path = dir.path().join("list.txt");
             std::fs::write(&path, utf16(swap)).unwrap();
@@ -265,16 +285,25 @@ mod tests {
             std::fs::write(&path, b"\xef\xbb\xbfone").unwrap();
             assert_eq!(read(&path).unwrap(), "one");
         }
-        assert_eq!(all(b"\xff\xfe\0\0"), [Err("UTF-32 text (save it as UTF-8)".to_owned())]);
+        assert_eq!(
+            all(b"\xff\xfe\0\0"),
+            [Err("UTF-32 text (save it as UTF-8)".to_owned())]
+        );
         let bad = all(b"1\n\xff\n3\n");
-        assert_eq!(bad, [Ok("1".to_owned()), Err("bytes that are no UTF-8 text".to_owned())]);
+        assert_eq!(
+            bad,
+            [Ok("1".to_owned()), Err("bytes that are no UTF-8 text".to_owned())]
+        );
     }
 
     #[test]
     fn a_line_without_end_is_not_kept() {
         let endless = io::BufReader::new(io::repeat(b'7'));
         let (number, line) = lines(endless).next().unwrap();
-        assert_eq!((number, line.unwrap_err().to_string().as_str()), (1, "a line of more than 65536 bytes"));
+        assert_eq!(
+            (number, line.unwrap_err().to_string().as_str()),
+            (1, "a line of more than 65536 bytes")
+        );
         let longest = "7".repeat(LONGEST_LINE as usize);
         assert_eq!(all(longest.as_bytes()), [Ok(longest)]);
     }
@@ -285,7 +314,9 @@ mod tests {
         for blank in ["", " ", "# 1 2", "\t#"] {
             assert_eq!(numbers::<2>(blank), Ok(None));
         }
-        for bad in ["1", "1 2 3", "1 nan", "1 inf", "1 1e400", "1, 2", "1 2\r3", "1\u{b}2", "1\0 2", "1_0 2"] {
+        for bad in [
+            "1", "1 2 3", "1 nan", "1 inf", "1 1e400", "1, 2", "1 2\r3", "1\u{b}2", "1\0 2", "1_0 2",
+        ] {
             assert_eq!(numbers::<2>(bad), Err(shown(bad)), "{bad:?}");
         }
     }

@@ -57,7 +57,10 @@ impl WholeFile {
             }
         }
         let name = target.file_name().ok_or_else(|| {
-            io::Error::new(io::ErrorKind::InvalidFilename, "expected the name of a file, found none")
+            io::Error::new(
+                io::ErrorKind::InvalidFilename,
+                "expected the name of a file, found none",
+            )
         })?;
         let (file, unfinished) = begin(&target, name)?;
         let whole = Self {
@@ -187,7 +190,12 @@ mod tests {
     fn what_is_given_up_leaves_the_old_file_and_no_other() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("scan.svg");
-        for neighbour in ["scan.tmp", "scan.svg.tmp", "scan.svg.partial", ".scan.svg.partial"] {
+        for neighbour in [
+            "scan.tmp",
+            "scan.svg.tmp",
+            "scan.svg.partial",
+            ".scan.svg.partial",
+        ] {
             fs::write(dir.path().join(neighbour), "mine").unwrap();
         }
         let before = names(dir.path());
@@ -222,7 +230,12 @@ mod tests {
         let mut open: Vec<(WholeFile, String)> = ["a.svg", "a.png", "a", "a.svg", "a.svg"]
             .iter()
             .enumerate()
-            .map(|(at, name)| (WholeFile::create(&dir.path().join(name)).unwrap(), format!("{name} {at}")))
+            .map(|(at, name)| {
+                (
+                    WholeFile::create(&dir.path().join(name)).unwrap(),
+                    format!("{name} {at}"),
+                )
+            })
             .collect();
         for (file, text) in &mut open {
             file.write_all(text.as_bytes()).unwrap();

@@ -186,21 +186,13 @@ impl ZarrArray {
                 Err(StoreError::metadata(&header.path, field, expected, found))
             }
         };
-        expect(
-            "shape",
-            by(&spec.shape),
-            by(&header.shape),
-        )?;
+        expect("shape", by(&spec.shape), by(&header.shape))?;
         expect(
             "data_type",
             spec.element.name().to_owned(),
             header.data_type.clone(),
         )?;
-        expect(
-            "dimension_names",
-            listed(&spec.dims),
-            listed(&header.dims),
-        )?;
+        expect("dimension_names", listed(&spec.dims), listed(&header.dims))?;
         expect(
             "chunk_grid.configuration.chunk_shape",
             by(&spec.chunk_shape()),

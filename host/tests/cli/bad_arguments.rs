@@ -47,7 +47,12 @@ fn an_exposure_time_that_is_none_is_refused() {
         let found = format!("found `{ms}`");
         refused(
             &["--exposure-ms", ms],
-            &["--exposure-ms", "expected", "milliseconds from 0.001 to 60000", &found],
+            &[
+                "--exposure-ms",
+                "expected",
+                "milliseconds from 0.001 to 60000",
+                &found,
+            ],
         );
     }
 }
@@ -68,7 +73,11 @@ fn values_that_the_command_line_itself_refuses_are_named_in_one_sentence() {
     );
     refused(
         &["--seed", "-1"],
-        &["--seed", "expected a whole number that is not negative", "found `-1`"],
+        &[
+            "--seed",
+            "expected a whole number that is not negative",
+            "found `-1`",
+        ],
     );
     refuses(
         &["render", "lambert", "--out", "a.png", "--size", "7"],

@@ -33,17 +33,31 @@ fn a_bad_line_is_named_and_the_answers_before_it_are_printed() {
 
 #[test]
 fn an_angle_that_is_none_is_refused() {
-    for (line, limit) in [("181 0", 180), ("-1e300 0", 180), ("45 3601", 3600), ("45 -1e18", 3600)] {
+    for (line, limit) in [
+        ("181 0", 180),
+        ("-1e300 0", 180),
+        ("45 3601", 3600),
+        ("45 -1e18", 3600),
+    ] {
         let limit = format!("from -{limit} to {limit} degrees");
         refuses(&["map"], line, 2, &["stdin, line 1", &limit, "found"]);
-        refuses(&["value", "lambert"], &format!("45 0 {line}"), 2, &["stdin, line 1", &limit]);
+        refuses(
+            &["value", "lambert"],
+            &format!("45 0 {line}"),
+            2,
+            &["stdin, line 1", &limit],
+        );
     }
     run(&["map"], "-45 -720\n").done();
 }
 
 #[test]
 fn a_line_as_long_as_a_file_is_named_in_a_short_sentence() {
-    for line in ["7".repeat(1 << 20), "45 0 ".repeat(200_000), "\u{1b}".repeat(50_000)] {
+    for line in [
+        "7".repeat(1 << 20),
+        "45 0 ".repeat(200_000),
+        "\u{1b}".repeat(50_000),
+    ] {
         let outcome = run(&["map"], &format!("45 0\n{line}\n"));
         outcome.complains(2, &["stdin, line 2", "expected 2 numbers"]);
         assert!(outcome.stderr.len() < 400, "{}", outcome.stderr.len());
@@ -99,7 +113,10 @@ fn a_line_that_is_no_text_is_refused() {
 
 #[test]
 fn remarks_may_follow_numbers() {
-    assert_eq!(run(&["map"], "45\t0 # up\n").done(), run(&["map"], "45 0\n").done());
+    assert_eq!(
+        run(&["map"], "45\t0 # up\n").done(),
+        run(&["map"], "45 0\n").done()
+    );
 }
 
 #[test]

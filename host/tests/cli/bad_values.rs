@@ -12,9 +12,17 @@ const WRITTEN: [&str; 1] = ["--out"];
 /// Values, and whether a file or folder that is written could bear them for a name.
 fn values() -> Vec<(OsString, bool)> {
     let text = |value: &str| (OsString::from(value), true);
-    let mut values: Vec<(OsString, bool)> = ["nan", "inf", "-inf", "1e400", "-1e400", "1e-400x", "\u{1b}[31m\r\n7\u{7}"]
-        .map(text)
-        .to_vec();
+    let mut values: Vec<(OsString, bool)> = [
+        "nan",
+        "inf",
+        "-inf",
+        "1e400",
+        "-1e400",
+        "1e-400x",
+        "\u{1b}[31m\r\n7\u{7}",
+    ]
+    .map(text)
+    .to_vec();
     values.push((OsString::new(), false));
     values.push((OsString::from("7".repeat(100_000)), false));
     #[cfg(unix)]
@@ -27,7 +35,10 @@ fn values() -> Vec<(OsString, bool)> {
 
 /// One short sentence that no terminal obeys.
 fn is_plain(outcome: &Outcome, what: &[OsString]) {
-    let what: Vec<_> = what.iter().map(|word| word.to_string_lossy().chars().take(60).collect::<String>()).collect();
+    let what: Vec<_> = what
+        .iter()
+        .map(|word| word.to_string_lossy().chars().take(60).collect::<String>())
+        .collect();
     assert!(
         matches!(outcome.code, Some(1 | 2)),
         "{what:?} ended with {:?}: {:.300} {:.300}",
@@ -38,7 +49,11 @@ fn is_plain(outcome: &Outcome, what: &[OsString]) {
     outcome.complains(outcome.code.unwrap(), &[]);
     let sentence = outcome.stderr.trim_end_matches('\n');
     assert!(!sentence.contains(char::is_control), "{what:?}: {sentence:?}");
-    assert!(sentence.chars().count() <= 1100, "{what:?}: {} characters", sentence.len());
+    assert!(
+        sentence.chars().count() <= 1100,
+        "{what:?}: {} characters",
+        sentence.len()
+    );
     assert_eq!(outcome.stdout, "", "{what:?}");
 }
 
@@ -60,7 +75,10 @@ fn every_option_of_every_command_refuses_what_is_no_value_and_leaves_nothing() {
                     continue;
                 }
                 let mut arguments: Vec<OsString> = words.iter().map(OsString::from).collect();
-                if let Some(at) = arguments.iter().position(|argument| argument == OsStr::new(&option.name)) {
+                if let Some(at) = arguments
+                    .iter()
+                    .position(|argument| argument == OsStr::new(&option.name))
+                {
                     arguments.drain(at..at + 2);
                 }
                 arguments.extend([OsString::from(&option.name), value.clone()]);
@@ -92,7 +110,10 @@ fn no_argument_in_any_place_is_obeyed_by_the_terminal() {
         &["controller", "info", "--port", evil],
     ] {
         let outcome = run(arguments, "");
-        is_plain(&outcome, &arguments.iter().map(OsString::from).collect::<Vec<_>>());
+        is_plain(
+            &outcome,
+            &arguments.iter().map(OsString::from).collect::<Vec<_>>(),
+        );
         assert!(!outcome.stderr.contains('\u{202e}'), "{}", outcome.stderr);
     }
 }

@@ -99,7 +99,17 @@ impl Outcome {
         assert!(!sentence.contains('\n'), "more than one line: {self:?}");
         assert!(sentence.starts_with("rcg: "), "{self:?}");
         // Rust's way of writing values is nobody else's.
-        for debug in ["Some(", "Ok(", "Err(", " { ", "found None", "expected None", "NotFound", "Denied", "[]"] {
+        for debug in [
+            "Some(",
+            "Ok(",
+            "Err(",
+            " { ",
+            "found None",
+            "expected None",
+            "NotFound",
+            "Denied",
+            "[]",
+        ] {
             assert!(!sentence.contains(debug), "`{debug}` in {self:?}");
         }
         for part in parts {

@@ -39,9 +39,16 @@ pub(crate) fn described() -> Vec<Described> {
             .collect();
         if below.is_empty() {
             let options = help.lines().filter_map(valued).collect();
-            found.push(Described { words, options });
+            found.push(Described {
+                words: words.clone(),
+                options,
+            });
         }
-        open.extend(below.iter().map(|name| [&words[..], &[(*name).to_owned()]].concat()));
+        open.extend(
+            below
+                .iter()
+                .map(|name| [&words[..], &[(*name).to_owned()]].concat()),
+        );
     }
     found.sort_by(|a, b| a.words.cmp(&b.words));
     found
@@ -83,7 +90,16 @@ impl Scene {
             folder: tempfile::tempdir().unwrap(),
         };
         run(&quick(&scene.path("measured")), "").done();
-        let plan = ["plan", "--step", "30", "--image-size", "8", "--exposure-ms", "4", "--out"];
+        let plan = [
+            "plan",
+            "--step",
+            "30",
+            "--image-size",
+            "8",
+            "--exposure-ms",
+            "4",
+            "--out",
+        ];
         run(&[&plan[..], &[text(&scene.path("planned"))]].concat(), "").done();
         scene
     }
@@ -104,7 +120,11 @@ impl Scene {
         let (measured, planned) = (self.path("measured"), self.path("planned"));
         let brdf = measured.join("brdf.zarr");
         let file = |name: &str| text(&out.join(name)).to_owned();
-        let (dir, brdf, planned) = (text(out).to_owned(), text(&brdf).to_owned(), text(&planned).to_owned());
+        let (dir, brdf, planned) = (
+            text(out).to_owned(),
+            text(&brdf).to_owned(),
+            text(&planned).to_owned(),
+        );
         let measured = text(&measured).to_owned();
         let tiny = "--step 30 --image-size 8";
         let lines: Vec<String> = match words.join(" ").as_str() {
@@ -121,7 +141,12 @@ impl Scene {
             "value" => vec![brdf],
             "evaluate" => vec![format!("{brdf} --reference ward:brass")],
             "fit" => ["svg", "png"]
-                .map(|ending| format!("ward:brass --model ward --residuals {}", file(&format!("fit.{ending}"))))
+                .map(|ending| {
+                    format!(
+                        "ward:brass --model ward --residuals {}",
+                        file(&format!("fit.{ending}"))
+                    )
+                })
                 .to_vec(),
             "fill" => vec![format!("{brdf} --out {}", file("whole.zarr"))],
             "render" => vec![format!("lambert --size 8 --out {}", file("a.png"))],
@@ -146,7 +171,11 @@ impl Scene {
             "value" => "45 0 45 180\n",
             _ => "",
         };
-        let port: &[&str] = if words[0] == "controller" { &["--port", "sim"] } else { &[] };
+        let port: &[&str] = if words[0] == "controller" {
+            &["--port", "sim"]
+        } else {
+            &[]
+        };
         lines
             .iter()
             .map(|line| Use {
@@ -170,7 +199,10 @@ fn every_command_has_a_use() {
     assert!(commands.len() > 20, "{commands:?}");
     for command in &commands {
         for option in ["--rig"] {
-            assert!(command.options.iter().any(|found| found.name == option), "{command:?}");
+            assert!(
+                command.options.iter().any(|found| found.name == option),
+                "{command:?}"
+            );
         }
         let out = scene.path("out");
         for used in scene.uses(&command.words, &out) {

@@ -24,9 +24,15 @@ fn begins(ending: &str) -> &'static [u8] {
 
 /// Every use of a command that writes one file below `out`, and where the file's name stands.
 fn writers(scene: &Scene, out: &Path) -> Vec<(Use, usize, PathBuf)> {
-    let uses = described().into_iter().flat_map(|command| scene.uses(&command.words, out));
+    let uses = described()
+        .into_iter()
+        .flat_map(|command| scene.uses(&command.words, out));
     let file = |used: Use| {
-        let at = used.arguments.iter().position(|word| FILES.contains(&word.as_str()))? + 1;
+        let at = used
+            .arguments
+            .iter()
+            .position(|word| FILES.contains(&word.as_str()))?
+            + 1;
         let path = PathBuf::from(&used.arguments[at]);
         // Folders end otherwise.
         let is_file = path != out && path.extension().is_some_and(|ending| ending != "zarr");
@@ -49,27 +55,42 @@ fn a_file_is_of_the_format_that_its_name_says_or_refused_before_any_work() {
     let writers = writers(&scene, &out);
     assert!(writers.len() >= 9, "{writers:?}");
     let endings_of = |used: &Use| -> Vec<String> {
-        let same = writers.iter().filter(|(other, ..)| other.arguments[..2] == used.arguments[..2]);
-        same.map(|(_, _, path)| path.extension().unwrap().to_str().unwrap().to_owned()).collect()
+        let same = writers
+            .iter()
+            .filter(|(other, ..)| other.arguments[..2] == used.arguments[..2]);
+        same.map(|(_, _, path)| path.extension().unwrap().to_str().unwrap().to_owned())
+            .collect()
     };
     for (used, at, path) in &writers {
         let ending = path.extension().unwrap().to_str().unwrap();
         for name in [format!("a.{ending}"), format!("b.c.{}", ending.to_uppercase())] {
             let path = out.join(name);
             run(&with(used, *at, &path), used.stdin).done();
-            assert!(fs::read(&path).unwrap().starts_with(begins(ending)), "{}", path.display());
+            assert!(
+                fs::read(&path).unwrap().starts_with(begins(ending)),
+                "{}",
+                path.display()
+            );
         }
         let all = endings_of(used);
         let before = files(&out);
-        for wrong in ["x.exr", "x.jpg", "x.jpeg", "x.tiff", "x.pdf", "x.txt", "x.json", "x", "png", ".png", "x.png.gz"] {
+        for wrong in [
+            "x.exr", "x.jpg", "x.jpeg", "x.tiff", "x.pdf", "x.txt", "x.json", "x", "png", ".png", "x.png.gz",
+        ] {
             let path = out.join(wrong);
             let mut parts: Vec<String> = all.iter().map(|ending| format!(".{ending}")).collect();
-            parts.extend([text(&path).to_owned(), "expected a file name that ends in".to_owned()]);
+            parts.extend([
+                text(&path).to_owned(),
+                "expected a file name that ends in".to_owned(),
+            ]);
             let parts: Vec<&str> = parts.iter().map(String::as_str).collect();
             let mut arguments = with(used, *at, &path);
             refuses(&arguments, used.stdin, 2, &parts);
             // Before the material is looked for, too.
-            if let Some(material) = arguments.iter_mut().find(|word| matches!(word.as_str(), "lambert" | "ward:brass")) {
+            if let Some(material) = arguments
+                .iter_mut()
+                .find(|word| matches!(word.as_str(), "lambert" | "ward:brass"))
+            {
                 "no/such/material.bsdf".clone_into(material);
                 refuses(&arguments, used.stdin, 2, &parts);
             }
@@ -99,7 +120,11 @@ fn no_other_file_is_touched_and_a_failed_write_keeps_the_old_one() {
         }
         run(&used.arguments, used.stdin).done();
         let mut found = files(&out);
-        assert!(found.remove(Path::new(name)).is_some_and(|content| content.len() > 4));
+        assert!(
+            found
+                .remove(Path::new(name))
+                .is_some_and(|content| content.len() > 4)
+        );
         assert_eq!(found.len(), neighbours.len(), "{found:?}");
         assert!(found.values().all(|content| content == b"mine"), "{used:?}");
 
@@ -134,7 +159,12 @@ fn a_name_that_leads_elsewhere_or_may_not_be_written_is_respected() {
         fs::write(&path, "old").unwrap();
         fs::set_permissions(&path, fs::Permissions::from_mode(0o444)).unwrap();
         if fs::OpenOptions::new().write(true).open(&path).is_err() {
-            refuses(&with(&used, at, &path), used.stdin, 1, &[text(&path), "ermission denied"]);
+            refuses(
+                &with(&used, at, &path),
+                used.stdin,
+                1,
+                &[text(&path), "ermission denied"],
+            );
             assert_eq!(fs::read(&path).unwrap(), b"old");
         }
         fs::remove_file(&path).unwrap();

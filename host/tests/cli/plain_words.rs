@@ -9,8 +9,14 @@ use crate::tree::files;
 fn no_message_is_made_with_the_format_of_debugging() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
     let mut seen = 0;
-    for name in files(&root).into_keys().filter(|name| name.extension().is_some_and(|ending| ending == "rs")) {
-        if name.components().any(|part| part.as_os_str().to_string_lossy().starts_with("tests")) {
+    for name in files(&root)
+        .into_keys()
+        .filter(|name| name.extension().is_some_and(|ending| ending == "rs"))
+    {
+        if name
+            .components()
+            .any(|part| part.as_os_str().to_string_lossy().starts_with("tests"))
+        {
             continue;
         }
         let source = fs::read_to_string(root.join(&name)).unwrap();
@@ -21,7 +27,12 @@ fn no_message_is_made_with_the_format_of_debugging() {
                 let inside = line[..at].rsplit('{').next().unwrap();
                 inside.ends_with('?') && inside.contains(':') && !inside.contains(' ')
             };
-            assert!(!line.match_indices('}').any(is_debug), "{}, line {}: {line}", name.display(), index + 1);
+            assert!(
+                !line.match_indices('}').any(is_debug),
+                "{}, line {}: {line}",
+                name.display(),
+                index + 1
+            );
         }
         seen += 1;
     }

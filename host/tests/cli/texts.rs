@@ -19,7 +19,11 @@ fn readers(folder: &Path) -> Vec<(&'static str, Vec<u8>, Box<dyn Fn(&Path) -> Ve
     let replayed = out.clone();
     let read = |path: &Path| fs::read(path).unwrap();
     vec![
-        ("rig", read(&measured.join("rig.toml")), Box::new(move |file| plan("--rig", file))),
+        (
+            "rig",
+            read(&measured.join("rig.toml")),
+            Box::new(move |file| plan("--rig", file)),
+        ),
         (
             "grid",
             b"# list\n40 0\n50 90\n\n60 180 # last\n".to_vec(),
@@ -45,12 +49,21 @@ fn utf16(content: &[u8], big_endian: bool) -> Vec<u8> {
     let content = std::str::from_utf8(content).unwrap();
     let units = std::iter::once(0xfeff).chain(content.encode_utf16());
     units
-        .flat_map(|unit: u16| if big_endian { unit.to_be_bytes() } else { unit.to_le_bytes() })
+        .flat_map(|unit: u16| {
+            if big_endian {
+                unit.to_be_bytes()
+            } else {
+                unit.to_le_bytes()
+            }
+        })
         .collect()
 }
 
 fn crlf(content: &[u8]) -> Vec<u8> {
-    String::from_utf8(content.to_vec()).unwrap().replace('\n', "\r\n").into_bytes()
+    String::from_utf8(content.to_vec())
+        .unwrap()
+        .replace('\n', "\r\n")
+        .into_bytes()
 }
 
 #[test]
@@ -64,27 +77,47 @@ fn every_file_of_text_is_read_as_any_system_writes_it() {
         let answer = |bytes: &[u8]| {
             fs::write(&file, bytes).unwrap();
             let outcome = run(&command(&file), "");
-            let brdf = out.join("brdf.zarr").is_dir().then(|| crate::tree::files(&out.join("brdf.zarr")));
+            let brdf = out
+                .join("brdf.zarr")
+                .is_dir()
+                .then(|| crate::tree::files(&out.join("brdf.zarr")));
             fs::remove_dir_all(&out).ok();
             (outcome, brdf)
         };
         let (plain, plain_brdf) = answer(&content);
         plain.done();
-        for bytes in [[mark, &content].concat(), crlf(&content), [mark, &crlf(&content)].concat()] {
+        for bytes in [
+            [mark, &content].concat(),
+            crlf(&content),
+            [mark, &crlf(&content)].concat(),
+        ] {
             let (outcome, brdf) = answer(&bytes);
             outcome.done();
-            assert!(plain_brdf.is_some() || outcome.stdout == plain.stdout, "{kind}: {outcome:?}");
+            assert!(
+                plain_brdf.is_some() || outcome.stdout == plain.stdout,
+                "{kind}: {outcome:?}"
+            );
             assert!(brdf == plain_brdf, "{kind}");
         }
         for big_endian in [false, true] {
             fs::write(&file, utf16(&content, big_endian)).unwrap();
-            refuses(&command(&file), "", 2, &[text(&file), "UTF-16", "save it as UTF-8"]);
+            refuses(
+                &command(&file),
+                "",
+                2,
+                &[text(&file), "UTF-16", "save it as UTF-8"],
+            );
         }
         fs::write(&file, [&content[..], b"\n\xff\n"].concat()).unwrap();
         refuses(&command(&file), "", 2, &[text(&file), "no UTF-8"]);
         refuses(&command(folder.path()), "", 2, &[text(folder.path())]);
         #[cfg(unix)]
-        refuses(&command(Path::new("/dev/zero")), "", 2, &["/dev/zero", "a file of more than"]);
+        refuses(
+            &command(Path::new("/dev/zero")),
+            "",
+            2,
+            &["/dev/zero", "a file of more than"],
+        );
         assert!(!out.exists());
     }
 }
@@ -124,7 +157,10 @@ fn lines_on_stdin_are_read_as_any_system_writes_them() {
         for big_endian in [false, true] {
             let (code, stdout, stderr) = answer(arguments, &utf16(lines.as_bytes(), big_endian));
             assert_eq!((code, stdout.as_str()), (Some(2), ""));
-            assert!(stderr.starts_with("rcg: stdin, line 1: expected") && stderr.contains("UTF-16"), "{stderr}");
+            assert!(
+                stderr.starts_with("rcg: stdin, line 1: expected") && stderr.contains("UTF-16"),
+                "{stderr}"
+            );
         }
     }
 }
@@ -137,7 +173,10 @@ fn a_line_without_end_is_refused_before_it_fills_memory() {
         let output = rcg(arguments).stdin(zero).output().unwrap();
         assert_eq!(output.status.code(), Some(2));
         let stderr = String::from_utf8(output.stderr).unwrap();
-        assert!(stderr.contains("stdin, line 1") && stderr.contains("a line of more than"), "{stderr}");
+        assert!(
+            stderr.contains("stdin, line 1") && stderr.contains("a line of more than"),
+            "{stderr}"
+        );
     }
 }
 
@@ -146,7 +185,9 @@ fn a_line_without_end_is_refused_before_it_fills_memory() {
 fn a_folder_whose_own_name_is_no_text_can_be_worked_in() {
     use std::os::unix::ffi::OsStringExt as _;
     let folder = tempfile::tempdir().unwrap();
-    let odd = folder.path().join(std::ffi::OsString::from_vec(b"caf\xe9".to_vec()));
+    let odd = folder
+        .path()
+        .join(std::ffi::OsString::from_vec(b"caf\xe9".to_vec()));
     if fs::create_dir(&odd).is_err() {
         println!("skipped: this file system takes no such name");
         return;

@@ -65,7 +65,10 @@ mod tests {
             (vec!["value".into(), bad("")], "argument 2"),
         ] {
             let sentence = complaint(arguments.into_iter()).unwrap();
-            assert!(sentence.starts_with(&format!("{place}: expected UTF-8 text, found `")), "{sentence}");
+            assert!(
+                sentence.starts_with(&format!("{place}: expected UTF-8 text, found `")),
+                "{sentence}"
+            );
         }
     }
 }

@@ -3,10 +3,14 @@
 mod geometry;
 mod photometry;
 
+use std::path::Path;
+
 use clap::Subcommand;
 use rcg::calibrate::Conditions;
+use rcg::virtual_rig::Truth;
 
 use crate::Done;
+use crate::failure::Failure;
 use crate::output::Output;
 
 /// What is calibrated.
@@ -31,14 +35,18 @@ pub(crate) struct ConditionArgs {
 }
 
 impl ConditionArgs {
-    /// The conditions for images of `image_size` pixels a side.
-    fn conditions(&self, image_size: u32) -> Conditions {
-        Conditions {
+    /// The conditions for images of `image_size` pixels a side; a truth that cannot be read is refused before anything is
+    /// made.
+    fn conditions(&self, image_size: u32) -> Result<Conditions, Failure> {
+        if let Some(truth) = &self.truth {
+            Truth::load(Path::new(truth))?;
+        }
+        Ok(Conditions {
             image_size,
             truth: self.truth.clone(),
             noise: self.noise == "on",
             seed: self.seed,
-        }
+        })
     }
 }
 

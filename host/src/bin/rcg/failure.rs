@@ -325,4 +325,3 @@ impl From<io::Error> for Failure {
         Self::Failed(error.into())
     }
 }
-

@@ -176,9 +176,9 @@ fn with_negative_numbers(command: clap::Command) -> clap::Command {
         let takes_value = argument.get_long().is_some() && argument.get_action().takes_values();
         argument.allow_negative_numbers(takes_value)
     });
-    names
-        .into_iter()
-        .fold(command, |command, name| command.mut_subcommand(name, with_negative_numbers))
+    names.into_iter().fold(command, |command, name| {
+        command.mut_subcommand(name, with_negative_numbers)
+    })
 }
 
 type Done = Result<(), Failure>;

@@ -17,7 +17,9 @@ pub(crate) fn directions_of<const N: usize>(
 ) -> impl Iterator<Item = Result<[f64; N], Failure>> {
     lines(reader).filter_map(move |(number, line)| {
         let refused = |expected: &str, found: &str| {
-            Failure::input(format!("stdin, line {number}: expected {expected}, found {found}"))
+            Failure::input(format!(
+                "stdin, line {number}: expected {expected}, found {found}"
+            ))
         };
         let expected = || format!("{N} numbers ({names})");
         let line = match line {
@@ -29,13 +31,15 @@ pub(crate) fn directions_of<const N: usize>(
             Ok(None) => None,
             Ok(Some(angles)) => {
                 let mut with_limits = angles.iter().zip(LARGEST_DEG.into_iter().cycle());
-                Some(match with_limits.find(|(angle, largest)| angle.abs() > *largest) {
-                    None => Ok(angles),
-                    Some((angle, largest)) => {
-                        let expected = format!("an angle from -{largest} to {largest} degrees");
-                        Err(refused(&expected, &angle.to_string()))
-                    }
-                })
+                Some(
+                    match with_limits.find(|(angle, largest)| angle.abs() > *largest) {
+                        None => Ok(angles),
+                        Some((angle, largest)) => {
+                            let expected = format!("an angle from -{largest} to {largest} degrees");
+                            Err(refused(&expected, &angle.to_string()))
+                        }
+                    },
+                )
             }
             Err(found) => Some(Err(refused(&expected(), &found))),
         }

@@ -252,7 +252,9 @@ pub(crate) fn exposure_ms(text: &str) -> Result<f64, String> {
     let [low_ms, high_ms] = [EXPOSURES_S.start(), EXPOSURES_S.end()].map(|s| s * 1e3);
     match text.parse() {
         Ok(ms) if EXPOSURES_S.contains(&(ms * 1e-3)) => Ok(ms),
-        _ => Err(format!("expected a number of milliseconds from {low_ms} to {high_ms}")),
+        _ => Err(format!(
+            "expected a number of milliseconds from {low_ms} to {high_ms}"
+        )),
     }
 }
 

@@ -9,7 +9,7 @@ use crate::calibrate::{CalibrateError, Conditions, create_raw, open_raw, read_js
 use crate::capture::Tally;
 use crate::direction::from_degrees;
 use crate::incident::Grid;
-use crate::measurement::write_whole;
+use crate::measurement::{MeasurementError, write_whole};
 use crate::optics::View;
 use crate::pattern::{BitPattern, PatternMaker};
 use crate::pilot::Tests;
@@ -100,11 +100,9 @@ pub fn capture(
     };
     let rig = views.scaled()?;
     let stripes = views.stripes();
-    std::fs::create_dir_all(dir).map_err(|error| CalibrateError::Content {
+    std::fs::create_dir_all(dir).map_err(|source| MeasurementError::Io {
         path: dir.display().to_string(),
-        field: "directory".to_owned(),
-        expected: "a place for the calibration".to_owned(),
-        found: error.to_string(),
+        source,
     })?;
     let format = rig.frame_format();
     let layout = RawLayout {

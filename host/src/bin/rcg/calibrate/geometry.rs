@@ -63,7 +63,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         let request = Request {
             rig: Rig::load(rig)?,
             tilts: args.tilts.clone(),
-            conditions: args.conditions.conditions(args.image_size),
+            conditions: args.conditions.conditions(args.image_size)?,
         };
         capture(&request, &args.out, &args.setup.setup()?, output)?;
     }

@@ -8,6 +8,7 @@ use rcg::measurement::write_whole;
 use rcg::progress::Progress as _;
 use rcg::rig::{Rig, Tilt};
 use rcg::store::Lock;
+use rcg::sample::parse;
 
 use crate::Done;
 use crate::failure::Failure;
@@ -39,7 +40,12 @@ pub(crate) struct Args {
     )]
     tilts: Vec<Tilt>,
     /// Standard uncertainty (k = 1) of the standard's reflectance, percent
-    #[arg(long, value_name = "PERCENT", default_value_t = 0.25)]
+    #[arg(
+        long,
+        value_name = "PERCENT",
+        default_value_t = 0.25,
+        allow_negative_numbers = true
+    )]
     standard_uncertainty_percent: f64,
     /// Longest exposure time in milliseconds [default: the longest that does not saturate]
     #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = exposure_ms)]
@@ -68,24 +74,25 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             args.out.display()
         ));
     } else {
-        let path = args.out.join(RIG);
-        if !path.is_file() {
-            let rig = Rig::load(rig)?;
-            std::fs::create_dir_all(&args.out)
-                .map_err(|error| Failure::input(format!("{}: {error}", args.out.display())))?;
-            write_whole(&path, rig.to_toml().as_bytes())?;
-        }
         let request = Request {
             standard: args.standard.clone(),
             second_standard: (args.second_standard != "none").then(|| args.second_standard.clone()),
             tilts: args.tilts.clone(),
             exposure_s: args.exposure_ms.map(|ms| ms * 1e-3),
-            conditions: args.conditions.conditions(args.image_size),
+            conditions: args.conditions.conditions(args.image_size)?,
         };
-        capture(&request, &args.out, &args.setup.setup()?, output)?;
+        let setup = args.setup.setup()?;
+        for standard in std::iter::once(&request.standard).chain(&request.second_standard) {
+            parse(standard)?;
+        }
+        let path = args.out.join(RIG);
+        if !path.is_file() {
+            write_whole(&path, Rig::load(rig)?.to_toml().as_bytes())?;
+        }
+        capture(&request, &args.out, &setup, output)?;
     }
-    let photometry = calibrate(&args.out, uncertainty)
-        .map_err(|error| Failure::from(error).at(args.out.display()))?;
+    let photometry =
+        calibrate(&args.out, uncertainty).map_err(|error| Failure::from(error).at(args.out.display()))?;
     output.print(&photometry, || text(&photometry))
 }
 
