@@ -63,6 +63,12 @@ pub enum FillError {
         /// As in this one.
         found: String,
     },
+    /// A file without any value.
+    #[error("{path}: expected at least one sample with a value to fill from, found none")]
+    Empty {
+        /// The file.
+        path: String,
+    },
     /// Captures without common directions.
     #[error(
         "{path}: expected at least {expected} samples that {first} has too, found {found}; capture the sample at tilts \
@@ -208,12 +214,12 @@ fn writer_like(
     // Filled cells resolve what the others do.
     let seen: Vec<f64> = (0..disk.len())
         .map(|cell| brdf.pixel_sr(cell))
-        .filter(|sr| *sr > 0.0)
+        .filter(|sr| !sr.is_nan())
         .collect();
-    let usual = seen.iter().sum::<f64>() / seen.len().max(1) as f64;
+    let usual = seen.iter().sum::<f64>() / seen.len() as f64;
     let pixel_sr: Vec<f64> = (0..disk.len())
         .map(|cell| match (brdf.pixel_sr(cell), outgoing[cell]) {
-            (0.0, None) => usual,
+            (sr, None) if sr.is_nan() => usual,
             (sr, _) => sr,
         })
         .collect();

@@ -11,6 +11,7 @@
 //! | [`raw`] | append-only frames and their records, by segments; survives `kill -9` |
 //! | [`exposure_record`] | the columns that stand beside each raw frame |
 //! | [`brdf_file`] | f, its standard uncertainty and its provenance |
+//! | [`brdf_rows`] | the three together, and NaN where there is no value |
 //! | [`small_array`] | coordinates and masks beside them |
 //!
 //! # Tradeoffs
@@ -21,6 +22,7 @@
 mod array;
 pub mod atomic;
 pub mod brdf_file;
+pub mod brdf_rows;
 mod error;
 pub mod exposure_record;
 mod group;
@@ -29,7 +31,9 @@ pub mod raw;
 pub mod small_array;
 
 pub use atomic::AtomicStore;
-pub use brdf_file::{BrdfLayout, BrdfReader, BrdfRows, BrdfWriter};
+pub use brdf_file::{BrdfLayout, BrdfReader, BrdfWriter};
+pub use brdf_rows::BrdfRows;
+pub(crate) use brdf_rows::{LEAST_SIGMA, USELESS_SIGMA, stored_sigma};
 pub use error::StoreError;
 pub use exposure_record::ExposureRecord;
 pub use raw::{RawLayout, RawStore, Segment};

@@ -32,6 +32,7 @@ mod grids;
 #[cfg(unix)]
 mod killed;
 mod multiplexed;
+mod no_data;
 mod pictures;
 mod pipes;
 mod studies;

@@ -134,7 +134,7 @@ impl Blame for FillError {
             Self::Brdf(error) => error.is_input(),
             Self::Store(error) => error.is_input(),
             Self::Fit(error) => error.is_input(),
-            Self::Differs { .. } | Self::NoOverlap { .. } => true,
+            Self::Differs { .. } | Self::Empty { .. } | Self::NoOverlap { .. } => true,
         }
     }
 }
