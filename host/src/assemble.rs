@@ -16,6 +16,8 @@
 //! Camera pixels are interpolated linearly onto the outgoing disk. The standard uncertainty of noise follows from the
 //! variance above, 1/12 for rounding, and that of the mean dark frame; `correction` adds what else there is.
 //!
+//! What no pixel sees, what saturated and what nothing lit is NaN from the first step on: no sum may take it for a dark sample.
+//!
 //! Frames are read ahead by one thread while the others compute and write; memory holds a few segments.
 
 use std::collections::BTreeMap;
@@ -256,7 +258,7 @@ pub fn assemble(
                     if places[range.clone()].iter().all(Option::is_none) {
                         return Ok(Assembled::default()); // an absent chunk means missing
                     }
-                    let counts = chunk_rows(
+                    let mut counts = chunk_rows(
                         &places[range],
                         &window,
                         channels,
@@ -266,6 +268,7 @@ pub fn assemble(
                         work,
                     );
                     correction.apply(chunk * CHUNK, &mut work.rows);
+                    counts.measured -= work.rows.seal();
                     writer.write_chunk(chunk, &work.rows)?;
                     Ok(counts)
                 })
@@ -314,10 +317,10 @@ fn chunk_rows(
         sigma,
         rows,
     } = work;
-    // Cells without taps are never written, so what the last chunk left there is zero.
-    sigma.resize(row, 0.0);
-    rows.f.resize(places.len() * row, 0.0);
-    rows.sigma.resize(places.len() * row, f16::ZERO);
+    // Cells without taps are never written, so what the last chunk left there is NaN.
+    sigma.resize(row, f32::NAN);
+    rows.f.resize(places.len() * row, f32::NAN);
+    rows.sigma.resize(places.len() * row, f16::NAN);
     rows.provenance
         .resize(places.len() * disk.len(), Provenance::Missing.code());
     let mut counts = Assembled::default();
@@ -330,8 +333,8 @@ fn chunk_rows(
     let lit = |(segment, at): &(usize, usize)| window[segment].records[*at].lit_irradiance > 0.0;
     for (place, ((f, row_sigma), provenance)) in places.iter().zip(outs) {
         let Some((segment, at)) = place.filter(lit) else {
-            f.fill(0.0);
-            row_sigma.fill(f16::ZERO);
+            f.fill(f32::NAN);
+            row_sigma.fill(f16::NAN);
             provenance.fill(Provenance::Missing.code());
             continue;
         };

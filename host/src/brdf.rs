@@ -8,6 +8,9 @@
 
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
+
+use crate::direction::is_above_horizon;
 use crate::disk::Disk;
 use crate::incident::{Grid, IncidentError, IncidentSet};
 use crate::interpolation::{Cells, Errors};
@@ -33,6 +36,21 @@ pub enum Missing {
     Outgoing(Unmeasurable),
     /// The camera saturated there.
     Saturated,
+}
+
+impl Missing {
+    /// Why no source whatever has f for these directions (incident, outgoing): one of them is not above the horizon.
+    #[must_use]
+    pub fn at_horizon(wi: DVec3, wo: DVec3) -> Option<Self> {
+        let below = Unmeasurable::BelowHorizon;
+        if !is_above_horizon(wi) {
+            Some(Self::Incident(below))
+        } else if !is_above_horizon(wo) {
+            Some(Self::Outgoing(below))
+        } else {
+            None
+        }
+    }
 }
 
 impl std::fmt::Display for Missing {
@@ -77,6 +95,7 @@ pub struct Brdf {
     incident: Vec<Option<Unmeasurable>>,
     outgoing: Vec<Option<Unmeasurable>>,
     pixel_sr: Vec<f64>,
+    spot_deg: f64,
     cells: Cells,
     /// What leaving images out said when the file was made; `None` in files of before.
     errors: Option<Errors>,
@@ -131,12 +150,21 @@ impl Brdf {
         let incident = reasons("incident_reason", grid.len())?;
         let outgoing = reasons("outgoing_reason", disk.len())?;
         let pixel_sr = match reader.small("outgoing_pixel")?.as_f64() {
-            Some(pixels) if pixels.len() == disk.len() => pixels.to_vec(),
+            // Files of version 1 have 0 where no pixel looks.
+            Some(pixels) if pixels.len() == disk.len() => {
+                let known = pixels.iter().map(|&sr| if sr > 0.0 { sr } else { f64::NAN });
+                known.collect::<Vec<f64>>()
+            }
             _ => {
                 let expected = format!("{} solid angles of type float64", disk.len());
                 return Err(content("outgoing_pixel", expected, "something else".to_owned()));
             }
         };
+        let spot = reader.attributes().get("spot_deg").cloned().unwrap_or_default();
+        let spot_deg = spot
+            .as_f64()
+            .filter(|spot_deg| *spot_deg > 0.0)
+            .ok_or_else(|| content("spot_deg", "degrees above 0".to_owned(), spot.to_string()))?;
         let errors = match reader.small(ERRORS) {
             Ok(data) => Errors::from_values(data.as_f64().unwrap_or_default().to_vec()),
             Err(StoreError::ArrayMissing { .. }) => None,
@@ -151,6 +179,7 @@ impl Brdf {
             incident,
             outgoing,
             pixel_sr,
+            spot_deg,
             cells,
             errors,
         })
@@ -196,11 +225,10 @@ impl Brdf {
         self.reader.attributes()
     }
 
-    /// Diameter in degrees of the cone that one pattern lit; 0 if the file does not say.
+    /// Diameter in degrees of the cone that one pattern lit.
     #[must_use]
-    pub fn spot_deg(&self) -> f64 {
-        let spot = self.attributes().get("spot_deg");
-        spot.and_then(serde_json::Value::as_f64).unwrap_or(0.0)
+    pub const fn spot_deg(&self) -> f64 {
+        self.spot_deg
     }
 
     /// Why incident direction `index` of the grid has no data; `None` if it has.
@@ -215,7 +243,7 @@ impl Brdf {
         self.outgoing[index]
     }
 
-    /// Solid angle in sr of the camera pixel that sees cell `index`; 0 if none does.
+    /// Solid angle in sr of the camera pixel that sees cell `index`; NaN if none does.
     #[must_use]
     pub fn pixel_sr(&self, index: usize) -> f64 {
         self.pixel_sr[index]

@@ -2,7 +2,7 @@
 //!
 //! # Design
 //! One byte per value, so that it can stand beside every direction pair in a file. `Missing` is 0,
-//! the fill value of the array: what was never written is missing, and no value is ever a NaN.
+//! the fill value of the array: what was never written is missing. The value beside it is NaN then and only then.
 
 /// Origin of one BRDF value; the discriminant is the code in files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

@@ -1,4 +1,8 @@
 //! Anything that has a BRDF value: a measured table or a known sample.
+//!
+//! # Design
+//! All of them have values for the same directions, those above the horizon ([`crate::direction::is_above_horizon`]), less
+//! what an instrument did not see; for any other direction they give the reason, never a number.
 
 use std::path::Path;
 
@@ -6,7 +10,6 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::brdf::{Brdf, BrdfError, Missing, Value};
-use crate::optics::Unmeasurable;
 use crate::sample::{Sample, SampleError, parse};
 use crate::store::StoreError;
 
@@ -39,14 +42,8 @@ impl Reflectance for Box<dyn Sample> {
 
 fn known_values(sample: &dyn Sample, pairs: &[(DVec3, DVec3)]) -> Vec<Value> {
     let value = |&(wi, wo): &(DVec3, DVec3)| {
-        let below = Unmeasurable::BelowHorizon;
-        if wi.z <= 0.0 {
-            Err(Missing::Incident(below))
-        } else if wo.z <= 0.0 {
-            Err(Missing::Outgoing(below))
-        } else {
-            Ok(sample.f(wi, wo).map(|f| f as f32))
-        }
+        let missing = Missing::at_horizon(wi, wo);
+        missing.map_or_else(|| Ok(sample.f(wi, wo).map(|f| f as f32)), Err)
     };
     pairs.par_iter().map(value).collect()
 }

@@ -29,7 +29,7 @@ pub(crate) struct Resampling {
     pub(crate) taps: Vec<Taps>,
     /// Per cell, why there is nothing to take; `None` where there is.
     pub(crate) reasons: Vec<Option<Unmeasurable>>,
-    /// Per cell, the solid angle in sr of the camera pixel there; 0 where there is none.
+    /// Per cell, the solid angle in sr of the camera pixel there; NaN where there is none.
     pub(crate) pixel_sr: Vec<f64>,
 }
 
@@ -37,7 +37,7 @@ impl Resampling {
     pub(crate) fn new(camera: &View, disk: Disk) -> Self {
         let map = DirectionMap::of(camera);
         let mut taps = Vec::new();
-        let mut pixel_sr = vec![0.0; disk.len()];
+        let mut pixel_sr = vec![f64::NAN; disk.len()];
         let reasons = (0..disk.len())
             .map(|cell| {
                 let w = disk.direction(cell).ok_or(Unmeasurable::BelowHorizon);

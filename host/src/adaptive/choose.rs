@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::predict::LeftOut;
-use crate::direction::angle_between;
+use crate::direction::{angle_between, is_above_horizon};
 use crate::evaluate::is_judged;
 use crate::incident::DirectionList;
 
@@ -56,7 +56,7 @@ pub(super) fn outlook(
         let circumcentre = list.circumcentre(triangle);
         let Some(w) = [circumcentre, middle]
             .into_iter()
-            .find(|w| w.z > 0.0 && reachable(*w))
+            .find(|w| is_above_horizon(*w) && reachable(*w))
         else {
             continue;
         };

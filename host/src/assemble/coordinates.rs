@@ -11,11 +11,22 @@ use crate::plan::Plan;
 use crate::rig::Rig;
 use crate::store::{SmallArray, SmallData};
 
-/// The errors of the rules of interpolation, zeros if they are not known.
+/// Words of the codes of reasons.
+const REASONS: [(u8, &str); 7] = [
+    (0, "measurable"),
+    (1, "hole"),
+    (2, "beyond rim"),
+    (3, "outside image"),
+    (4, "occluded"),
+    (5, "below horizon"),
+    (6, "off sample"),
+];
+
+/// The errors of the rules of interpolation, NaN if they are not known.
 pub(crate) fn interpolation_errors(errors: Option<&Errors>) -> SmallArray<'static> {
     let shape = vec![REGIONS, BRANCHES];
     let values = errors.map_or_else(
-        || vec![0.0; REGIONS * BRANCHES],
+        || vec![f64::NAN; REGIONS * BRANCHES],
         |errors| errors.as_slice().to_vec(),
     );
     SmallArray {
@@ -30,7 +41,7 @@ pub(crate) fn interpolation_errors(errors: Option<&Errors>) -> SmallArray<'stati
 }
 
 /// The coordinates of `brdf.zarr`: directions, why some of them cannot be had (`incident`, `outgoing`), the solid angle in
-/// sr of the pixel of each cell, and what interpolation costs.
+/// sr of the pixel of each cell (NaN where none sees it), and what interpolation costs.
 pub(crate) fn coordinates(
     grid: &IncidentSet,
     incident: &[Option<Unmeasurable>],
@@ -49,10 +60,14 @@ pub(crate) fn coordinates(
         name,
         dims,
         shape,
+        codes: if matches!(data, SmallData::U8(_)) {
+            &REASONS
+        } else {
+            &[]
+        },
         data,
         units,
         long_name,
-        codes: &[],
     };
     [
         small(
@@ -77,7 +92,7 @@ pub(crate) fn coordinates(
             vec![grid.len()],
             SmallData::U8(codes(incident)),
             "1",
-            "why the incident direction cannot be lit; 0 = it can",
+            "why the incident direction cannot be lit",
         ),
         small(
             "outgoing_reason",
@@ -85,7 +100,7 @@ pub(crate) fn coordinates(
             vec![disk.size(), disk.size()],
             SmallData::U8(codes(outgoing)),
             "1",
-            "why the outgoing direction cannot be seen; 0 = it can",
+            "why the outgoing direction cannot be seen",
         ),
         small(
             "outgoing_pixel",
@@ -142,5 +157,21 @@ pub(super) fn attributes(rig: &Rig, plan: &Plan) -> Map<String, Value> {
             map
         }
         _ => Map::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_words_of_the_codes_are_those_of_the_reasons() {
+        let words = Unmeasurable::ALL.map(|reason| (reason.code(), reason.to_string()));
+        let stated: Vec<_> = REASONS
+            .iter()
+            .map(|(code, word)| (*code, (*word).to_owned()))
+            .collect();
+        assert_eq!(stated[1..], words);
+        assert_eq!(stated[0].0, 0);
     }
 }

@@ -35,7 +35,8 @@ use crate::plan::{Directions, Plan};
 use crate::provenance::Provenance;
 use crate::quadrature::{interpolated_pixel_rad, spot_rad};
 use crate::rig::Rig;
-use crate::store::BrdfRows;
+use crate::store::{BrdfRows, stored_sigma};
+use glam::{DVec2, DVec3};
 
 /// Share of the correction for interreflection that its model may be wrong by (k = 1).
 const INTERREFLECTION_MODEL: f64 = 0.25;
@@ -136,7 +137,7 @@ impl Correction {
         self.cells[cell] * self.rows[row]
     }
 
-    /// Corrects the rows of the incident directions from `first` on.
+    /// Corrects the rows of the incident directions from `first` on. What is missing stays NaN.
     pub(super) fn apply(&self, first: usize, rows: &mut BrdfRows) {
         let (cells, values) = (self.size * self.size, self.cells.len());
         let mut sigma = vec![0.0; values];
@@ -168,7 +169,7 @@ impl Correction {
                         .uncertainty(f, &sigma, &measured, cell, channel)
                         .hypot(systematic)
                         .hypot(back.1);
-                    half_sigma[cell * self.channels + channel] = f16::from_f32(total.min(65_504.0));
+                    half_sigma[cell * self.channels + channel] = stored_sigma(total);
                 }
             }
         }

@@ -9,7 +9,7 @@ use crate::calibrate::photometry::CameraFound;
 use crate::provenance::Provenance;
 use crate::resample::{Resampling, Taps};
 use crate::rig::Rig;
-use crate::store::{BrdfRows, Segment};
+use crate::store::{BrdfRows, LEAST_SIGMA, Segment, USELESS_SIGMA};
 
 /// Numbers that turn a frame into f, the same for all frames of one exposure time.
 pub(super) struct Radiometry {
@@ -210,7 +210,7 @@ pub(super) fn project_merged<const CHANNELS: usize>(
     )
 }
 
-/// Writes f, sigma and provenance at the cells that have taps, from the signal of the pixels and its variance, given the
+/// Writes f, sigma and provenance at the cells that have taps (NaN where a pixel saturated), from the signal of the pixels and its variance, given the
 /// pixel and its signal. `factor` is f per signal. Returns as [`project`] does.
 fn resample<const CHANNELS: usize>(
     signal: &[Vec4],
@@ -230,13 +230,16 @@ fn resample<const CHANNELS: usize>(
             sum += signal * weight;
             variance += variance_of(pixel as usize, signal) * (weight * weight);
         }
-        let clear = !sum.is_nan();
+        let f = sum * factor;
+        let clear = f.is_finite();
         let (f, uncertainty) = if clear {
-            // The largest number of f16 stands for "useless".
             let root = Vec4::from_array(variance.to_array().map(f32::sqrt));
-            (sum * factor, (root * factor).min(Vec4::splat(65_504.0)))
+            let stored = (root * factor)
+                .min(Vec4::splat(USELESS_SIGMA))
+                .max(Vec4::splat(LEAST_SIGMA));
+            (f, stored)
         } else {
-            (Vec4::ZERO, Vec4::ZERO)
+            (Vec4::NAN, Vec4::NAN)
         };
         let at = cell * CHANNELS;
         out.f[at..at + CHANNELS].copy_from_slice(&f.to_array()[..CHANNELS]);

@@ -6,6 +6,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{Brdf, Missing, Value};
+use crate::direction::is_above_horizon;
 use crate::incident::IncidentSet;
 use crate::interpolation::{
     Blend, Captures, Cells, Errors, Image, ImageOf, Interpolation, Lookup, learn, look_up,
@@ -38,7 +39,7 @@ impl Brdf {
         interpolation: Interpolation,
     ) -> Result<Vec<Value>, StoreError> {
         let blend = Blend::new(interpolation, self.errors.as_ref());
-        let is_above = |(wi, wo): &(DVec3, DVec3)| wi.z > 0.0 && wo.z > 0.0;
+        let is_above = |pair: &(DVec3, DVec3)| Missing::at_horizon(pair.0, pair.1).is_none();
         let mut values = Vec::with_capacity(pairs.len());
         for batch in pairs.chunks(BATCH) {
             let above: Vec<_> = batch.iter().filter(|pair| is_above(pair)).copied().collect();
@@ -90,13 +91,13 @@ impl Brdf {
 
     /// Why there is no value; `saturated` is the weight of the samples that saturated.
     fn missing(&self, wi: DVec3, wo: DVec3, saturated: f64) -> Missing {
-        if wi.z <= 0.0 {
+        if !is_above_horizon(wi) {
             return Missing::Incident(Unmeasurable::BelowHorizon);
         }
         // The heaviest neighbour that has a reason.
         let incident = heaviest(&self.grid.neighbours(wi), &self.incident);
         let outgoing = match self.disk.neighbours(wo) {
-            Some(cells) if wo.z > 0.0 => heaviest(&cells, &self.outgoing),
+            Some(cells) if is_above_horizon(wo) => heaviest(&cells, &self.outgoing),
             _ => Some((1.0, Unmeasurable::BelowHorizon)),
         };
         match (incident, outgoing) {
@@ -135,7 +136,7 @@ fn above_the_horizon<T: Copy>(
     pairs: &[(DVec3, DVec3)],
     find: impl Fn(&[(DVec3, DVec3)]) -> Result<Vec<Option<T>>, StoreError>,
 ) -> Result<Vec<Option<T>>, StoreError> {
-    let is_above = |(wi, wo): &(DVec3, DVec3)| wi.z > 0.0 && wo.z > 0.0;
+    let is_above = |pair: &(DVec3, DVec3)| Missing::at_horizon(pair.0, pair.1).is_none();
     let above: Vec<_> = pairs.iter().filter(|pair| is_above(pair)).copied().collect();
     let mut found = find(&above)?.into_iter();
     Ok(pairs

@@ -3,16 +3,16 @@
 use std::path::Path;
 
 use glam::DVec3;
-use half::f16;
 
 use super::{FillError, facts, finish, writer_like};
 use crate::brdf::Brdf;
+use crate::direction::is_above_horizon;
 use crate::fit::{Fit, FitError, Model};
 use crate::optics::Unmeasurable;
 use crate::progress::Progress;
 use crate::provenance::Provenance;
 use crate::sample::Sample;
-use crate::store::{BrdfRows, StoreError};
+use crate::store::{BrdfRows, StoreError, stored_sigma};
 
 /// Cells beyond an occluded one where its neighbours are looked for.
 const REACH: usize = 8;
@@ -29,7 +29,7 @@ pub(super) fn fill(
     progress: &dyn Progress,
 ) -> Result<Option<Fit>, FillError> {
     let modelled = Modelled::of(brdf)?;
-    let above = |w: Option<DVec3>| w.is_some_and(|w| w.z > 0.0);
+    let above = |w: Option<DVec3>| w.is_some_and(is_above_horizon);
     let incident = vec![None; brdf.grid().len()];
     let outgoing: Vec<Option<Unmeasurable>> = (0..brdf.disk().len())
         .map(|cell| (!above(brdf.disk().direction(cell))).then_some(Unmeasurable::BelowHorizon))
@@ -64,23 +64,21 @@ struct Chunk {
 impl Chunk {
     fn read(brdf: &Brdf, chunk: usize) -> Result<Self, StoreError> {
         let (cells, channels, range) = (brdf.disk().len(), brdf.channels(), brdf.chunk_range(chunk));
-        let mut rows = brdf.chunk(chunk)?.unwrap_or_else(|| BrdfRows {
-            f: vec![0.0; range.len() * cells * channels],
-            sigma: vec![f16::ZERO; range.len() * cells * channels],
-            provenance: vec![Provenance::Missing.code(); range.len() * cells],
-        });
+        let rows = brdf.chunk(chunk)?;
+        let mut rows = rows.unwrap_or_else(|| BrdfRows::missing(range.len() * cells, channels));
         for (place, index) in range.clone().enumerate() {
             if brdf.incident_reason(index).is_some() {
                 rows.provenance[place * cells..(place + 1) * cells].fill(Provenance::Missing.code());
             }
         }
+        rows.seal();
         Ok(Self {
             first: range.start,
             cells,
             channels,
             rows,
             directions: (0..cells)
-                .map(|cell| brdf.disk().direction(cell).filter(|w| w.z > 0.0))
+                .map(|cell| brdf.disk().direction(cell).filter(|w| is_above_horizon(*w)))
                 .collect(),
         })
     }
@@ -104,12 +102,16 @@ impl Chunk {
             .collect()
     }
 
+    /// Gives a missing sample a value; one that is no number is none.
     fn put(&mut self, sample: usize, f: [f32; 3], sigma: [f32; 3], provenance: Provenance) {
+        if !f[..self.channels].iter().all(|f| f.is_finite()) {
+            return;
+        }
         for channel in 0..self.channels {
             let at = sample * self.channels + channel;
             // Noise about 0 is negative as often as not; to cut it off would make dark samples brighter than they are.
             self.rows.f[at] = f[channel];
-            self.rows.sigma[at] = f16::from_f32(sigma[channel].min(65_504.0));
+            self.rows.sigma[at] = stored_sigma(sigma[channel]);
         }
         self.rows.provenance[sample] = provenance.code();
     }

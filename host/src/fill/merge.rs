@@ -29,7 +29,7 @@ use crate::linear_fit::least_squares;
 use crate::optics::Unmeasurable;
 use crate::progress::Progress;
 use crate::provenance::Provenance;
-use crate::store::{BrdfRows, StoreError};
+use crate::store::{BrdfRows, LEAST_SIGMA, StoreError, USELESS_SIGMA};
 
 /// Standard deviation of a turn about each axis before anything is seen, degrees.
 const TURN_DEG: f64 = 0.5;
@@ -325,8 +325,9 @@ fn merged_chunk(
     if provenance.iter().all(|code| *code == Provenance::Missing.code()) {
         return Ok(None);
     }
-    let value = |sum: &f64, weight: &f64| if *weight > 0.0 { (sum / weight) as f32 } else { 0.0 };
-    Ok(Some(BrdfRows {
+    // 0/0 is NaN, which is what stands where no capture has anything.
+    let value = |sum: &f64, weight: &f64| (sum / weight) as f32;
+    let mut rows = BrdfRows {
         f: sums
             .iter()
             .zip(&weights)
@@ -337,13 +338,11 @@ fn merged_chunk(
             .zip(&roots)
             .map(|(weight, root)| {
                 let variance = (1.0 - COMMON) / weight + COMMON * (root / weight).powi(2);
-                f16::from_f64(if *weight > 0.0 {
-                    variance.sqrt().min(65_504.0)
-                } else {
-                    0.0
-                })
+                f16::from_f64(variance.sqrt().min(USELESS_SIGMA.into()).max(LEAST_SIGMA.into()))
             })
             .collect(),
         provenance,
-    }))
+    };
+    rows.seal();
+    Ok(Some(rows))
 }

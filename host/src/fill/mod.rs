@@ -246,16 +246,16 @@ fn writer_like(
     // Filled cells resolve what the others do; where no cell resolves anything, neither do they.
     let seen: Vec<f64> = (0..disk.len())
         .map(|cell| brdf.pixel_sr(cell))
-        .filter(|sr| *sr > 0.0)
+        .filter(|sr| !sr.is_nan())
         .collect();
     let usual = if seen.is_empty() {
-        0.0
+        f64::NAN
     } else {
         seen.iter().sum::<f64>() / seen.len() as f64
     };
     let pixel_sr: Vec<f64> = (0..disk.len())
         .map(|cell| match (brdf.pixel_sr(cell), outgoing[cell]) {
-            (0.0, None) => usual,
+            (sr, None) if sr.is_nan() => usual,
             (sr, _) => sr,
         })
         .collect();

@@ -17,7 +17,7 @@ use spade::handles::{DirectedEdgeHandle, FaceHandle, FixedDirectedEdgeHandle, Fi
 use spade::{DelaunayTriangulation, Point2, PositionInTriangulation, Triangulation as _};
 
 use super::{IncidentError, Neighbours};
-use crate::direction::from_degrees;
+use crate::direction::{from_degrees, is_above_horizon};
 
 /// Directions closer than this, in the plane of projection, are the same one.
 const DISTINCT: f64 = 1e-7;
@@ -68,7 +68,9 @@ impl DirectionList {
         if angles_deg.len() < 3 {
             return Err(fail("at least 3 directions", angles_deg.len().to_string()));
         }
-        let above = |&[theta, phi]: &[f64; 2]| (0.0..90.0).contains(&theta) && phi.is_finite();
+        let above = |&[theta, phi]: &[f64; 2]| {
+            (0.0..90.0).contains(&theta) && phi.is_finite() && is_above_horizon(from_degrees(theta, phi))
+        };
         if let Some(index) = angles_deg.iter().position(|angles| !above(angles)) {
             let expected = "polar angles θ from 0° to below 90° and finite azimuths φ";
             return Err(fail(expected, format!("{} at place {}", shown(index), index + 1)));

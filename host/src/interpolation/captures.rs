@@ -145,3 +145,38 @@ pub(crate) trait Captures: Sync {
 
 /// The way from a row to its image.
 pub(crate) type ImageOf<'a> = &'a (dyn Fn(usize) -> Option<Image<'a>> + Sync);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::direction::from_degrees;
+    use proptest::prelude::*;
+
+    const SIZE: usize = 8;
+
+    proptest! {
+        /// What stands in samples without a value must not matter: NaN times a weight of 0 is NaN.
+        #[test]
+        fn samples_without_a_value_take_no_part_whatever_stands_there(
+            codes in prop::collection::vec(0_u8..3, SIZE * SIZE),
+            blind in prop::collection::vec(prop::bool::weighted(0.2), SIZE * SIZE),
+            (theta_deg, phi_deg) in (0.0..90.0_f64, 0.0..360.0_f64),
+            channels in prop_oneof![Just(1_usize), Just(3)],
+        ) {
+            let cells = Cells::new(Disk::new(SIZE), |cell| !blind[cell]);
+            let has_value = |cell: usize| codes[cell] != 0 && cells.disk.direction(cell).is_some() && !blind[cell];
+            let filled = |nothing: f32| -> Vec<f32> {
+                let f = |at: usize| if has_value(at / channels) { 1.0 + at as f32 * 0.01 } else { nothing };
+                (0..SIZE * SIZE * channels).map(f).collect()
+            };
+            let read = |f: &[f32]| {
+                let image = Image { f, provenance: Some(&codes), channels };
+                let read = cells.read(image, from_degrees(theta_deg, phi_deg));
+                (read.value.to_array(), read.weight, read.saturated)
+            };
+            let (with_nan, with_number) = (read(&filled(f32::NAN)), read(&filled(1e30)));
+            prop_assert_eq!(with_nan, with_number);
+            prop_assert!(with_nan.0.iter().all(|value| value.is_finite()));
+        }
+    }
+}

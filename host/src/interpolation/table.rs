@@ -19,7 +19,7 @@ use crate::store::StoreError;
 pub struct Table {
     set: IncidentSet,
     cells: Cells,
-    /// f in sr⁻¹, [incident, cell, channel].
+    /// f in sr⁻¹, [incident, cell, channel]; NaN beyond the horizon.
     f: Vec<f32>,
     pub(super) blend: Blend,
 }
@@ -32,7 +32,7 @@ impl Table {
     #[must_use]
     pub fn of(sample: &dyn Sample, set: IncidentSet, disk: Disk) -> Self {
         let cells: Vec<Option<DVec3>> = (0..disk.len()).map(|cell| disk.direction(cell)).collect();
-        let mut f = vec![0.0; set.len() * disk.len() * CHANNELS];
+        let mut f = vec![f32::NAN; set.len() * disk.len() * CHANNELS];
         f.par_chunks_exact_mut(disk.len() * CHANNELS)
             .enumerate()
             .for_each(|(row, image)| {
@@ -99,21 +99,17 @@ impl Captures for Table {
 
 impl Reflectance for Table {
     fn values(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Value>, StoreError> {
-        let above = |&&(wi, wo): &&(DVec3, DVec3)| wi.z > 0.0 && wo.z > 0.0;
+        let above = |&&(wi, wo): &&(DVec3, DVec3)| Missing::at_horizon(wi, wo).is_none();
         let asked: Vec<_> = pairs.iter().filter(above).copied().collect();
         let mut found = look_up(self, &self.blend, &asked)?.into_iter();
         Ok(pairs
             .iter()
             .map(|(wi, wo)| {
-                let below = Unmeasurable::BelowHorizon;
-                if wi.z <= 0.0 {
-                    return Err(Missing::Incident(below));
-                }
-                if wo.z <= 0.0 {
-                    return Err(Missing::Outgoing(below));
+                if let Some(missing) = Missing::at_horizon(*wi, *wo) {
+                    return Err(missing);
                 }
                 let found = found.next().expect("invariant: one per pair above the horizon");
-                found.value().ok_or(Missing::Outgoing(below))
+                found.value().ok_or(Missing::Outgoing(Unmeasurable::BelowHorizon))
             })
             .collect())
     }

@@ -11,10 +11,11 @@
 use glam::{DMat3, DVec2, DVec3, EulerRot};
 
 use super::{Ellipsoid, Pinhole, SampleFrame, Unmeasurable, WireStrip, reflect};
+use crate::direction::HORIZON_COS;
 use crate::rig::{Lens, Rig};
 
-/// A direction this little below the horizon is rounding of a grazing one.
-const HORIZON: f64 = 1e-12;
+/// A direction this little below the horizon is rounding of a grazing one, which has its place in the image.
+const HORIZON: f64 = HORIZON_COS;
 /// A grazing ray this close to the sample plane lies in it, metres.
 const IN_PLANE_M: f64 = 1e-12;
 

@@ -15,7 +15,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use glam::DVec3;
 
 use super::{Content, Picture};
-use crate::direction::from_degrees;
+use crate::direction::{HORIZON_COS, from_degrees};
 use crate::reflectance::Reflectance;
 use crate::store::StoreError;
 
@@ -74,7 +74,7 @@ pub fn corrugated(
         let tangent = DVec3::new(1.0, 0.0, slope).normalize();
         let normal = tangent.cross(DVec3::Y);
         let local = |w: DVec3| DVec3::new(w.dot(tangent), w.y, w.dot(normal));
-        if light.dot(normal) > 0.0 && !is_shaded(x, light) {
+        if light.dot(normal) > HORIZON_COS && !is_shaded(x, light) {
             columns.push(column);
             pairs.push((local(light), local(view)));
         }

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::{Content, Picture};
 use crate::brdf::Value;
-use crate::direction::from_degrees;
+use crate::direction::{HORIZON_COS, from_degrees};
 use crate::reflectance::Reflectance;
 use crate::store::StoreError;
 
@@ -44,7 +44,7 @@ impl LitSphere {
                 continue;
             }
             let n = DVec3::new(x, y, (1.0 - rr).sqrt());
-            if light.dot(n) <= 0.0 {
+            if light.dot(n) <= HORIZON_COS {
                 sphere.dark.push(place);
                 continue;
             }

@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use crate::direction::from_angles;
+use crate::direction::{from_angles, is_above_horizon};
 
 pub use ggx::Ggx;
 pub use lambert::Lambert;
@@ -32,12 +32,6 @@ pub use rgl::MeasuredRgl;
 pub use satin::Satin;
 pub use velvet::Velvet;
 pub use ward::Ward;
-
-/// Directions whose cosine is at or below this count as at the horizon, where f is zero.
-///
-/// A direction at exactly 90° has a cosine of 6·10⁻¹⁷ rather than 0 in `f64`; ten thousand times that leaves room
-/// for a rotation of frames, and is still far below the angle of any pixel.
-pub const HORIZON_COS: f64 = 1e-12;
 
 /// A material with known BRDF f (sr⁻¹, no cosine in it), three channels R, G, B.
 pub trait Sample: Send + Sync + std::fmt::Debug {
@@ -57,7 +51,9 @@ pub trait Sample: Send + Sync + std::fmt::Debug {
 
 /// A material under one fixed incident direction.
 pub trait Outgoing: Send + Sync {
-    /// f in sr⁻¹ towards the unit vector `wo`; zero if either direction is at or below the horizon.
+    /// f in sr⁻¹ towards the unit vector `wo`. If either direction is at or below the horizon f is not defined: this is zero
+    /// there, for sums over light, to which such directions add nothing. Who answers with f itself asks
+    /// [`is_above_horizon`] first, as [`crate::reflectance`] does.
     fn f(&self, wo: DVec3) -> [f64; 3];
 }
 
@@ -173,10 +169,9 @@ pub fn albedo(sample: &dyn Sample, wi: DVec3) -> [f64; 3] {
     sum
 }
 
-/// Whether f is zero by definition because `w` is at or below the horizon (or not a direction at all).
+/// Whether nothing passes because `w` is at or below the horizon (or not a direction at all).
 fn below_horizon(w: DVec3) -> bool {
-    // Written so that a NaN counts as below.
-    !matches!(w.z.partial_cmp(&HORIZON_COS), Some(std::cmp::Ordering::Greater))
+    !is_above_horizon(w)
 }
 
 /// Any material under an incident direction that is at or below the horizon.

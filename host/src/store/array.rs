@@ -5,6 +5,9 @@
 //! per write. A chunk's length is known beforehand; a torn file is refused by its length before it
 //! is read.
 //!
+//! No data never equals a legal value: floating-point arrays have NaN as their fill value, which is what a chunk that was
+//! never written reads as, and what a partial chunk is padded with.
+//!
 //! zarrs is told to use one thread per chunk: callers write and read several chunks at a time.
 
 use std::borrow::Cow;
@@ -17,7 +20,7 @@ use std::sync::Arc;
 use serde_json::{Map, Value};
 use zarrs::array::codec::{BytesCodec, Crc32cCodec};
 use zarrs::array::{
-    Array, ArrayBuilder, ArrayMetadataOptions, ChunkKeySeparator, CodecOptions, Element, ElementOwned,
+    Array, ArrayBuilder, ArrayMetadataOptions, ChunkKeySeparator, CodecOptions, ElementOwned,
 };
 use zarrs::metadata::FillValueMetadata;
 use zarrs::storage::{ReadableStorageTraits as _, StoreKey};
@@ -59,9 +62,9 @@ impl ElementType {
         }
     }
 
-    /// What stands for a value that was never written: the array's attribute `_FillValue` if it has one, else NaN for real
-    /// numbers, which have no need of it, and 0.
-    fn fill(self, attributes: &Map<String, Value>) -> FillValueMetadata {
+    /// What stands for no data, as in `zarr.json`: the array's attribute `_FillValue` if it has one, else NaN, or 0 among
+    /// integers, which are codes and counts: 0 has to mean nothing there.
+    fn no_data(self, attributes: &Map<String, Value>) -> FillValueMetadata {
         match (attributes.get("_FillValue").and_then(Value::as_number), self) {
             (Some(fill), _) => FillValueMetadata::Number(fill.clone()),
             (None, Self::F16 | Self::F32 | Self::F64) => FillValueMetadata::String("NaN".to_owned()),
@@ -147,18 +150,28 @@ pub(super) struct ZarrArray {
 }
 
 impl ZarrArray {
-    /// Makes the array with these attributes and writes its metadata.
+    /// Makes the array with these attributes and writes its metadata; NaN stands for no data, or 0 among integers.
     pub(super) fn create(
         store: &Arc<AtomicStore>,
         spec: &ArraySpec<'_>,
         attributes: Map<String, Value>,
     ) -> Result<Self, StoreError> {
+        let no_data = spec.element.no_data(&attributes);
+        Self::create_filled(store, spec, attributes, no_data)
+    }
+
+    /// As [`create`](Self::create), with `no_data` as the fill value.
+    pub(super) fn create_filled(
+        store: &Arc<AtomicStore>,
+        spec: &ArraySpec<'_>,
+        attributes: Map<String, Value>,
+        no_data: FillValueMetadata,
+    ) -> Result<Self, StoreError> {
         spec.sizes()
             .map_err(|found| StoreError::argument(store.root(), spec.name, SANE_SHAPE, found))?;
         let path = store.path_of(&metadata_key(spec.name));
         let shape: Vec<u64> = spec.shape.iter().map(|&length| length as u64).collect();
-        let fill = spec.element.fill(&attributes);
-        let array = ArrayBuilder::new(shape, spec.chunk_shape(), spec.element.name(), fill)
+        let array = ArrayBuilder::new(shape, spec.chunk_shape(), spec.element.name(), no_data)
             .chunk_key_encoding_default_separator(ChunkKeySeparator::Dot)
             .array_to_bytes_codec(Arc::new(BytesCodec::little()))
             .bytes_to_bytes_codecs(vec![Arc::new(Crc32cCodec::new())])
@@ -305,18 +318,17 @@ impl ZarrArray {
     }
 
     /// Writes chunk `index`: its rows in order, without padding.
-    pub(super) fn write<T: Element + Copy + Default>(
-        &self,
-        index: usize,
-        rows: &[T],
-    ) -> Result<(), StoreError> {
+    pub(super) fn write<T: ElementOwned + Copy>(&self, index: usize, rows: &[T]) -> Result<(), StoreError> {
         self.check_len(index, rows.len())?;
         let full = self.chunk * self.row;
         let rows = if rows.len() == full {
             Cow::Borrowed(rows)
         } else {
+            let no_data = self.array.fill_value().as_ne_bytes().to_vec();
+            let no_data = T::from_array_bytes(self.array.data_type(), no_data.into())
+                .expect("invariant: the fill value is one element");
             let mut padded = rows.to_vec();
-            padded.resize(full, T::default());
+            padded.resize(full, no_data[0]);
             Cow::Owned(padded)
         };
         self.array

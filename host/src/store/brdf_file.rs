@@ -1,32 +1,35 @@
 //! `brdf.zarr`: f, its standard uncertainty and its provenance, for every pair of directions.
 //!
 //! # Design
-//! | array | axes | type | unit |
-//! |---|---|---|---|
-//! | `f` | incident, y, x, channel | f32 | sr⁻¹, without the cosine |
-//! | `sigma` | incident, y, x, channel | f16 | sr⁻¹, standard uncertainty (k = 1) |
-//! | `provenance` | incident, y, x | u8 | codes of [`Provenance`] |
+//! | array | axes | type | unit | no data |
+//! |---|---|---|---|---|
+//! | `f` | incident, y, x, channel | f32 | sr⁻¹, without the cosine | NaN |
+//! | `sigma` | incident, y, x, channel | f16 | sr⁻¹, standard uncertainty (k = 1) | NaN |
+//! | `provenance` | incident, y, x | u8 | codes of [`Provenance`] | 0 |
+//!
+//! What stands under *no data* is the declared fill value too, so that any reader sees it in an absent chunk as well, and
+//! means over `f` are those of what was measured. How the three arrays go together says [`BrdfRows`].
 //!
 //! `y`, `x` are the outgoing disk grid. Incident directions, reasons and whatever else describes the
 //! axes come as [`SmallArray`]s and are coordinates for xarray.
 //! A chunk is one or more whole incident directions; an absent one is all missing.
+//! Files of version 1 have 0 where there is no value, and only provenance tells: they read as if they had NaN there.
 //! The writer works in `<name>.partial` and renames it when it is done: a result under its final
 //! name is whole. Several threads may write and read different chunks at a time.
 //!
 //! # Tradeoffs
-//! Half floats for the uncertainty have 11 significant bits, more than an uncertainty deserves, and
-//! reach from 6·10⁻⁸ to 65504 sr⁻¹. Provenance is nearly constant and would compress to nothing, but
+//! Half floats for the uncertainty have 11 significant bits, more than an uncertainty deserves. Provenance is nearly constant and would compress to nothing, but
 //! it is a twentieth of the file, and without a codec it needs no C library.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use half::f16;
 use serde_json::{Map, Value};
 
 use super::array::{ArraySpec, ElementType, ZarrArray, add_codes, described};
 use super::atomic::AtomicStore;
+use super::brdf_rows::BrdfRows;
 use super::error::StoreError;
 use super::group;
 use super::header::Header;
@@ -40,6 +43,8 @@ const FORMAT: &str = "brdf";
 const F: &str = "f";
 const SIGMA: &str = "sigma";
 const PROVENANCE: &str = "provenance";
+/// The last version whose files have 0 where there is no value.
+const ZEROS_VERSION: u64 = 1;
 /// Axes of `f` and `sigma`; `provenance` has all but the last.
 const DIMS: &[&str] = &["incident", "y", "x", "channel"];
 
@@ -85,17 +90,6 @@ impl BrdfLayout {
         let lengths = [self.incident, self.grid, self.grid, self.channels];
         DIMS.iter().map(|&dim| dim.to_owned()).zip(lengths).collect()
     }
-}
-
-/// The values of one chunk: consecutive incident directions, row-major.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct BrdfRows {
-    /// f in sr⁻¹ without the cosine, axes incident, y, x, channel.
-    pub f: Vec<f32>,
-    /// Standard uncertainty (k = 1) of f in sr⁻¹, same axes.
-    pub sigma: Vec<f16>,
-    /// Codes of [`Provenance`], axes incident, y, x.
-    pub provenance: Vec<u8>,
 }
 
 /// A `brdf.zarr` that is being made.
@@ -182,12 +176,16 @@ impl BrdfWriter {
     /// Writes chunk `index`; in any order, from any thread, each chunk by one thread at a time.
     ///
     /// # Errors
-    /// [`StoreError::Argument`] if there is no such chunk or a length is not that of its incident
-    /// directions; [`StoreError::Io`] or [`StoreError::DiskFull`].
+    /// [`StoreError::Argument`] if there is no such chunk, a length is not that of its incident directions, or f, sigma and
+    /// provenance contradict each other; [`StoreError::Io`] or [`StoreError::DiskFull`].
     pub fn write_chunk(&self, index: usize, rows: &BrdfRows) -> Result<(), StoreError> {
         self.f.check_len(index, rows.f.len())?;
         self.sigma.check_len(index, rows.sigma.len())?;
         self.provenance.check_len(index, rows.provenance.len())?;
+        if let Some((sample, array, expected, found)) = rows.contradiction() {
+            let what = format!("`{array}` of sample {sample} for chunk {index}");
+            return Err(StoreError::argument(&self.path, what, expected, found));
+        }
         self.provenance.write(index, &rows.provenance)?;
         self.sigma.write(index, &rows.sigma)?;
         self.f.write(index, &rows.f)
@@ -223,6 +221,8 @@ pub struct BrdfReader {
     store: Arc<AtomicStore>,
     layout: BrdfLayout,
     attributes: Map<String, Value>,
+    /// Whether what has no value is NaN; else only its provenance tells.
+    has_nan: bool,
     f: ZarrArray,
     sigma: ZarrArray,
     provenance: ZarrArray,
@@ -252,6 +252,7 @@ impl BrdfReader {
         Ok(Self {
             store,
             layout,
+            has_nan: group::version_of(&attributes) > ZEROS_VERSION,
             attributes,
             f,
             sigma,
@@ -295,25 +296,37 @@ impl BrdfReader {
         small_array::read(&self.store, name)
     }
 
-    /// Reads chunk `index`; if it was never written, zeros that are [`Provenance::Missing`].
+    /// Reads chunk `index`; if it was never written, all of it is [`Provenance::Missing`].
     ///
     /// # Errors
-    /// [`StoreError::Checksum`] or [`StoreError::Chunk`] if a part of it is damaged or only some of
-    /// its arrays are there; [`StoreError::Argument`] if there is no such chunk; [`StoreError::Io`].
+    /// [`StoreError::Checksum`] or [`StoreError::Chunk`] if a part of it is damaged, only some of its arrays are there, or
+    /// they contradict each other; [`StoreError::Argument`] if there is no such chunk; [`StoreError::Io`].
     pub fn read_chunk(&self, index: usize) -> Result<BrdfRows, StoreError> {
-        let arrays = [&self.f, &self.sigma, &self.provenance];
-        if index < self.chunks() && !arrays.iter().any(|array| array.is_present(index)) {
-            return Ok(BrdfRows {
-                f: vec![0.0; self.f.len(index)],
-                sigma: vec![f16::ZERO; self.sigma.len(index)],
-                provenance: vec![Provenance::Missing.code(); self.provenance.len(index)],
-            });
+        if index < self.chunks() && !self.chunk_is_present(index) {
+            let samples = self.provenance.len(index);
+            return Ok(BrdfRows::missing(samples, self.layout.channels));
         }
-        Ok(BrdfRows {
+        let mut rows = BrdfRows {
             f: self.f.read_present(index)?,
             sigma: self.sigma.read_present(index)?,
             provenance: self.provenance.read_present(index)?,
-        })
+        };
+        if !self.has_nan {
+            rows.seal();
+        }
+        match rows.contradiction() {
+            None => Ok(rows),
+            Some((sample, array, expected, found)) => {
+                let file = if array == F { &self.f } else { &self.sigma };
+                Err(StoreError::Chunk {
+                    path: file.path_of(index),
+                    array: array.to_owned(),
+                    chunk: index,
+                    expected: format!("{expected}, at sample {sample} of the chunk"),
+                    found,
+                })
+            }
+        }
     }
 }
 

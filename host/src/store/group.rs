@@ -21,18 +21,24 @@ use super::lock::Lock;
 const FORMAT: &str = "rcg_format";
 /// Attribute of the group that says which version of that kind.
 const FORMAT_VERSION: &str = "rcg_format_version";
+/// The version of `brdf.zarr` that this program writes; it reads those of before too.
+const BRDF_VERSION: u64 = 2;
+/// The version of `raw.zarr` that this program writes, and the only one that it reads: 2 has tallies, seals and orphans by
+/// segments, the camera's time-stamps, the clock's rate and declared fill values.
+const RAW_VERSION: u64 = 2;
 
-/// The version of `format` that this program writes, and the only one of it that it reads.
-///
-/// | format | version | what is new in it |
-/// |---|---|---|
-/// | `raw` | 2 | tallies, seals and orphans by segments, the camera's time-stamps, the clock's rate, declared fill values |
-/// | `brdf` | 1 | |
-fn version(format: &str) -> u64 {
+/// The versions of `format` that this program reads; it writes the last.
+fn versions(format: &str) -> std::ops::RangeInclusive<u64> {
     match format {
-        "raw" => 2,
-        _ => 1,
+        "brdf" => 1..=BRDF_VERSION,
+        _ => RAW_VERSION..=RAW_VERSION,
     }
+}
+
+/// The version that the attributes of a group of an accepted format state.
+pub(super) fn version_of(attributes: &Map<String, Value>) -> u64 {
+    let version = attributes.get(FORMAT_VERSION).and_then(Value::as_u64);
+    version.expect("invariant: it was checked when the attributes were read")
 }
 
 /// `path` with a suffix on its last component, which a trailing slash does not hide.
@@ -113,7 +119,7 @@ fn remove_folder(path: &Path) -> Result<(), StoreError> {
 pub(super) fn attributes_of(format: &str, attributes: Map<String, Value>) -> Map<String, Value> {
     let mut all = Map::new();
     all.insert(FORMAT.into(), format.into());
-    all.insert(FORMAT_VERSION.into(), version(format).into());
+    all.insert(FORMAT_VERSION.into(), (*versions(format).end()).into());
     for (name, value) in attributes {
         all.entry(name).or_insert(value);
     }
@@ -178,12 +184,21 @@ pub(super) fn read_attributes(path: &Path, format: &str) -> Result<Map<String, V
         None => return Err(not_a_group("a group without that attribute")),
     }
     match attributes.get(FORMAT_VERSION) {
-        Some(found) if *found == json!(version(format)) => Ok(attributes.clone()),
-        found => Err(StoreError::metadata(
+        Some(version)
+            if version
+                .as_u64()
+                .is_some_and(|version| versions(format).contains(&version)) =>
+        {
+            Ok(attributes.clone())
+        }
+        version => Err(StoreError::metadata(
             &file,
             format!("attributes.{FORMAT_VERSION}"),
-            version(format).to_string(),
-            found.map_or_else(|| "nothing".to_owned(), short),
+            versions(format)
+                .map(|version| version.to_string())
+                .collect::<Vec<_>>()
+                .join(" or "),
+            version.map_or_else(|| "nothing".to_owned(), short),
         )),
     }
 }

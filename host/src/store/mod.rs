@@ -13,6 +13,7 @@
 //! | [`brdf_file`] | f, its standard uncertainty and its provenance |
 //! | [`tally`] | what happened on the way, by segments |
 //! | [`lock`] | one writer at a time |
+//! | [`brdf_rows`] | the three together, and NaN where there is no value |
 //! | [`small_array`] | coordinates and masks beside them |
 //!
 //! # Tradeoffs
@@ -23,6 +24,7 @@
 mod array;
 pub mod atomic;
 pub mod brdf_file;
+pub mod brdf_rows;
 mod error;
 pub mod exposure_record;
 mod group;
@@ -34,7 +36,9 @@ pub mod small_array;
 pub mod tally;
 
 pub use atomic::AtomicStore;
-pub use brdf_file::{BrdfLayout, BrdfReader, BrdfRows, BrdfWriter};
+pub use brdf_file::{BrdfLayout, BrdfReader, BrdfWriter};
+pub use brdf_rows::BrdfRows;
+pub(crate) use brdf_rows::{LEAST_SIGMA, USELESS_SIGMA, stored_sigma};
 pub use error::StoreError;
 pub use exposure_record::ExposureRecord;
 pub use lock::Lock;

@@ -1,7 +1,8 @@
 //! Coordinates and masks that stand beside the big arrays of a file: angles, reasons, wavelengths.
 //!
 //! # Design
-//! A small array is one chunk, written when the file is made and read as a whole.
+//! A small array is one chunk, written when the file is made and read as a whole. Should the chunk be lost, other programs
+//! read NaN, or [`NO_CODE`] where 0 is a code like any other.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -11,6 +12,9 @@ use super::atomic::AtomicStore;
 use super::error::StoreError;
 use super::header::Header;
 use crate::text::{by, listed};
+
+/// What stands in an array of codes for no code at all.
+const NO_CODE: u8 = 255;
 
 /// Values of a small array, row-major.
 #[derive(Clone, Debug, PartialEq)]
@@ -150,12 +154,18 @@ pub(super) fn write(store: &Arc<AtomicStore>, array: &SmallArray<'_>) -> Result<
     };
     let mut attributes = described(array.units, array.long_name);
     add_codes(&mut attributes, array.codes);
-    let file = ZarrArray::create(store, &spec, attributes)?;
     match &array.data {
-        SmallData::F64(values) => file.write(0, values)?,
-        SmallData::U8(values) => file.write(0, values)?,
+        SmallData::F64(values) => {
+            let file = ZarrArray::create(store, &spec, attributes)?;
+            file.write(0, values)?;
+            Ok(file)
+        }
+        SmallData::U8(values) => {
+            let file = ZarrArray::create_filled(store, &spec, attributes, NO_CODE.into())?;
+            file.write(0, values)?;
+            Ok(file)
+        }
     }
-    Ok(file)
 }
 
 /// Reads the values of the array `name`.

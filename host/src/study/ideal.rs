@@ -12,7 +12,6 @@ use rayon::prelude::*;
 use crate::brdf::{Missing, Value};
 use crate::disk::Disk;
 use crate::incident::IncidentSet;
-use crate::optics::Unmeasurable;
 use crate::reflectance::Reflectance;
 use crate::sample::Sample;
 use crate::store::StoreError;
@@ -84,7 +83,7 @@ impl<'a> IdealCaptures<'a> {
 impl IdealCaptures<'_> {
     /// f for `pairs`, on one thread.
     fn look_all_up(&self, pairs: &[(DVec3, DVec3)]) -> Vec<Value> {
-        let is_above = |&(wi, wo): &(DVec3, DVec3)| wi.z > 0.0 && wo.z > 0.0;
+        let is_above = |&(wi, wo): &(DVec3, DVec3)| Missing::at_horizon(wi, wo).is_none();
         let neighbours: Vec<_> = pairs.iter().map(|pair| self.set.neighbours(pair.0)).collect();
         let around: Vec<_> = pairs
             .iter()
@@ -146,14 +145,8 @@ impl IdealCaptures<'_> {
             }
         }
         let conclude = |(&(wi, wo), sum): (&(DVec3, DVec3), [f64; 3])| {
-            let below = Unmeasurable::BelowHorizon;
-            if wi.z <= 0.0 {
-                Err(Missing::Incident(below))
-            } else if wo.z <= 0.0 {
-                Err(Missing::Outgoing(below))
-            } else {
-                Ok(sum.map(|f| f as f32))
-            }
+            let missing = Missing::at_horizon(wi, wo);
+            missing.map_or_else(|| Ok(sum.map(|f| f as f32)), Err)
         };
         pairs.iter().zip(sums).map(conclude).collect()
     }

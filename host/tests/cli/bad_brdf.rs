@@ -89,6 +89,9 @@ fn a_truncated_or_altered_chunk_is_refused() {
         altered[whole.len() / 2] ^= 1;
         fs::write(&path, &altered).unwrap();
         refused(&brdf, &[text(&path), "chunk 2", array, "CRC"]);
+        // What is lost of a chunk is damage; only a chunk of which there is nothing is missing.
+        fs::remove_file(&path).unwrap();
+        refused(&brdf, &[text(&path), "chunk 2", array]);
         fs::write(&path, whole).unwrap();
     }
     assert!(
@@ -133,6 +136,11 @@ fn attributes_that_make_no_sense_are_refused() {
             refused(&brdf, &["step_deg"]);
         });
     }
+    for spot in [json!(null), json!(0), json!(-1.0), json!("1 degree")] {
+        with_edit(&group, "/attributes/spot_deg", &spot, || {
+            refused(&brdf, &["spot_deg", "degrees above 0"]);
+        });
+    }
     with_edit(&group, "/attributes/step_deg", &json!(30.0), || {
         refused(&brdf, &["incident", "144"]);
     });
@@ -150,8 +158,8 @@ fn attributes_that_make_no_sense_are_refused() {
     with_edit(&group, "/attributes/rcg_format", &json!("raw"), || {
         refused(&brdf, &["rcg_format", "raw"]);
     });
-    with_edit(&group, "/attributes/rcg_format_version", &json!(2), || {
-        refused(&brdf, &["rcg_format_version", "found 2"]);
+    with_edit(&group, "/attributes/rcg_format_version", &json!(3), || {
+        refused(&brdf, &["rcg_format_version", "expected 1 or 2", "found 3"]);
     });
     with_edit(&group, "/attributes", &json!([]), || {
         refused(&brdf, &["attributes"]);

@@ -63,7 +63,8 @@ fn what_has_no_lobe_or_too_little_is_refused() {
 
     let measured = scratch.path().join("m");
     quick_measurement(&measured);
-    for entry in fs::read_dir(measured.join("brdf.zarr/f")).unwrap() {
+    let arrays = ["f", "sigma", "provenance"].map(|array| measured.join("brdf.zarr").join(array));
+    for entry in arrays.iter().flat_map(|array| fs::read_dir(array).unwrap()) {
         let path = entry.unwrap().path();
         if path.file_name().unwrap().to_str().unwrap().starts_with("c.") {
             fs::remove_file(path).unwrap();

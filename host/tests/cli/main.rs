@@ -38,6 +38,7 @@ mod killed;
 mod matrix;
 mod locks;
 mod multiplexed;
+mod no_data;
 mod outputs;
 mod pictures;
 mod pipes;

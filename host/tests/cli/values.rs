@@ -1,8 +1,10 @@
 //! `value`: the BRDF itself, of models and of measurements.
 
 use std::f64::consts::PI;
+use std::fs;
 
-use crate::command::{run, text};
+use crate::command::{quick_measurement, run, text};
+use crate::tensor_file;
 
 type Angles = [f64; 4];
 
@@ -72,6 +74,89 @@ fn below_the_horizon_there_is_a_reason_and_no_number() {
     for source in ["ward:brass", "lambert", "ggx:satin"] {
         for answer in values(source, &pairs) {
             assert_eq!(answer.join(" "), "- below horizon", "{source}");
+        }
+    }
+}
+
+/// Whether f is defined at a polar angle: below 90°, as near to it as double precision tells.
+fn is_defined(theta_deg: f64) -> bool {
+    theta_deg < 90.0 - 1e-10
+}
+
+#[test]
+fn every_source_ends_at_the_horizon_and_nowhere_before() {
+    let scratch = tempfile::tempdir().unwrap();
+    let file = scratch.path().join("even.bsdf");
+    fs::write(&file, tensor_file::bytes(&tensor_file::material(0.3))).unwrap();
+    let out = scratch.path().join("out");
+    quick_measurement(&out);
+    let filled = scratch.path().join("filled.zarr");
+    run(&["fill", text(&out), "--out", text(&filled)], "").done();
+    let brdf = out.join("brdf.zarr");
+    let sources = [
+        "lambert",
+        "ward",
+        "ggx",
+        "velvet",
+        "satin",
+        text(&file),
+        text(&brdf),
+        text(&filled),
+    ];
+
+    let near = [
+        90.0,
+        90.0 - 1e-6,
+        90.0 + 1e-6,
+        90.0 - 1e-9,
+        90.0 - 1e-13,
+        90.0 + 1e-9,
+        89.9,
+        90.1,
+        120.0,
+        180.0,
+    ];
+    let mut pairs = Vec::new();
+    for a in near {
+        for phi in [60.0, 150.0, 359.0] {
+            pairs.extend([[a, phi, 50.0, 200.0], [50.0, 200.0, a, phi]]);
+            pairs.extend(near.map(|b| [a, phi, b, 200.0]));
+        }
+    }
+    for source in sources {
+        for (answer, &pair) in values(source, &pairs).iter().zip(&pairs) {
+            let answer = answer.join(" ");
+            if is_defined(pair[0]) && is_defined(pair[2]) {
+                let f: Vec<f64> = answer
+                    .split(' ')
+                    .map(|word| word.parse().expect(&answer))
+                    .collect();
+                let is_number = f.iter().all(|f| f.is_finite() && *f > 0.0);
+                assert!(is_number, "{source} {pair:?}: {answer}");
+            } else {
+                assert_eq!(answer, "- below horizon", "{source} {pair:?}");
+            }
+        }
+        // A circle of directions cannot lie at the horizon either.
+        let table = scratch.path().join("scan.csv");
+        for theta in near {
+            let theta = theta.to_string();
+            let plot = [
+                "plot",
+                source,
+                "--theta-r",
+                &theta,
+                "--azimuths",
+                "4",
+                "--out",
+                text(&table),
+            ];
+            let outcome = run(&plot, "");
+            if is_defined(theta.parse().unwrap()) {
+                outcome.done();
+            } else {
+                outcome.complains(2, &["--theta-r", "below 90 degrees"]);
+            }
         }
     }
 }

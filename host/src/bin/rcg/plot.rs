@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use rcg::direction::{from_degrees, is_above_horizon};
 use rcg::file_format::CHART_OR_TABLE;
 use rcg::reflectance::Source;
 use rcg::scan::{AzimuthScan, INCIDENT_DEG, THETA_R_DEG};
@@ -47,7 +48,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         .map(|at| ("--incident", at.0))
         .chain([("--theta-r", args.theta_r)])
     {
-        if !(0.0..90.0).contains(&theta) {
+        if !((0.0..90.0).contains(&theta) && is_above_horizon(from_degrees(theta, 0.0))) {
             return Err(Failure::input(format!(
                 "{name}: expected a polar angle from 0 to below 90 degrees, found {theta}"
             )));

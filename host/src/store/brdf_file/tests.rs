@@ -1,5 +1,6 @@
 use std::fs;
 
+use half::f16;
 use serde_json::json;
 
 use super::*;
@@ -12,7 +13,7 @@ const LAYOUT: BrdfLayout = BrdfLayout {
 };
 const CHUNKS: usize = 3;
 
-/// Rows whose every value differs from its neighbours'.
+/// Rows whose every value differs from its neighbours', without missing ones: those are NaN, which equals nothing.
 fn rows(index: usize) -> BrdfRows {
     let directions = (index * 3..(index * 3 + 3).min(7)).len();
     let cells = directions * 4 * 4;
@@ -21,10 +22,27 @@ fn rows(index: usize) -> BrdfRows {
             .map(|i| (i + 1000 * index) as f32 * 0.125 + 0.1)
             .collect(),
         sigma: (0..cells * 3)
-            .map(|i| f16::from_bits((i + 37 * index) as u16))
+            .map(|i| f16::from_bits((1 + i + 37 * index) as u16))
             .collect(),
-        provenance: (0..cells).map(|i| ((i + index) % 6) as u8).collect(),
+        provenance: (0..cells).map(|i| (1 + (i + index) % 5) as u8).collect(),
     }
+}
+
+/// [`rows`], every third sample of which is missing.
+fn gappy_rows(index: usize) -> BrdfRows {
+    let mut rows = rows(index);
+    for code in rows.provenance.iter_mut().step_by(3) {
+        *code = Provenance::Missing.code();
+    }
+    rows.seal();
+    rows
+}
+
+/// The bits of `rows`, by which NaN can be compared.
+fn bits(rows: &BrdfRows) -> (Vec<u32>, Vec<u16>, &[u8]) {
+    let f = rows.f.iter().map(|f| f.to_bits()).collect();
+    let sigma = rows.sigma.iter().map(|sigma| sigma.to_bits()).collect();
+    (f, sigma, &rows.provenance)
 }
 
 fn create(path: &Path, overwrite: bool) -> Result<BrdfWriter, StoreError> {
@@ -89,9 +107,8 @@ fn what_is_written_from_several_threads_is_read_and_an_absent_chunk_is_missing()
     }
     assert!(!reader.chunk_is_present(1));
     let absent = reader.read_chunk(1).unwrap();
-    assert_eq!(absent.f, vec![0.0; 3 * 16 * 3]);
-    assert_eq!(absent.sigma, vec![f16::ZERO; 3 * 16 * 3]);
-    assert_eq!(absent.provenance, vec![Provenance::Missing.code(); 3 * 16]);
+    assert_eq!(bits(&absent), bits(&BrdfRows::missing(3 * 16, 3)));
+    assert!(absent.f.iter().all(|f| f.is_nan()) && absent.sigma.iter().all(|sigma| sigma.is_nan()));
 
     assert!(!reader.chunk_is_present(CHUNKS) && !reader.chunk_is_present(usize::MAX));
     assert!(matches!(
@@ -101,15 +118,126 @@ fn what_is_written_from_several_threads_is_read_and_an_absent_chunk_is_missing()
 }
 
 #[test]
-fn a_chunk_of_zeros_is_present_all_the_same() {
+fn what_is_missing_is_nan_and_the_rest_is_as_it_was_written() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("brdf.zarr");
     let writer = create(&path, false).unwrap();
-    let mut black = rows(0);
-    black.f.fill(0.0);
-    black.sigma.fill(f16::ZERO);
-    black.provenance.fill(Provenance::Missing.code());
-    writer.write_chunk(0, &black).unwrap();
+    (0..CHUNKS).for_each(|index| writer.write_chunk(index, &gappy_rows(index)).unwrap());
+    writer.finish().unwrap();
+    let reader = BrdfReader::open(&path).unwrap();
+    for index in 0..CHUNKS {
+        assert_eq!(bits(&reader.read_chunk(index).unwrap()), bits(&gappy_rows(index)));
+    }
+    // What pads the last chunk is no value either: f has one of three incident directions there.
+    let last = fs::read(path.join("f/c.2.0.0.0")).unwrap();
+    let padding = &last[16 * 3 * 4..3 * 16 * 3 * 4];
+    assert!(
+        padding
+            .chunks_exact(4)
+            .all(|f| f32::from_le_bytes(f.try_into().unwrap()).is_nan())
+    );
+}
+
+#[test]
+fn every_array_declares_what_stands_for_no_data() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("brdf.zarr");
+    let extra = [theta(vec![0.0; 7]), reasons(vec![0; 16], vec![4, 4])];
+    let writer = BrdfWriter::create(&path, LAYOUT, &extra, Map::new(), false).unwrap();
+    writer.finish().unwrap();
+    for (array, expected) in [
+        (F, json!("NaN")),
+        (SIGMA, json!("NaN")),
+        (PROVENANCE, json!(Provenance::Missing.code())),
+        ("incident_theta", json!("NaN")),
+        ("outgoing_reason", json!(255)),
+    ] {
+        let metadata: Value =
+            serde_json::from_slice(&fs::read(path.join(array).join("zarr.json")).unwrap()).unwrap();
+        assert_eq!(metadata["fill_value"], expected, "{array}");
+    }
+}
+
+#[test]
+fn rows_that_contradict_themselves_are_neither_written_nor_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("brdf.zarr");
+    let edits: [(&str, fn(&mut BrdfRows)); 5] = [
+        (F, |rows| rows.f[0] = 0.0),
+        (F, |rows| rows.f[4] = f32::NAN),
+        (SIGMA, |rows| rows.sigma[1] = f16::ZERO),
+        (SIGMA, |rows| rows.sigma[5] = f16::ZERO),
+        (F, |rows| rows.provenance[1] = Provenance::Missing.code()),
+    ];
+    for (array, edit) in edits {
+        let mut bad = gappy_rows(0);
+        edit(&mut bad);
+        let writer = create(&path, true).unwrap();
+        let error = writer.write_chunk(0, &bad).unwrap_err();
+        assert!(matches!(error, StoreError::Argument { .. }), "{error}");
+        // Written by somebody else.
+        writer.f.write(0, &bad.f).unwrap();
+        writer.sigma.write(0, &bad.sigma).unwrap();
+        writer.provenance.write(0, &bad.provenance).unwrap();
+        writer.finish().unwrap();
+        let error = BrdfReader::open(&path).unwrap().read_chunk(0).unwrap_err();
+        assert!(
+            matches!(&error, StoreError::Chunk { array: a, chunk: 0, .. } if a == array),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn files_of_version_1_have_nan_where_their_provenance_says_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("brdf.zarr");
+    let writer = create(&path, false).unwrap();
+    for index in [0, 2] {
+        let mut old = gappy_rows(index);
+        old.f.iter_mut().filter(|f| f.is_nan()).for_each(|f| *f = 0.0);
+        old.sigma
+            .iter_mut()
+            .filter(|sigma| sigma.is_nan())
+            .for_each(|sigma| *sigma = f16::ZERO);
+        writer.f.write(index, &old.f).unwrap();
+        writer.sigma.write(index, &old.sigma).unwrap();
+        writer.provenance.write(index, &old.provenance).unwrap();
+    }
+    writer.finish().unwrap();
+    let file = path.join("zarr.json");
+    let mut group: Value = serde_json::from_slice(&fs::read(&file).unwrap()).unwrap();
+    assert_eq!(group["attributes"]["rcg_format_version"], 2);
+    for (version, is_read) in [
+        (json!(1), true),
+        (json!(0), false),
+        (json!(3), false),
+        (json!("2"), false),
+    ] {
+        group["attributes"]["rcg_format_version"] = version.clone();
+        fs::write(&file, group.to_string()).unwrap();
+        match BrdfReader::open(&path) {
+            Ok(reader) if is_read => {
+                for index in [0, 2] {
+                    assert_eq!(bits(&reader.read_chunk(index).unwrap()), bits(&gappy_rows(index)));
+                }
+                assert_eq!(
+                    bits(&reader.read_chunk(1).unwrap()),
+                    bits(&BrdfRows::missing(48, 3))
+                );
+            }
+            Err(StoreError::Metadata { .. }) if !is_read => {}
+            other => panic!("version {version}: {other:?}"),
+        }
+    }
+}
+
+#[test]
+fn a_chunk_without_any_value_is_present_all_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("brdf.zarr");
+    let writer = create(&path, false).unwrap();
+    writer.write_chunk(0, &BrdfRows::missing(3 * 16, 3)).unwrap();
     writer.finish().unwrap();
     assert!(BrdfReader::open(&path).unwrap().chunk_is_present(0));
 }

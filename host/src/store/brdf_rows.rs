@@ -1,0 +1,266 @@
+//! The values of some incident directions, and what stands where there is none.
+//!
+//! # Design
+//! No data never equals a legal value. Where provenance is [`Provenance::Missing`], f and its standard uncertainty are NaN,
+//! in files and in memory, so that whoever reads `f` alone is not misled, and whoever forgets to ask for the provenance gets
+//! NaN instead of a wrong number. Where it is anything else, f is finite and the standard uncertainty is above 0. The store
+//! refuses to write and to read rows that say otherwise; what computes rows brings them into this form with
+//! [`BrdfRows::seal`].
+//!
+//! # Tradeoffs
+//! A half float reaches from 6·10⁻⁸ to 65504 sr⁻¹. A smaller standard uncertainty is stored as the smallest, because 0 would
+//! claim that a value is exact, and a larger one as the largest, which stands for "useless".
+
+use half::f16;
+
+use crate::provenance::Provenance;
+
+/// The smallest standard uncertainty that is stored, in sr⁻¹.
+pub(crate) const LEAST_SIGMA: f32 = 5.960_464_5e-8;
+/// The largest, in sr⁻¹: that of a value that says nothing.
+pub(crate) const USELESS_SIGMA: f32 = 65_504.0;
+const _: () = assert!(
+    LEAST_SIGMA.to_bits() == (127 - 24) << 23,
+    "2⁻²⁴, the smallest half float"
+);
+
+/// The values of one chunk: consecutive incident directions, row-major.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BrdfRows {
+    /// f in sr⁻¹ without the cosine, axes incident, y, x, channel; NaN where there is no value.
+    pub f: Vec<f32>,
+    /// Standard uncertainty (k = 1) of f in sr⁻¹, same axes; NaN where there is no value.
+    pub sigma: Vec<f16>,
+    /// Codes of [`Provenance`], axes incident, y, x.
+    pub provenance: Vec<u8>,
+}
+
+/// A standard uncertainty in sr⁻¹ as it is stored; one that is not known is useless.
+pub(crate) fn stored_sigma(sigma: f32) -> f16 {
+    // NaN.min(x) is x.
+    f16::from_f32(sigma.min(USELESS_SIGMA).max(LEAST_SIGMA))
+}
+
+fn is_sigma(sigma: f16) -> bool {
+    sigma.is_finite() && sigma > f16::ZERO
+}
+
+impl BrdfRows {
+    /// `samples` pairs of directions of `channels` channels, none of which has a value.
+    #[must_use]
+    pub fn missing(samples: usize, channels: usize) -> Self {
+        Self {
+            f: vec![f32::NAN; samples * channels],
+            sigma: vec![f16::NAN; samples * channels],
+            provenance: vec![Provenance::Missing.code(); samples],
+        }
+    }
+
+    /// Channels of each sample.
+    fn channels(&self) -> usize {
+        self.f.len() / self.provenance.len().max(1)
+    }
+
+    /// Makes NaN of what is missing and takes back what is no number: samples of which any channel has an f that is not
+    /// finite become missing. Standard uncertainties that cannot be are brought into range. Returns how many samples lost
+    /// their value.
+    pub fn seal(&mut self) -> u64 {
+        let channels = self.channels().max(1);
+        let mut lost = 0;
+        let samples = self
+            .f
+            .chunks_exact_mut(channels)
+            .zip(self.sigma.chunks_exact_mut(channels));
+        for ((f, sigma), provenance) in samples.zip(&mut self.provenance) {
+            let has_value = *provenance != Provenance::Missing.code();
+            if has_value && f.iter().all(|f| f.is_finite()) {
+                for sigma in sigma.iter_mut().filter(|sigma| !is_sigma(**sigma)) {
+                    let is_underflow = *sigma == f16::ZERO;
+                    *sigma = f16::from_f32(if is_underflow { LEAST_SIGMA } else { USELESS_SIGMA });
+                }
+            } else {
+                lost += u64::from(has_value);
+                *provenance = Provenance::Missing.code();
+                f.fill(f32::NAN);
+                sigma.fill(f16::NAN);
+            }
+        }
+        lost
+    }
+
+    /// What contradicts itself in these rows, if anything: the sample, the array, what should stand there, and what does.
+    pub(super) fn contradiction(&self) -> Option<(usize, &'static str, &'static str, String)> {
+        let channels = self.channels().max(1);
+        let samples = self
+            .f
+            .chunks_exact(channels)
+            .zip(self.sigma.chunks_exact(channels));
+        let wrong = |f: &[f32], sigma: &[f16], provenance: u8| {
+            if provenance == Provenance::Missing.code() {
+                f.iter().any(|f| !f.is_nan()) || sigma.iter().any(|sigma| !sigma.is_nan())
+            } else {
+                f.iter().any(|f| !f.is_finite()) || sigma.iter().any(|sigma| !is_sigma(*sigma))
+            }
+        };
+        let (sample, ((f, sigma), provenance)) = samples
+            .zip(&self.provenance)
+            .enumerate()
+            .find(|(_, ((f, sigma), provenance))| wrong(f, sigma, **provenance))?;
+        Some(if *provenance == Provenance::Missing.code() {
+            match f.iter().find(|f| !f.is_nan()) {
+                Some(f) => (
+                    sample,
+                    "f",
+                    "NaN, because its provenance is missing",
+                    f.to_string(),
+                ),
+                None => {
+                    let sigma = sigma.iter().find(|sigma| !sigma.is_nan());
+                    let found = sigma.map_or_else(String::new, f16::to_string);
+                    (sample, "sigma", "NaN, because its provenance is missing", found)
+                }
+            }
+        } else {
+            match f.iter().find(|f| !f.is_finite()) {
+                Some(f) => (
+                    sample,
+                    "f",
+                    "a finite number, because its provenance is not missing",
+                    f.to_string(),
+                ),
+                None => {
+                    let sigma = sigma.iter().find(|sigma| !is_sigma(**sigma));
+                    let found = sigma.map_or_else(String::new, f16::to_string);
+                    (
+                        sample,
+                        "sigma",
+                        "a finite number above 0, because its provenance is not missing",
+                        found,
+                    )
+                }
+            }
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Anything that arithmetic may leave behind.
+    fn number() -> impl Strategy<Value = f32> {
+        prop_oneof![
+            any::<f32>(),
+            Just(0.0),
+            Just(f32::NAN),
+            Just(-f32::NAN),
+            Just(f32::INFINITY),
+            1e-9_f32..1e-6,
+            0.0_f32..2.0,
+        ]
+    }
+
+    fn rows(channels: usize) -> impl Strategy<Value = BrdfRows> {
+        prop::collection::vec((prop::array::uniform3((number(), number())), 0_u8..8), 1..40).prop_map(
+            move |samples| BrdfRows {
+                f: samples
+                    .iter()
+                    .flat_map(|(values, _)| values.iter().take(channels).map(|value| value.0))
+                    .collect(),
+                sigma: samples
+                    .iter()
+                    .flat_map(|(values, _)| values.iter().take(channels).map(|value| stored_or_raw(value.1)))
+                    .collect(),
+                provenance: samples.iter().map(|sample| sample.1).collect(),
+            },
+        )
+    }
+
+    /// A half float made with care or without.
+    fn stored_or_raw(sigma: f32) -> f16 {
+        if sigma.to_bits() % 2 == 0 {
+            stored_sigma(sigma)
+        } else {
+            f16::from_f32(sigma)
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn sealed_rows_have_a_value_or_nan_and_good_ones_stay_as_they_are(
+            before in prop_oneof![rows(1), rows(3)],
+        ) {
+            let channels = before.f.len() / before.provenance.len();
+            let mut after = before.clone();
+            let lost = after.seal();
+            prop_assert_eq!(after.contradiction(), None);
+            let mut expected = 0;
+            for (sample, &code) in before.provenance.iter().enumerate() {
+                let at = sample * channels..(sample + 1) * channels;
+                let has_value = code != 0 && before.f[at.clone()].iter().all(|f| f.is_finite());
+                expected += u64::from(code != 0 && !has_value);
+                prop_assert_eq!(after.provenance[sample], if has_value { code } else { 0 });
+                for at in at {
+                    if has_value {
+                        prop_assert_eq!(after.f[at].to_bits(), before.f[at].to_bits());
+                        if is_sigma(before.sigma[at]) {
+                            prop_assert_eq!(after.sigma[at].to_bits(), before.sigma[at].to_bits());
+                        }
+                    } else {
+                        prop_assert!(after.f[at].is_nan() && after.sigma[at].is_nan());
+                    }
+                }
+            }
+            prop_assert_eq!(lost, expected);
+            // And once is enough.
+            let mut again = after.clone();
+            prop_assert_eq!(again.seal(), 0);
+            prop_assert_eq!(again.contradiction(), None);
+        }
+
+        #[test]
+        fn a_standard_uncertainty_is_stored_as_its_nearest_half_float_and_never_as_none(sigma in 0.0_f32..1e6) {
+            let stored = stored_sigma(sigma);
+            prop_assert!(is_sigma(stored));
+            if (LEAST_SIGMA..USELESS_SIGMA).contains(&sigma) {
+                prop_assert_eq!(stored.to_bits(), f16::from_f32(sigma).to_bits());
+            }
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_stored_is_the_smallest_or_the_largest() {
+        for sigma in [0.0, 1e-30, 2e-8, LEAST_SIGMA] {
+            assert_eq!(stored_sigma(sigma).to_bits(), 1, "{sigma}");
+        }
+        for sigma in [65_504.0, 1e9, f32::INFINITY, f32::NAN] {
+            assert_eq!(stored_sigma(sigma), f16::MAX, "{sigma}");
+        }
+    }
+
+    #[test]
+    fn every_contradiction_is_named() {
+        let whole = BrdfRows {
+            f: vec![0.2, -0.1, f32::NAN, f32::NAN],
+            sigma: vec![f16::ONE, f16::ONE, f16::NAN, f16::NAN],
+            provenance: vec![1, 0],
+        };
+        assert_eq!(whole.contradiction(), None);
+        let edits: [(&str, fn(&mut BrdfRows)); 8] = [
+            ("f", |rows| rows.f[1] = f32::NAN),
+            ("f", |rows| rows.f[0] = f32::INFINITY),
+            ("f", |rows| rows.f[3] = 0.0),
+            ("sigma", |rows| rows.sigma[0] = f16::ZERO),
+            ("sigma", |rows| rows.sigma[1] = f16::NAN),
+            ("sigma", |rows| rows.sigma[1] = f16::INFINITY),
+            ("sigma", |rows| rows.sigma[1] = f16::NEG_ONE),
+            ("sigma", |rows| rows.sigma[2] = f16::ZERO),
+        ];
+        for (array, edit) in edits {
+            let mut rows = whole.clone();
+            edit(&mut rows);
+            assert_eq!(rows.contradiction().map(|found| found.1), Some(array), "{rows:?}");
+        }
+    }
+}
