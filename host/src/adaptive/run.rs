@@ -12,7 +12,7 @@ use super::{BATCH, Goal, Stop};
 use crate::assemble::FrameAssembler;
 use crate::brackets::Brackets;
 use crate::capture::{Instrument, Tally};
-use crate::direction::{angle_between, to_angles};
+use crate::direction::{angle_between, to_degrees};
 use crate::disk::Disk;
 use crate::incident::{DirectionList, Grid, IncidentSet, Rings};
 use crate::measurement::{Measurement, MeasurementError, State, take_segment};
@@ -283,8 +283,8 @@ impl Loop<'_> {
                 ));
             }
             directions_deg.extend(outlook.next.into_iter().map(|w| {
-                let (theta_rad, phi_rad) = to_angles(w);
-                [theta_rad.to_degrees(), phi_rad.to_degrees()]
+                let (theta_deg, phi_deg) = to_degrees(w);
+                [theta_deg, phi_deg]
             }));
             journal.choose(&directions_deg)?;
         }
