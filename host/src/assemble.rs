@@ -41,12 +41,14 @@ mod correction;
 mod edges;
 mod luminance;
 mod merge;
+mod off_sample;
 mod radiometry;
 
 use coordinates::attributes;
 pub(crate) use coordinates::{coordinates, interpolation_errors};
 use correction::Correction;
 use edges::Edges;
+use off_sample::OffSample;
 use radiometry::{Out, Radiometry, Work, project, project_merged};
 
 pub(crate) use luminance::FrameAssembler;
@@ -126,11 +128,11 @@ pub fn assemble(
     let brackets = plan.brackets();
     let layout = raw.layout();
     let format = rig.frame_format();
-    let found = (layout.exposures, layout.height, layout.width, layout.channels);
-    let expected = (plan.len(), format.height_px, format.width_px, format.channels);
+    let found = (layout.exposures, layout.height, layout.width, layout.channels, layout.bits);
+    let expected = (plan.len(), format.height_px, format.width_px, format.channels, format.bits);
     if found != expected {
         return Err(mismatch(format!(
-            "expected (exposures, rows, columns, channels) = {expected:?} from the plan, found {found:?}"
+            "expected (exposures, rows, columns, channels, bits) = {expected:?} from rig and plan, found {found:?}"
         )));
     }
     let channels = format.channels;
@@ -141,6 +143,9 @@ pub fn assemble(
     resampling
         .taps
         .retain(|taps| !taps.pixel.iter().any(|pixel| hidden[*pixel as usize]));
+    let off_sample = OffSample::new(applied, plan)?;
+    off_sample.cut(&mut resampling, rig);
+    let reasons = off_sample.reasons(directions);
     let grid = &directions.grid;
     let brdf_layout = BrdfLayout {
         incident: grid.len(),
@@ -163,7 +168,7 @@ pub fn assemble(
         brdf_layout,
         &coordinates(
             grid,
-            &directions.reasons,
+            &reasons,
             disk,
             &resampling.reasons,
             &resampling.pixel_sr,
@@ -177,7 +182,8 @@ pub fn assemble(
     for segment in 0..raw.segments() {
         for (place, exposure) in raw.segment_range(segment).enumerate().step_by(brackets) {
             if let crate::plan::Exposure::Incident(index) = patterns[exposure / brackets] {
-                places[index] = cut_relative2[index].is_finite().then_some((segment, place));
+                let is_whole = cut_relative2[index].is_finite() && reasons[index].is_none();
+                places[index] = is_whole.then_some((segment, place));
             }
         }
     }

@@ -8,6 +8,11 @@ use crate::rig::Rig;
 /// Length of the PROJ pulse: inputs of projectors want a few microseconds.
 const PROJ_PULSE_S: f64 = 5e-6;
 
+/// The shortest exposure time in s that a schedule takes.
+pub const SHORTEST_EXPOSURE_S: f64 = 1e-6;
+/// The longest one.
+pub const LONGEST_EXPOSURE_S: f64 = 60.0;
+
 /// Times of one step in s from its start.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -65,7 +70,7 @@ impl Timing {
     /// # Errors
     /// [`ScheduleError`] for an exposure time out of range.
     pub fn new(rig: &Rig, exposure_s: f64) -> Result<Self, ScheduleError> {
-        if !(1e-6..=60.0).contains(&exposure_s) {
+        if !(SHORTEST_EXPOSURE_S..=LONGEST_EXPOSURE_S).contains(&exposure_s) {
             return Err(ScheduleError { exposure_s });
         }
         let cam_at_s = rig.projector.settle_s;

@@ -9,6 +9,7 @@
 //! A calibration is a directory. `rig.toml` in it is the calibrated rig, which measurements take in place of the nominal
 //! one; the JSON files beside it say what was found, how certain it is, and for which rig.
 
+mod file;
 pub mod geometry;
 pub mod photometry;
 
@@ -24,7 +25,7 @@ use crate::brackets::Brackets;
 use crate::capture::{CaptureError, Captured};
 use crate::incident::Grid;
 use crate::measure::MeasureError;
-use crate::measurement::{Measurement, MeasurementError, hex, write_whole};
+use crate::measurement::{Measurement, MeasurementError, hex};
 use crate::plan::{self, PlanError};
 use crate::rig::{Rig, RigError, Tilt};
 use crate::store::{ExposureRecord, Segment, StoreError};
@@ -77,8 +78,26 @@ impl Calibration {
     /// Opens the calibration in `dir`, which must be one of `rig`: of the nominal rig or of what calibration made of it.
     ///
     /// # Errors
-    /// [`CalibrateError::OtherRig`]; [`CalibrateError::Content`].
+    /// [`CalibrateError::OtherRig`]; [`CalibrateError::Content`], also for a directory in which no calibration succeeded.
     pub fn open(dir: &Path, rig: &Rig) -> Result<Self, CalibrateError> {
+        if ![GEOMETRY, PHOTOMETRY].iter().any(|file| dir.join(file).is_file()) {
+            let found = match std::fs::read_dir(dir) {
+                Err(error) => error.to_string(),
+                Ok(_) if [RIG, geometry::VIEWS, photometry::VIEWS].iter().any(|file| dir.join(file).exists()) => {
+                    "a calibration that has not succeeded".to_owned()
+                }
+                Ok(_) => "neither".to_owned(),
+            };
+            return Err(CalibrateError::Content {
+                path: dir.display().to_string(),
+                field: "calibration".to_owned(),
+                expected: format!(
+                    "{GEOMETRY} or {PHOTOMETRY} as `rcg calibrate geometry --out DIR` and `rcg calibrate photometry \
+                     --out DIR` write them"
+                ),
+                found,
+            });
+        }
         let calibrated = Rig::load(&dir.join(RIG).display().to_string())?;
         let (given, own) = (rig_hash(rig), rig_hash(&calibrated));
         let path = dir.join(GEOMETRY);
@@ -146,9 +165,9 @@ impl Applied {
     pub fn read(dir: &Path) -> Result<Self, CalibrateError> {
         let path = dir.join(Self::FILE);
         if path.is_file() {
-            let applied: Self = read_json(&path)?;
+            let applied: Self = file::read(&path, "rcg measure --calibration DIR")?;
             if let Some(photometry) = &applied.photometry {
-                photometry.check(&path)?;
+                photometry.check(&path, "photometry.")?;
             }
             Ok(applied)
         } else {
@@ -161,8 +180,7 @@ impl Applied {
     /// # Errors
     /// [`MeasurementError::Io`].
     pub fn write(&self, dir: &Path) -> Result<(), MeasurementError> {
-        let text = serde_json::to_string_pretty(self).expect("JSON values can be written");
-        write_whole(&dir.join(Self::FILE), text.as_bytes())
+        file::write(&dir.join(Self::FILE), self)
     }
 }
 
@@ -189,6 +207,15 @@ impl Measurement {
 }
 
 impl Calibration {
+    /// Refuses samples that `tilt` tilts, if the standard was not captured so: there is no throughput where it was not seen.
+    ///
+    /// # Errors
+    /// [`CalibrateError::Views`].
+    pub fn check_tilt(&self, tilt: Option<Tilt>) -> Result<(), CalibrateError> {
+        let photometry = self.photometry.as_ref();
+        photometry.map_or(Ok(()), |found| found.sight(tilt).map(|_| ()))
+    }
+
     /// What measurements with it take into account.
     #[must_use]
     pub fn applied(&self) -> Applied {
@@ -276,19 +303,6 @@ impl From<PlanError> for CalibrateError {
 #[must_use]
 pub fn rig_hash(rig: &Rig) -> String {
     hex(&Sha256::digest(rig.to_toml().as_bytes()))
-}
-
-/// Reads the JSON file at `path`.
-fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, CalibrateError> {
-    let content = |expected: &str, found: String| CalibrateError::Content {
-        path: path.display().to_string(),
-        field: "file".to_owned(),
-        expected: expected.to_owned(),
-        found,
-    };
-    let bytes = std::fs::read(path).map_err(|error| content("a readable file", error.to_string()))?;
-    serde_json::from_slice(&bytes)
-        .map_err(|error| content("a file as rcg calibrate writes it", error.to_string()))
 }
 
 /// Frames and records of exposures that show no incident direction of a plan.
