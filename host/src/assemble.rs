@@ -128,8 +128,20 @@ pub fn assemble(
     let brackets = plan.brackets();
     let layout = raw.layout();
     let format = rig.frame_format();
-    let found = (layout.exposures, layout.height, layout.width, layout.channels, layout.bits);
-    let expected = (plan.len(), format.height_px, format.width_px, format.channels, format.bits);
+    let found = (
+        layout.exposures,
+        layout.height,
+        layout.width,
+        layout.channels,
+        layout.bits,
+    );
+    let expected = (
+        plan.len(),
+        format.height_px,
+        format.width_px,
+        format.channels,
+        format.bits,
+    );
     if found != expected {
         return Err(mismatch(format!(
             "expected (exposures, rows, columns, channels, bits) = {expected:?} from rig and plan, found {found:?}"
@@ -166,13 +178,7 @@ pub fn assemble(
     let writer = BrdfWriter::create(
         target,
         brdf_layout,
-        &coordinates(
-            grid,
-            &reasons,
-            disk,
-            &resampling.reasons,
-            &resampling.pixel_sr,
-        ),
+        &coordinates(grid, &reasons, disk, &resampling.reasons, &resampling.pixel_sr),
         attributes(rig, plan),
         true,
     )?;

@@ -82,13 +82,24 @@ mod tests {
             let (theta_rad, turn) = (rng.random_range(0.0..3.2), rng.random_range(-60..0));
             let w = from_angles(theta_rad, rng.random_range(0.0..TAU));
             let near_turn = from_angles(theta_rad, -(2_f64.powi(turn)));
-            [w, near_turn, w.as_vec3().as_dvec3(), near_turn.as_vec3().as_dvec3()]
+            [
+                w,
+                near_turn,
+                w.as_vec3().as_dvec3(),
+                near_turn.as_vec3().as_dvec3(),
+            ]
         });
         for w in crafted.chain(drawn) {
             let (theta_rad, phi_rad) = to_angles(w);
             let (theta_deg, phi_deg) = to_degrees(w);
-            assert!((0.0..TAU).contains(&phi_rad) && phi_rad.is_sign_positive(), "{w}: {phi_rad}");
-            assert!((0.0..360.0).contains(&phi_deg) && phi_deg.is_sign_positive(), "{w}: {phi_deg}");
+            assert!(
+                (0.0..TAU).contains(&phi_rad) && phi_rad.is_sign_positive(),
+                "{w}: {phi_rad}"
+            );
+            assert!(
+                (0.0..360.0).contains(&phi_deg) && phi_deg.is_sign_positive(),
+                "{w}: {phi_deg}"
+            );
             assert!((0.0..=180.0).contains(&theta_deg), "{w}: {theta_deg}");
             let w = w.normalize();
             assert!(angle_between(from_angles(theta_rad, phi_rad), w) < 1e-14, "{w}");

@@ -84,7 +84,10 @@ impl Tests {
     ) -> Result<Self, MeasurementError> {
         let range = f64::from(rig.saturation_dn()) - rig.camera.dark_dn;
         let judged: Vec<bool> = judged(rig).collect();
-        let mut exposure_s = rig.camera.exposure_s.clamp(SHORTEST_EXPOSURE_S, LONGEST_EXPOSURE_S);
+        let mut exposure_s = rig
+            .camera
+            .exposure_s
+            .clamp(SHORTEST_EXPOSURE_S, LONGEST_EXPOSURE_S);
         loop {
             let timing = Timing::new(rig, exposure_s).map_err(PlanError::from)?;
             let shots = instrument.take(

@@ -3,8 +3,8 @@
 
 use std::path::Path;
 
-use rcg::brdf::Brdf;
 use rcg::brackets::Brackets;
+use rcg::brdf::Brdf;
 use rcg::calibrate::photometry::{self, Request};
 use rcg::calibrate::{Calibration, Conditions, RIG};
 use rcg::incident::Grid;
@@ -84,7 +84,11 @@ fn what_the_standard_did_not_fill_is_off_sample_and_the_rest_is_right() {
         let dir = folder.path().join("calibration");
         std::fs::create_dir(&dir).unwrap();
         std::fs::write(dir.join(RIG), known.to_toml()).unwrap();
-        let tilts = if seed == 0 { vec!["40:84:30".parse().unwrap()] } else { Vec::new() };
+        let tilts = if seed == 0 {
+            vec!["40:84:30".parse().unwrap()]
+        } else {
+            Vec::new()
+        };
         let request = Request {
             standard: "lambert:0.98".to_owned(),
             second_standard: Some("lambert:0.2".to_owned()),
@@ -124,7 +128,9 @@ fn what_the_standard_did_not_fill_is_off_sample_and_the_rest_is_right() {
                 .count();
             for chunk in 0..brdf.chunks() {
                 let first = brdf.chunk_range(chunk).start;
-                let Some(rows) = brdf.chunk(chunk).unwrap() else { continue };
+                let Some(rows) = brdf.chunk(chunk).unwrap() else {
+                    continue;
+                };
                 let channels = rows.f.len() / rows.provenance.len();
                 for (at, code) in rows.provenance.iter().enumerate() {
                     if *code == Provenance::Missing.code() {
@@ -135,7 +141,11 @@ fn what_the_standard_did_not_fill_is_off_sample_and_the_rest_is_right() {
                     assert_eq!(brdf.incident_reason(row), None);
                     let wo = brdf.disk().direction(cell).unwrap();
                     let f = sample.f(brdf.grid().direction(row), wo);
-                    let f = if channels == 1 { f.iter().sum::<f64>() / 3.0 } else { f[0] };
+                    let f = if channels == 1 {
+                        f.iter().sum::<f64>() / 3.0
+                    } else {
+                        f[0]
+                    };
                     let found = f64::from(rows.f[channels * at]);
                     let score = (found - f) / rows.sigma[channels * at].to_f64();
                     count += 1;
@@ -146,7 +156,9 @@ fn what_the_standard_did_not_fill_is_off_sample_and_the_rest_is_right() {
         }
     }
     let share = f64::from(within) / f64::from(count);
-    println!("{share:.4} of {count} within k = 2, the farthest {worst:.1} σ; off: {off_cells} cells, {off_lights} lights");
+    println!(
+        "{share:.4} of {count} within k = 2, the farthest {worst:.1} σ; off: {off_cells} cells, {off_lights} lights"
+    );
     assert!(off_cells > 100 && off_lights > 10, "{off_cells} {off_lights}");
     assert!(count > 100_000, "{count}");
     assert!(share > 0.93 && worst < 8.0, "{share} {worst}");
@@ -174,6 +186,12 @@ fn a_sample_at_a_tilt_without_a_standard_is_refused() {
     let calibration = Calibration::open(folder.path(), &known).unwrap();
     calibration.check_tilt(None).unwrap();
     calibration.check_tilt(Some("0:30".parse().unwrap())).unwrap();
-    let refused = calibration.check_tilt(Some("40:84".parse().unwrap())).unwrap_err().to_string();
-    assert!(refused.contains("40:84:0") && refused.contains("--tilts"), "{refused}");
+    let refused = calibration
+        .check_tilt(Some("40:84".parse().unwrap()))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        refused.contains("40:84:0") && refused.contains("--tilts"),
+        "{refused}"
+    );
 }

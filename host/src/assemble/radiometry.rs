@@ -107,7 +107,9 @@ impl Radiometry {
 /// `dn` by the table `linear`, which ends at saturation: what a file has above that is saturated too.
 #[inline]
 fn linear_of(linear: Option<&[f32]>, dn: u16) -> f32 {
-    linear.map_or(f32::from(dn), |linear| linear[usize::from(dn).min(linear.len() - 1)])
+    linear.map_or(f32::from(dn), |linear| {
+        linear[usize::from(dn).min(linear.len() - 1)]
+    })
 }
 
 /// What one worker keeps from chunk to chunk.
@@ -285,7 +287,10 @@ mod tests {
                 assert!(radiometry.dark.iter().all(|dark| dark.is_finite()), "{dn}");
                 assert!(radiometry.linear(dn).is_finite(), "{dn}");
                 if camera.is_some() && dn >= 4095 {
-                    assert!(radiometry.linear(dn).total_cmp(&radiometry.linear(4095)).is_eq(), "{dn}");
+                    assert!(
+                        radiometry.linear(dn).total_cmp(&radiometry.linear(4095)).is_eq(),
+                        "{dn}"
+                    );
                 }
             }
         }

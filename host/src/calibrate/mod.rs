@@ -83,7 +83,11 @@ impl Calibration {
         if ![GEOMETRY, PHOTOMETRY].iter().any(|file| dir.join(file).is_file()) {
             let found = match std::fs::read_dir(dir) {
                 Err(error) => error.to_string(),
-                Ok(_) if [RIG, geometry::VIEWS, photometry::VIEWS].iter().any(|file| dir.join(file).exists()) => {
+                Ok(_)
+                    if [RIG, geometry::VIEWS, photometry::VIEWS]
+                        .iter()
+                        .any(|file| dir.join(file).exists()) =>
+                {
                     "a calibration that has not succeeded".to_owned()
                 }
                 Ok(_) => "neither".to_owned(),

@@ -61,7 +61,8 @@ impl Tilt {
     /// Whether a sample stands alike at both tilts; no tilt is one of 0°.
     #[must_use]
     pub fn is_same(one: Option<Self>, other: Option<Self>) -> bool {
-        let normal = |tilt: Option<Self>| tilt.map_or(DVec3::Z, |tilt| from_degrees(tilt.tilt_deg, tilt.towards_deg));
+        let normal =
+            |tilt: Option<Self>| tilt.map_or(DVec3::Z, |tilt| from_degrees(tilt.tilt_deg, tilt.towards_deg));
         let turn_deg = |tilt: Option<Self>| tilt.map_or(0.0, |tilt| tilt.turn_deg);
         let turned_deg = (turn_deg(one) - turn_deg(other)).rem_euclid(360.0);
         (normal(one) - normal(other)).length() < 1e-9 && turned_deg.min(360.0 - turned_deg) < 1e-9

@@ -31,7 +31,14 @@ fn all_refuse(dir: &Path, parts: &[&str]) {
 
 /// A photometric calibration of the default rig in `dir`.
 fn calibrate(dir: &Path, rest: &[&str]) -> Vec<String> {
-    let all = ["calibrate", "photometry", "--out", text(dir), "--image-size", "16"];
+    let all = [
+        "calibrate",
+        "photometry",
+        "--out",
+        text(dir),
+        "--image-size",
+        "16",
+    ];
     all.iter().chain(rest).map(|part| (*part).to_owned()).collect()
 }
 
@@ -39,7 +46,11 @@ fn calibrate(dir: &Path, rest: &[&str]) -> Vec<String> {
 fn a_directory_without_a_calibration_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path().join("calibration");
-    let writes = ["geometry.json or photometry.json", "rcg calibrate geometry --out", "rcg calibrate photometry --out"];
+    let writes = [
+        "geometry.json or photometry.json",
+        "rcg calibrate geometry --out",
+        "rcg calibrate photometry --out",
+    ];
     all_refuse(&dir, &writes);
     fs::create_dir(&dir).unwrap();
     all_refuse(&dir, &[&writes[..], &["found neither"]].concat());
@@ -48,7 +59,15 @@ fn a_directory_without_a_calibration_is_refused() {
     assert!(dir.join("rig.toml").is_file() && dir.join("photometry.raw.zarr").exists());
     all_refuse(&dir, &[&writes[..], &["has not succeeded"]].concat());
     for file in ["geometry.json", "photometry.json"] {
-        for content in ["", "{", "{\"version\": 2, \"rig_sha256\": \"12", "[]", "null", "{}", "\u{0}"] {
+        for content in [
+            "",
+            "{",
+            "{\"version\": 2, \"rig_sha256\": \"12",
+            "[]",
+            "null",
+            "{}",
+            "\u{0}",
+        ] {
             fs::write(dir.join(file), content).unwrap();
             let command = format!("rcg calibrate {} --out DIR", file.trim_end_matches(".json"));
             all_refuse(&dir, &[file, "expected a whole file as", &command]);
@@ -64,7 +83,10 @@ fn spoiled(whole: &Value, bad: &Value, each: &mut dyn FnMut(&Value, &str)) {
     for place in places {
         let mut copy = whole.clone();
         *copy.pointer_mut(&place).unwrap() = bad.clone();
-        let name = place.rsplit('/').find(|part| part.parse::<usize>().is_err()).unwrap();
+        let name = place
+            .rsplit('/')
+            .find(|part| part.parse::<usize>().is_err())
+            .unwrap();
         each(&copy, name);
     }
 }
@@ -73,7 +95,9 @@ fn spoiled(whole: &Value, bad: &Value, each: &mut dyn FnMut(&Value, &str)) {
 fn find(value: &Value, place: String, places: &mut Vec<String>) {
     match value {
         Value::Number(_) => places.push(place),
-        Value::Object(fields) => fields.iter().for_each(|(name, value)| find(value, format!("{place}/{name}"), places)),
+        Value::Object(fields) => fields
+            .iter()
+            .for_each(|(name, value)| find(value, format!("{place}/{name}"), places)),
         Value::Array(items) => {
             if let Some(last) = items.last() {
                 find(last, format!("{place}/{}", items.len() - 1), places);
@@ -90,7 +114,15 @@ fn a_calibration_of_something_else_than_numbers_is_refused_by_its_field() {
     run(&calibrate(&dir, &[]), "").done();
     let path = dir.join("photometry.json");
     let whole: Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
-    let plan = ["plan", "--step", "30", "--image-size", "16", "--calibration", text(&dir)];
+    let plan = [
+        "plan",
+        "--step",
+        "30",
+        "--image-size",
+        "16",
+        "--calibration",
+        text(&dir),
+    ];
     run(&plan, "").done();
     let mut fields = 0;
     spoiled(&whole, &Value::Null, &mut |spoiled, field| {
@@ -126,7 +158,16 @@ fn a_calibration_of_something_else_than_numbers_is_refused_by_its_field() {
     older.as_object_mut().unwrap().remove("version");
     older.as_object_mut().unwrap().remove("sights");
     fs::write(&path, older.to_string()).unwrap();
-    refuses(&plan, "", 2, &["photometry.json: version: expected 2", "rcg calibrate photometry --out DIR", "found 0"]);
+    refuses(
+        &plan,
+        "",
+        2,
+        &[
+            "photometry.json: version: expected 2",
+            "rcg calibrate photometry --out DIR",
+            "found 0",
+        ],
+    );
     fs::write(&path, whole.to_string()).unwrap();
     run(&plan, "").done();
     // A sample at a tilt at which no standard stood.
@@ -142,9 +183,23 @@ fn standards_and_views_that_cannot_tell_are_refused_before_they_cost_a_capture()
     let again = ["differ from each other", "again", "--tilts"];
     let exposure = ["a longest exposure time from 0.016 to 60000 ms", "--exposure-ms"];
     let cases: [(&[&str], &[&str]); 12] = [
-        (&["--standard", "lambert:0.98", "--second-standard", "lambert:0.98"], &alike),
-        (&["--standard", "lambert:0.5", "--second-standard", "lambert:0.5000001"], &alike),
-        (&["--standard", "lambert:0.98", "--second-standard", "lambert:0.9"], &alike),
+        (
+            &["--standard", "lambert:0.98", "--second-standard", "lambert:0.98"],
+            &alike,
+        ),
+        (
+            &[
+                "--standard",
+                "lambert:0.5",
+                "--second-standard",
+                "lambert:0.5000001",
+            ],
+            &alike,
+        ),
+        (
+            &["--standard", "lambert:0.98", "--second-standard", "lambert:0.9"],
+            &alike,
+        ),
         (&["--second-standard", "lambert:0"], &["a number above 0"]),
         (&["--standard", "lambert:0"], &["a number above 0"]),
         (&["--tilts", "20:30,20:30"], &again),
@@ -159,6 +214,15 @@ fn standards_and_views_that_cannot_tell_are_refused_before_they_cost_a_capture()
         refuses(&calibrate(&dir, rest), "", 2, parts);
         assert!(!dir.join("photometry-views.json").exists(), "{rest:?}");
     }
-    let mirrors = ["calibrate", "geometry", "--out", text(&dir), "--image-size", "64", "--tilts", "10:30,10:-330"];
+    let mirrors = [
+        "calibrate",
+        "geometry",
+        "--out",
+        text(&dir),
+        "--image-size",
+        "64",
+        "--tilts",
+        "10:30,10:-330",
+    ];
     refuses(&mirrors, "", 2, &again);
 }

@@ -221,11 +221,25 @@ fn every_preset_can_be_calibrated_and_measures_what_is_there() {
         with(&[&["calibrate", "geometry"], &rest[..], &["96"]].concat());
         with(&[&["calibrate", "photometry"], &rest[..], &["32"]].concat());
         let request = ["--sample", "lambert:0.5", "--step", "30", "--image-size", "24"];
-        let measure = ["measure", "--out", &measured, "--truth", &truth, "--calibration", &out];
+        let measure = [
+            "measure",
+            "--out",
+            &measured,
+            "--truth",
+            &truth,
+            "--calibration",
+            &out,
+        ];
         let object = with(&[&measure[..], &request[..]].concat());
         let of = |field: &str| number(&object, &format!("evaluation.{field}"));
-        let (error, stated) = (of("against_reference.relative_error.median"), of("median_relative_sigma"));
-        assert!(error < 2.0 * stated && stated < 0.03, "{preset}: {error} {stated}");
+        let (error, stated) = (
+            of("against_reference.relative_error.median"),
+            of("median_relative_sigma"),
+        );
+        assert!(
+            error < 2.0 * stated && stated < 0.03,
+            "{preset}: {error} {stated}"
+        );
         assert!(of("against_reference.relative_error.p99") < 0.1, "{preset}");
     }
 }

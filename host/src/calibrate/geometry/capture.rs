@@ -167,7 +167,9 @@ pub fn capture(
 fn check_tilts(tilts: &[[f64; 2]]) -> Result<(), CalibrateError> {
     for (index, [tilt_deg, azimuth_deg]) in tilts.iter().enumerate() {
         let normal = from_degrees(*tilt_deg, *azimuth_deg);
-        let mut before = tilts[..index].iter().map(|[tilt_deg, azimuth_deg]| from_degrees(*tilt_deg, *azimuth_deg));
+        let mut before = tilts[..index]
+            .iter()
+            .map(|[tilt_deg, azimuth_deg]| from_degrees(*tilt_deg, *azimuth_deg));
         if before.any(|other| (other - normal).length() < 1e-9) {
             return Err(CalibrateError::Views {
                 expected: "tilts of the flat mirror that differ from each other".to_owned(),

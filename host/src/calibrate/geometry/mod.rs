@@ -202,7 +202,10 @@ impl Geometry {
                 found,
             })
         };
-        for (field, deg) in [("camera_deg", self.camera_deg), ("projector_deg", self.projector_deg)] {
+        for (field, deg) in [
+            ("camera_deg", self.camera_deg),
+            ("projector_deg", self.projector_deg),
+        ] {
             if !(0.0..=WORST_DEG).contains(&deg) {
                 return content(field.to_owned(), format!("0 to {WORST_DEG}"), deg.to_string());
             }
@@ -212,7 +215,10 @@ impl Geometry {
             let expected = format!("{unknowns} rows and columns, one for each parameter,");
             return content("covariance".to_owned(), expected, "others".to_owned());
         }
-        let negative = self.parameters.iter().find(|found| found.standard_uncertainty < 0.0);
+        let negative = self
+            .parameters
+            .iter()
+            .find(|found| found.standard_uncertainty < 0.0);
         negative.map_or(Ok(()), |found| {
             content(
                 format!("standard_uncertainty of {}", found.name),

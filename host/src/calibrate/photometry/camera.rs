@@ -78,8 +78,10 @@ pub(super) fn camera(series: &[Times], saturation_dn: f64) -> Result<CameraFound
     })?;
     let linearity = linearity(series, dark_dn, range, gain_e_per_dn);
     let (nonlinearity, linearity_residual) = linearity.ok_or_else(|| CalibrateError::Views {
-        expected: format!("{BRIGHT} pixels or more that the spot on the standard brings above a tenth of the range \
-                           in {LEAST_TIMES} exposure times"),
+        expected: format!(
+            "{BRIGHT} pixels or more that the spot on the standard brings above a tenth of the range \
+                           in {LEAST_TIMES} exposure times"
+        ),
         found: "fewer".to_owned(),
         advice: "take them with a longer --exposure-ms, with more light, or with a brighter --standard",
     })?;

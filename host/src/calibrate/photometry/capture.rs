@@ -141,10 +141,18 @@ impl Views {
             return content("times_s", expected, format!("{:?}", self.times_s));
         }
         if self.exposure_s <= 0.0 {
-            return content("exposure_s", "a time above 0".to_owned(), self.exposure_s.to_string());
+            return content(
+                "exposure_s",
+                "a time above 0".to_owned(),
+                self.exposure_s.to_string(),
+            );
         }
         if self.spot_deg() <= 0.0 {
-            return content("spot_deg", "an angle above 0".to_owned(), self.spot_deg().to_string());
+            return content(
+                "spot_deg",
+                "an angle above 0".to_owned(),
+                self.spot_deg().to_string(),
+            );
         }
         if self.stands.first().is_none_or(|stand| stand.tilt.is_some()) {
             let expected = "a first one without a tilt".to_owned();
@@ -231,7 +239,10 @@ pub fn capture(
         (&standard, second.as_ref().zip(request.second_standard.as_deref()))
     {
         check_standard(second.as_ref(), spec)?;
-        super::check_apart(super::interreflected(first.as_ref()), super::interreflected(second.as_ref()))?;
+        super::check_apart(
+            super::interreflected(first.as_ref()),
+            super::interreflected(second.as_ref()),
+        )?;
     }
     let trap = parse("lambert:0")?;
     check_tilts(&request.tilts)?;
@@ -420,7 +431,11 @@ impl Holder {
     /// The direction of the series: one of those nearest to 45°.
     fn series(&self) -> usize {
         let off = |at: &usize| (lights::angles_deg(*at).0 - 45.0).abs();
-        let nearest = self.directions.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b)));
+        let nearest = self
+            .directions
+            .iter()
+            .copied()
+            .min_by(|a, b| off(a).total_cmp(&off(b)));
         nearest.expect("invariant: there are directions")
     }
 }

@@ -78,7 +78,10 @@ pub(super) fn light(
         }
     }
     Err(CalibrateError::Views {
-        expected: format!("a standard that single projector pixels do not saturate in {} ms", least_s * 1e3),
+        expected: format!(
+            "a standard that single projector pixels do not saturate in {} ms",
+            least_s * 1e3
+        ),
         found: "one that they do".to_owned(),
         advice: "take a darker --standard, or stop the projector or the camera down and state it in the rig file \
                  (light.full_scale_f_sr)",
@@ -108,7 +111,9 @@ fn series(longest_s: f64) -> Vec<f64> {
     if halved(TIMES - 1) >= ROUNDED_S {
         return (0..TIMES).rev().map(halved).collect();
     }
-    let ratio = (longest_s / SHORTEST_EXPOSURE_S).powf(1.0 / (TIMES - 1) as f64).min(2.0);
+    let ratio = (longest_s / SHORTEST_EXPOSURE_S)
+        .powf(1.0 / (TIMES - 1) as f64)
+        .min(2.0);
     let mut micros: Vec<f64> = (0..TIMES as i32)
         .rev()
         .map(|step| (longest_s / ratio.powi(step) * 1e6 + 1e-6).floor().max(1.0))
@@ -135,15 +140,24 @@ mod tests {
         while longest_s < LONGEST_EXPOSURE_S {
             let times_s = series(longest_s);
             let last_s = *times_s.last().unwrap();
-            assert!(times_s[0] >= SHORTEST_EXPOSURE_S && last_s <= longest_s * (1.0 + 1e-12), "{times_s:?}");
+            assert!(
+                times_s[0] >= SHORTEST_EXPOSURE_S && last_s <= longest_s * (1.0 + 1e-12),
+                "{times_s:?}"
+            );
             assert!(last_s > 0.93 * longest_s, "{times_s:?}");
             assert!(times_s.windows(2).all(|pair| pair[0] < pair[1]), "{times_s:?}");
             // Linearity: some that fill more than a tenth of the range.
-            assert!(times_s.iter().filter(|time_s| **time_s > 0.15 * last_s).count() >= 3, "{times_s:?}");
+            assert!(
+                times_s.iter().filter(|time_s| **time_s > 0.15 * last_s).count() >= 3,
+                "{times_s:?}"
+            );
             assert!(last_s / times_s[0] >= 15.0, "{times_s:?}");
             // Clocks of whole megahertz round no short one.
             let micros = times_s[0] * 1e6;
-            assert!(times_s[0] >= ROUNDED_S || (micros - micros.round()).abs() < 1e-6, "{times_s:?}");
+            assert!(
+                times_s[0] >= ROUNDED_S || (micros - micros.round()).abs() < 1e-6,
+                "{times_s:?}"
+            );
             longest_s *= 1.07;
         }
     }
@@ -189,7 +203,10 @@ mod tests {
                     assert!(times_s[0] >= SHORTEST_EXPOSURE_S, "{times_s:?}");
                     // What is lit does not saturate.
                     let longest_s = longest_s(&holders, &standard, &Setup::default()).unwrap();
-                    assert!(*times_s.last().unwrap() <= longest_s * 1.05, "{times_s:?} {longest_s}");
+                    assert!(
+                        *times_s.last().unwrap() <= longest_s * 1.05,
+                        "{times_s:?} {longest_s}"
+                    );
                 }
                 Err(error) => {
                     refused += 1;
@@ -199,6 +216,9 @@ mod tests {
             }
         }
         println!("{found} found, {smaller} of them with smaller spots, {refused} refused");
-        assert!(found >= 12 && smaller >= 2 && refused >= 1, "{found} {smaller} {refused}");
+        assert!(
+            found >= 12 && smaller >= 2 && refused >= 1,
+            "{found} {smaller} {refused}"
+        );
     }
 }

@@ -32,7 +32,9 @@ pub(super) fn direction(index: usize) -> DVec3 {
 /// Indices of the directions that the projector of `rig` can light, ascending.
 pub(super) fn measurable(rig: &Rig) -> Vec<usize> {
     let projector = View::projector(rig);
-    (0..LIGHTS).filter(|index| projector.pixel(direction(*index)).is_ok()).collect()
+    (0..LIGHTS)
+        .filter(|index| projector.pixel(direction(*index)).is_ok())
+        .collect()
 }
 
 /// The directions at the corners of the cell of rings and sectors that `w` lies in.
@@ -43,7 +45,11 @@ pub(super) fn corners(w: DVec3) -> [usize; 4] {
     let outer = RINGS_DEG.iter().position(|ring_deg| *ring_deg >= theta_deg);
     let last = RINGS_DEG.len() - 1;
     let (inner, outer) = outer.map_or((last, last), |outer| (outer.saturating_sub(1), outer));
-    [inner, outer].map(|ring| sectors.map(|sector| ring * SECTORS + sector)).as_flattened().try_into().expect("invariant: two by two")
+    [inner, outer]
+        .map(|ring| sectors.map(|sector| ring * SECTORS + sector))
+        .as_flattened()
+        .try_into()
+        .expect("invariant: two by two")
 }
 
 #[cfg(test)]
@@ -57,12 +63,17 @@ mod tests {
             for phi_deg in [0.0, 0.1, 9.9, 10.0, 181.0, 355.0, 359.99] {
                 let w = from_degrees(theta_deg, phi_deg);
                 let corners = corners(w).map(direction);
-                let reach = corners.iter().map(|corner| angle_between(*corner, w).to_degrees());
+                let reach = corners
+                    .iter()
+                    .map(|corner| angle_between(*corner, w).to_degrees());
                 assert!(reach.fold(0.0, f64::max) < 14.2, "{theta_deg} {phi_deg}");
                 let mean_deg = corners.iter().map(|corner| to_degrees(*corner).0).sum::<f64>() / 4.0;
                 assert!((mean_deg - theta_deg).abs() <= 5.0, "{theta_deg} {phi_deg}");
             }
         }
-        assert_eq!(corners(from_degrees(87.0, 355.0)), [8 * 36 + 35, 8 * 36, 9 * 36 + 35, 9 * 36]);
+        assert_eq!(
+            corners(from_degrees(87.0, 355.0)),
+            [8 * 36 + 35, 8 * 36, 9 * 36 + 35, 9 * 36]
+        );
     }
 }

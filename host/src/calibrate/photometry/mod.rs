@@ -135,8 +135,20 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     let shows = views.segments();
     let format = rig.frame_format();
     let layout = raw.layout();
-    let expected = (shows.len() * SEGMENT, SEGMENT, format.height_px, format.width_px, format.channels);
-    let found = (layout.exposures, layout.segment, layout.height, layout.width, layout.channels);
+    let expected = (
+        shows.len() * SEGMENT,
+        SEGMENT,
+        format.height_px,
+        format.width_px,
+        format.channels,
+    );
+    let found = (
+        layout.exposures,
+        layout.segment,
+        layout.height,
+        layout.width,
+        layout.channels,
+    );
     if expected != found {
         return Err(CalibrateError::Content {
             path: dir.join(capture::RAW).display().to_string(),
@@ -196,14 +208,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
             };
             if of == stand {
                 let frames = frames_of(wanted);
-                seen.add(
-                    first,
-                    &frames,
-                    &linear,
-                    black,
-                    standard.as_ref(),
-                    &views.standard,
-                )?;
+                seen.add(first, &frames, &linear, black, standard.as_ref(), &views.standard)?;
                 lit.extend(frames);
             }
         }
@@ -314,15 +319,26 @@ impl Photometry {
         }
         for (field, found, low, high) in self.ranges() {
             if !(low..=high).contains(&found) {
-                return content(&field, format!("a number from {low} to {high}"), found.to_string());
+                return content(
+                    &field,
+                    format!("a number from {low} to {high}"),
+                    found.to_string(),
+                );
             }
         }
         if self.sensitivity.is_empty() {
-            return content("sensitivity", "a number for each channel".to_owned(), "none".to_owned());
+            return content(
+                "sensitivity",
+                "a number for each channel".to_owned(),
+                "none".to_owned(),
+            );
         }
         for (name, field) in [("throughput", &self.throughput), ("intensity", &self.intensity)] {
             if !field.is_whole() {
-                let expected = format!("{} finite coefficients, and as many rows of covariance", field::TERMS);
+                let expected = format!(
+                    "{} finite coefficients, and as many rows of covariance",
+                    field::TERMS
+                );
                 return content(name, expected, "others".to_owned());
             }
         }
@@ -361,7 +377,12 @@ impl Photometry {
         if let Some(back) = self.interreflection {
             let within = |field: &str| format!("interreflection.{field}");
             all.push((within("share"), back.share, -0.5, 0.5));
-            all.push((within("standard_uncertainty"), back.standard_uncertainty, 0.0, 0.5));
+            all.push((
+                within("standard_uncertainty"),
+                back.standard_uncertainty,
+                0.0,
+                0.5,
+            ));
         }
         all
     }
@@ -374,10 +395,17 @@ impl Photometry {
         let found = self.sights.iter().find(|sight| Tilt::is_same(sight.tilt, tilt));
         let name = |tilt: Option<Tilt>| tilt.map_or_else(|| "none".to_owned(), |tilt| tilt.to_string());
         found.ok_or_else(|| CalibrateError::Views {
-            expected: format!("a standard that was captured at the tilt of the sample, {}", name(tilt)),
+            expected: format!(
+                "a standard that was captured at the tilt of the sample, {}",
+                name(tilt)
+            ),
             found: format!(
                 "it at {}",
-                self.sights.iter().map(|sight| name(sight.tilt)).collect::<Vec<_>>().join(", ")
+                self.sights
+                    .iter()
+                    .map(|sight| name(sight.tilt))
+                    .collect::<Vec<_>>()
+                    .join(", ")
             ),
             advice: "give `rcg calibrate photometry` all --tilts at which samples are measured",
         })

@@ -246,7 +246,9 @@ impl<'a> Seen<'a> {
     /// Whether the fit would use the same pairs if it were `before` that is on the standard.
     pub(super) fn takes_the_same(&self, before: &Judged) -> bool {
         let pixels = self.pixels.iter().map(|(index, ..)| *index);
-        pixels.into_iter().all(|index| before.pixels[index] == self.judged.pixels[index])
+        pixels
+            .into_iter()
+            .all(|index| before.pixels[index] == self.judged.pixels[index])
             && (0..self.lit.len())
                 .filter(|place| self.lit[*place].is_some())
                 .all(|place| before.places[place] == self.judged.places[place])

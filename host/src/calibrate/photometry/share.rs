@@ -91,7 +91,10 @@ impl Seen<'_> {
         let all = frames.linear.of(dn);
         let read_dn = camera.read_noise_e / camera.gain_e_per_dn;
         let noise = read_dn * read_dn + 1.0 / 12.0;
-        Some((all - frames.black[at], noise + all.max(0.0) / camera.gain_e_per_dn))
+        Some((
+            all - frames.black[at],
+            noise + all.max(0.0) / camera.gain_e_per_dn,
+        ))
     }
 
     /// f in sr⁻¹ of `channel`.
@@ -117,23 +120,36 @@ impl Seen<'_> {
         let places = self.judges();
         let rate = |place: usize, index: usize, wo: DVec3| {
             let (_, irradiance) = self.all_lit[place]?;
-            let f = frames.standard.f(lights::direction(self.stand.directions[place]), wo);
+            let f = frames
+                .standard
+                .f(lights::direction(self.stand.directions[place]), wo);
             let (signal, _) = self.signal(frames, place, index * self.channels)?;
             Some(signal / (self.f_of(f, 0) * irradiance))
         };
         let pixels: Vec<(usize, Option<f64>)> = self
             .pixels
             .iter()
-            .map(|&(index, _, wo)| (index, mean(places.iter().filter_map(|place| rate(*place, index, wo)))))
+            .map(|&(index, _, wo)| {
+                (
+                    index,
+                    mean(places.iter().filter_map(|place| rate(*place, index, wo))),
+                )
+            })
             .collect();
         let every = (self.pixels.len() / PIXELS).max(1);
         let lights: Vec<(usize, Option<f64>)> = (0..self.all_lit.len())
             .map(|place| {
                 let some = self.pixels.iter().step_by(every);
-                (place, mean(some.filter_map(|&(index, _, wo)| rate(place, index, wo))))
+                (
+                    place,
+                    mean(some.filter_map(|&(index, _, wo)| rate(place, index, wo))),
+                )
             })
             .collect();
-        for (of, rates) in [(&mut self.judged.pixels, pixels), (&mut self.judged.places, lights)] {
+        for (of, rates) in [
+            (&mut self.judged.pixels, pixels),
+            (&mut self.judged.places, lights),
+        ] {
             let mut known: Vec<f64> = rates.iter().filter_map(|(_, rate)| *rate).collect();
             known.sort_by(f64::total_cmp);
             let usual = known.get(known.len() / 2).copied().unwrap_or(0.0);
@@ -150,10 +166,16 @@ impl Seen<'_> {
                 return;
             };
             let (index, o, wo) = at;
-            let f = frames.standard.f(lights::direction(self.stand.directions[place]), wo);
-            let scale = self.exposure_s * irradiance * fields.throughput.at(o[0], o[1]) * fields.intensity.at(p[0], p[1]);
+            let f = frames
+                .standard
+                .f(lights::direction(self.stand.directions[place]), wo);
+            let scale = self.exposure_s
+                * irradiance
+                * fields.throughput.at(o[0], o[1])
+                * fields.intensity.at(p[0], p[1]);
             for channel in 0..self.channels {
-                if let Some((signal, variance)) = self.signal(frames, place, index * self.channels + channel) {
+                if let Some((signal, variance)) = self.signal(frames, place, index * self.channels + channel)
+                {
                     let predicted = scale * fields.sensitivity[channel] * self.f_of(f, channel);
                     share.add(signal, predicted, variance);
                 }
@@ -166,11 +188,18 @@ impl Seen<'_> {
             for &place in &places {
                 add(&mut share, place, (index, o, wo));
             }
-            let relative = fields.throughput.relative_uncertainty_at(o[0], o[1]).hypot(fields.residual);
+            let relative = fields
+                .throughput
+                .relative_uncertainty_at(o[0], o[1])
+                .hypot(fields.residual);
             pixels[index] = share.is_whole(relative).unwrap_or(false);
         }
-        let whole: Vec<(usize, [f64; 2], DVec3)> =
-            self.pixels.iter().filter(|(index, ..)| pixels[*index]).copied().collect();
+        let whole: Vec<(usize, [f64; 2], DVec3)> = self
+            .pixels
+            .iter()
+            .filter(|(index, ..)| pixels[*index])
+            .copied()
+            .collect();
         let every = (whole.len() / PIXELS).max(1);
         let lights: Vec<bool> = (0..self.all_lit.len())
             .map(|place| {
@@ -201,7 +230,13 @@ impl Seen<'_> {
             };
         }
         let mut incident = vec![BLIND; lights::LIGHTS];
-        for ((index, lit), whole) in self.stand.directions.iter().zip(&self.all_lit).zip(&self.judged.places) {
+        for ((index, lit), whole) in self
+            .stand
+            .directions
+            .iter()
+            .zip(&self.all_lit)
+            .zip(&self.judged.places)
+        {
             let of = &mut incident[*index];
             *of = match (*of, lit, whole) {
                 (BLIND, None, _) => EDGE,
@@ -232,7 +267,10 @@ pub(super) fn fit_whole(seen: &mut [Seen], frames: &[Frames]) -> Option<Fields> 
         for (seen, frames) in seen.iter_mut().zip(frames) {
             seen.judge(frames, &fields);
         }
-        let is_same = seen.iter().zip(&before).all(|(seen, before)| seen.takes_the_same(before));
+        let is_same = seen
+            .iter()
+            .zip(&before)
+            .all(|(seen, before)| seen.takes_the_same(before));
         if is_same {
             return Some(fields);
         }

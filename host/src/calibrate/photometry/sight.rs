@@ -39,7 +39,9 @@ pub struct Sight {
 impl Sight {
     pub(super) fn new(tilt: Option<Tilt>, camera: &[u8], width_px: usize, incident: &[u8]) -> Self {
         let rows = |all: &[u8], width: usize| {
-            all.chunks(width).map(|row| String::from_utf8_lossy(row).into_owned()).collect()
+            all.chunks(width)
+                .map(|row| String::from_utf8_lossy(row).into_owned())
+                .collect()
         };
         Self {
             tilt,
@@ -60,10 +62,16 @@ impl Sight {
             && self.incident.iter().all(|row| row.len() == SECTORS)
             && known(&self.incident);
         match (is_image, is_grid) {
-            (false, _) => Some(("camera", "rows of one length of the characters # . | and blank".to_owned())),
+            (false, _) => Some((
+                "camera",
+                "rows of one length of the characters # . | and blank".to_owned(),
+            )),
             (_, false) => Some((
                 "incident",
-                format!("{} rows of {SECTORS} of the characters # . | and blank", RINGS_DEG.len()),
+                format!(
+                    "{} rows of {SECTORS} of the characters # . | and blank",
+                    RINGS_DEG.len()
+                ),
             )),
             _ => None,
         }
@@ -141,7 +149,11 @@ mod tests {
         for theta_deg in [30.0, 64.0, 66.0, 74.0, 76.0, 84.0, 86.0, 90.0] {
             for phi_deg in [5.0, 19.0, 21.0, 29.0, 31.0, 39.0, 41.0, 200.0] {
                 let near = (65.0..85.0).contains(&theta_deg) && (20.0..40.0).contains(&phi_deg);
-                assert_eq!(sight.is_lit(from_degrees(theta_deg, phi_deg)), !near, "{theta_deg} {phi_deg}");
+                assert_eq!(
+                    sight.is_lit(from_degrees(theta_deg, phi_deg)),
+                    !near,
+                    "{theta_deg} {phi_deg}"
+                );
             }
         }
     }
