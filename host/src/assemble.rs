@@ -45,12 +45,14 @@ mod correction;
 mod edges;
 mod luminance;
 mod merge;
+mod off_sample;
 mod radiometry;
 
 use coordinates::attributes;
 pub(crate) use coordinates::{coordinates, interpolation_errors, list_attributes};
 use correction::Correction;
 use edges::Edges;
+use off_sample::OffSample;
 use radiometry::{Out, Radiometry, Work, project, project_merged};
 
 pub(crate) use luminance::{FrameAssembler, certainly_lit};
@@ -129,11 +131,23 @@ pub fn assemble(
     let brackets = plan.brackets();
     let layout = raw.layout();
     let format = rig.frame_format();
-    let found = [layout.exposures, layout.height, layout.width, layout.channels];
-    let expected = [plan.len(), format.height_px, format.width_px, format.channels];
+    let found = [
+        layout.exposures,
+        layout.height,
+        layout.width,
+        layout.channels,
+        layout.bits.into(),
+    ];
+    let expected = [
+        plan.len(),
+        format.height_px,
+        format.width_px,
+        format.channels,
+        format.bits.into(),
+    ];
     if found != expected {
         return Err(mismatch(format!(
-            "exposures × rows × columns × channels: expected {} from the plan, found {}",
+            "exposures × rows × columns × channels × bits: expected {} from rig and plan, found {}",
             by(&expected),
             by(&found)
         )));
@@ -141,7 +155,9 @@ pub fn assemble(
     let channels = format.channels;
     let disk = Disk::new(plan.request.image_size as usize);
     let edges = Edges::new(applied.edge_deg);
-    let resampling = seen(rig, &edges, disk);
+    let off_sample = OffSample::new(applied, plan)?;
+    let resampling = seen(rig, &edges, &off_sample, disk);
+    let reasons = off_sample.reasons(directions);
     let grid = &directions.grid;
     let brdf_layout = BrdfLayout {
         incident: grid.len(),
@@ -166,13 +182,7 @@ pub fn assemble(
     let writer = BrdfWriter::create(
         target,
         brdf_layout,
-        &coordinates(
-            grid,
-            &directions.reasons,
-            disk,
-            &resampling.reasons,
-            &resampling.pixel_sr,
-        ),
+        &coordinates(grid, &reasons, disk, &resampling.reasons, &resampling.pixel_sr),
         attributes(rig, plan),
         true,
     )?;
@@ -182,7 +192,8 @@ pub fn assemble(
     for segment in 0..raw.segments() {
         for (place, exposure) in raw.segment_range(segment).enumerate().step_by(brackets) {
             if let crate::plan::Exposure::Incident(index) = patterns[exposure / brackets] {
-                places[index] = cut_relative2[index].is_finite().then_some((segment, place));
+                let is_whole = cut_relative2[index].is_finite() && reasons[index].is_none();
+                places[index] = is_whole.then_some((segment, place));
             }
         }
     }
@@ -290,12 +301,13 @@ pub fn assemble(
 }
 
 /// How the camera pixels of `rig` that no edge may hide become cells of `disk`.
-fn seen(rig: &Rig, edges: &Edges, disk: Disk) -> Resampling {
+fn seen(rig: &Rig, edges: &Edges, off_sample: &OffSample<'_>, disk: Disk) -> Resampling {
     let mut resampling = Resampling::new(&View::camera(rig), disk);
     let hidden = edges.hidden_pixels(rig);
     resampling
         .taps
         .retain(|taps| !taps.pixel.iter().any(|pixel| hidden[*pixel as usize]));
+    off_sample.cut(&mut resampling, rig);
     resampling
 }
 

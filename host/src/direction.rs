@@ -40,14 +40,28 @@ pub fn from_degrees(theta_deg: f64, phi_deg: f64) -> DVec3 {
     from_angles(theta_deg.to_radians(), phi_deg.to_radians())
 }
 
-/// Polar angle θ ∈ [0, π] and azimuth φ ∈ [0, 2π) of the unit vector `w`, in radians.
+/// Polar angle θ ∈ [0, π] and azimuth φ ∈ [0, 2π) of the unit vector `w`, in radians; φ = 0 at the poles.
 ///
 /// Exact near the pole, where `acos(z)` would lose half of the digits.
 #[must_use]
 pub fn to_angles(w: DVec3) -> (f64, f64) {
     let theta_rad = w.x.hypot(w.y).atan2(w.z);
-    let phi_rad = w.y.atan2(w.x);
-    (theta_rad, if phi_rad < 0.0 { phi_rad + TAU } else { phi_rad })
+    (theta_rad, turned_up(w.y.atan2(w.x), TAU))
+}
+
+/// As [`to_angles`] in degrees: θ ∈ [0, 180] and φ ∈ [0, 360).
+#[must_use]
+pub fn to_degrees(w: DVec3) -> (f64, f64) {
+    let (theta_rad, phi_rad) = to_angles(w);
+    (theta_rad.to_degrees(), turned_up(phi_rad.to_degrees(), 360.0))
+}
+
+/// An azimuth from minus one turn to one turn, brought to [0, `turn`). What lies below 0 by less than rounding would come
+/// to a whole turn, and so may what is converted from a number just below one.
+fn turned_up(phi: f64, turn: f64) -> f64 {
+    let up = if phi < 0.0 { phi + turn } else { phi };
+    // The sum makes 0 of −0.
+    if up < turn { up + 0.0 } else { 0.0 }
 }
 
 /// Angle between two unit vectors in radians, exact for small angles.
@@ -56,4 +70,57 @@ pub fn to_angles(w: DVec3) -> (f64, f64) {
 #[must_use]
 pub fn angle_between(a: DVec3, b: DVec3) -> f64 {
     2.0 * (a - b).length().atan2((a + b).length())
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt as _, SeedableRng as _};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+
+    use super::*;
+
+    /// Components that put azimuths at, and next to, the places where they are rounded or turned.
+    fn awkward() -> Vec<f64> {
+        let mut all = vec![0.0, f64::MIN_POSITIVE, f64::from_bits(1), f64::EPSILON, 1.0];
+        all.extend((-60..0).map(|power| 2_f64.powi(power)));
+        all.extend([0.5, 1.5, 2.5, 3.5].map(|ulps| ulps * f64::EPSILON));
+        all.extend([f64::from(f32::EPSILON), f64::from(f32::MIN_POSITIVE)]);
+        all.iter().flat_map(|v| [*v, -v]).collect()
+    }
+
+    #[test]
+    fn azimuths_are_within_one_turn_and_name_their_direction() {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
+        let awkward = awkward();
+        let pairs = awkward.iter().flat_map(|x| awkward.iter().map(move |y| (*x, *y)));
+        let crafted = pairs.map(|(x, y)| DVec3::new(x, y, 0.5).normalize_or(DVec3::Z));
+        // What single precision has rounded is a direction too.
+        let drawn = (0..20_000).flat_map(|_| {
+            let (theta_rad, turn) = (rng.random_range(0.0..3.2), rng.random_range(-60..0));
+            let w = from_angles(theta_rad, rng.random_range(0.0..TAU));
+            let near_turn = from_angles(theta_rad, -(2_f64.powi(turn)));
+            [
+                w,
+                near_turn,
+                w.as_vec3().as_dvec3(),
+                near_turn.as_vec3().as_dvec3(),
+            ]
+        });
+        for w in crafted.chain(drawn) {
+            let (theta_rad, phi_rad) = to_angles(w);
+            let (theta_deg, phi_deg) = to_degrees(w);
+            assert!(
+                (0.0..TAU).contains(&phi_rad) && phi_rad.is_sign_positive(),
+                "{w}: {phi_rad}"
+            );
+            assert!(
+                (0.0..360.0).contains(&phi_deg) && phi_deg.is_sign_positive(),
+                "{w}: {phi_deg}"
+            );
+            assert!((0.0..=180.0).contains(&theta_deg), "{w}: {theta_deg}");
+            let w = w.normalize();
+            assert!(angle_between(from_angles(theta_rad, phi_rad), w) < 1e-14, "{w}");
+            assert!(angle_between(from_degrees(theta_deg, phi_deg), w) < 1e-14, "{w}");
+        }
+    }
 }

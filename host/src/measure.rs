@@ -88,6 +88,9 @@ fn planned_at(
     let given_s = exposures_s
         .or_else(|| request.brackets.times_s())
         .or_else(|| request.exposure_s.map(|exposure_s| vec![exposure_s]));
+    if let Some(calibration) = &setup.calibration {
+        calibration.check_tilt(request.tilt).map_err(Box::new)?;
+    }
     let any_s = given_s.clone().unwrap_or_else(|| vec![rig.camera.exposure_s]);
     let scaled = request.rig(rig).map_err(MeasurementError::from)?;
     Plan::bracketed(request.clone(), &scaled, &any_s).map_err(MeasurementError::from)?;

@@ -8,7 +8,7 @@ use crate::optics::{DirectionMap, View};
 use crate::pattern::PatternMaker;
 use crate::plan::{Directions, PlanError, spot_deg};
 use crate::rig::Rig;
-use crate::schedule::Timing;
+use crate::schedule::{LONGEST_EXPOSURE_S, SHORTEST_EXPOSURE_S, Timing};
 
 mod brackets;
 
@@ -30,9 +30,10 @@ pub(crate) const PILOT_TARGET: f64 = 0.85;
 /// [`MeasurementError`].
 pub fn pilot(rig: &Rig, grid: &Grid, instrument: &mut Instrument) -> Result<f64, MeasurementError> {
     let patterns = patterns(rig, grid)?;
-    Ok(Tests::take(rig, &patterns, instrument)?
-        .longest_s
-        .min(rig.camera.exposure_s))
+    let longest_s = Tests::take(rig, &patterns, instrument)?.longest_s;
+    Ok(longest_s
+        .min(rig.camera.exposure_s)
+        .clamp(SHORTEST_EXPOSURE_S, LONGEST_EXPOSURE_S))
 }
 
 /// Lit pixels of some patterns that are spread over `grid`.
@@ -56,12 +57,12 @@ pub(crate) fn spread(directions: &Directions, indices: &[usize]) -> Vec<usize> {
     let judged: Vec<usize> = (0..indices.len())
         .filter(|&at| is_judged(directions.grid.direction(indices[at])))
         .collect();
-    // A stride that shares no factor with the ring length visits all azimuths.
+    // An odd stride, so that halves and quarters of a turn do not come back ring after ring.
     let every = (judged.len() / PILOT_DIRECTIONS).max(1) | 1;
     judged.into_iter().step_by(every).collect()
 }
 
-/// Test exposures that are not saturated.
+/// Test exposures.
 pub(crate) struct Tests {
     /// One for each pattern.
     pub(crate) shots: Vec<Captured>,
@@ -69,10 +70,13 @@ pub(crate) struct Tests {
     pub(crate) exposure_s: f64,
     /// Exposure time in s at which their brightest pixels would come to [`PILOT_TARGET`] of the range.
     pub(crate) longest_s: f64,
+    /// Whether they saturate although no exposure is shorter.
+    pub(crate) is_too_bright: bool,
 }
 
 impl Tests {
-    /// Takes an exposure of each of `patterns` (lit pixels), shorter and shorter ones until they do not saturate.
+    /// Takes an exposure of each of `patterns` (lit pixels), shorter and shorter ones until they do not saturate, or cannot
+    /// be shorter.
     pub(crate) fn take(
         rig: &Rig,
         patterns: &[Vec<u32>],
@@ -80,8 +84,11 @@ impl Tests {
     ) -> Result<Self, MeasurementError> {
         let range = f64::from(rig.saturation_dn()) - rig.camera.dark_dn;
         let judged: Vec<bool> = judged(rig).collect();
-        let mut exposure_s = rig.camera.exposure_s;
-        for _ in 0..8 {
+        let mut exposure_s = rig
+            .camera
+            .exposure_s
+            .clamp(SHORTEST_EXPOSURE_S, LONGEST_EXPOSURE_S);
+        loop {
             let timing = Timing::new(rig, exposure_s).map_err(PlanError::from)?;
             let shots = instrument.take(
                 patterns.len(),
@@ -95,13 +102,15 @@ impl Tests {
                 .flat_map(|shot| shot.dn.iter().zip(&judged))
                 .filter_map(|(dn, judged)| judged.then_some(*dn))
                 .collect();
+            let mut is_too_bright = false;
             let longest_s = if dn.is_empty() {
                 exposure_s // nothing to go by
             } else {
                 let rank = ((dn.len() as f64 * (1.0 - PILOT_CLIPPED)) as usize).min(dn.len() - 1);
                 let (_, bright, _) = dn.select_nth_unstable(rank);
-                if *bright == rig.saturation_dn() {
-                    exposure_s /= 8.0;
+                is_too_bright = *bright >= rig.saturation_dn();
+                if is_too_bright && exposure_s > SHORTEST_EXPOSURE_S {
+                    exposure_s = (exposure_s / 8.0).max(SHORTEST_EXPOSURE_S);
                     continue;
                 }
                 let fill = (f64::from(*bright) - rig.camera.dark_dn) / range;
@@ -111,13 +120,9 @@ impl Tests {
                 shots,
                 exposure_s,
                 longest_s,
+                is_too_bright,
             });
         }
-        Ok(Self {
-            shots: Vec::new(),
-            exposure_s,
-            longest_s: exposure_s,
-        })
     }
 }
 

@@ -7,8 +7,13 @@ use crate::rig::Rig;
 
 /// Length of the PROJ pulse: inputs of projectors want a few microseconds.
 const PROJ_PULSE_S: f64 = 5e-6;
-/// Exposure times, seconds.
-pub const EXPOSURES_S: std::ops::RangeInclusive<f64> = 1e-6..=60.0;
+
+/// The shortest exposure time in s that a schedule takes.
+pub const SHORTEST_EXPOSURE_S: f64 = 1e-6;
+/// The longest one.
+pub const LONGEST_EXPOSURE_S: f64 = 60.0;
+/// Exposure times in s.
+pub const EXPOSURES_S: std::ops::RangeInclusive<f64> = SHORTEST_EXPOSURE_S..=LONGEST_EXPOSURE_S;
 
 /// Times of one step in s from its start.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

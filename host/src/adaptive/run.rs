@@ -58,7 +58,7 @@ struct Loop<'a> {
     timings: Vec<Timing>,
     maker: PatternMaker,
     /// Whether light from a direction clears all edges for certain.
-    is_clear: Box<dyn Fn(DVec3) -> bool>,
+    is_clear: Box<dyn Fn(DVec3) -> bool + 'a>,
     disk: Disk,
     /// Patterns of a segment.
     patterns: usize,
@@ -126,7 +126,7 @@ pub fn measure(
             plan.spot_deg,
             scaled.projector.irradiance,
         ),
-        is_clear: Box::new(certainly_lit(&scaled, &known)),
+        is_clear: Box::new(certainly_lit(&scaled, &known, &plan).map_err(MeasureError::from)?),
         disk: Disk::new(request.image_size as usize),
         patterns: 1 << most.ilog2(),
     };

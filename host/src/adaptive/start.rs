@@ -8,7 +8,7 @@ use glam::DVec3;
 
 use super::choose::outlook;
 use super::{AdaptiveError, BATCH, GoalError};
-use crate::direction::{angle_between, to_angles};
+use crate::direction::{angle_between, to_degrees};
 use crate::incident::{DirectionList, Grid};
 use crate::rig::Rig;
 
@@ -34,8 +34,7 @@ pub(super) fn listed(grid: &Grid) -> Result<Grid, AdaptiveError> {
 
 /// Angles (θ, φ) of `w` in degrees, as lists have them.
 pub(super) fn in_degrees(w: DVec3) -> [f64; 2] {
-    let (theta_rad, phi_rad) = to_angles(w);
-    [theta_rad.to_degrees(), phi_rad.to_degrees()]
+    to_degrees(w).into()
 }
 
 /// The directions of the beginning in degrees, at most `budget`: those of `start` that are `lit`, filled up to whole batches

@@ -13,7 +13,8 @@ use rayon::prelude::*;
 use super::correction::Correction;
 use super::edges::Edges;
 use super::radiometry::{Radiometry, Work};
-use super::{chunk_rows, seen};
+use super::off_sample::OffSample;
+use super::{AssembleError, chunk_rows, seen};
 use crate::calibrate::Applied;
 use crate::disk::Disk;
 use crate::optics::View;
@@ -36,17 +37,25 @@ pub(crate) struct FrameAssembler<'a> {
 }
 
 /// Whether light from a direction reaches the sample of `rig` for certain: the projector has it, and no edge, as well as they
-/// are known, may hide it.
-pub(crate) fn certainly_lit(rig: &Rig, applied: &Applied) -> impl Fn(DVec3) -> bool + use<> {
+/// are known, may hide it; a standard that stood as in `plan` was lit from there, if there was one.
+///
+/// # Errors
+/// [`AssembleError::Mismatch`] if the standard was not captured at the tilt of the sample.
+pub(crate) fn certainly_lit<'a>(
+    rig: &Rig,
+    applied: &'a Applied,
+    plan: &Plan,
+) -> Result<impl Fn(DVec3) -> bool + use<'a>, AssembleError> {
     let (projector, edges) = (View::projector(rig), Edges::new(applied.edge_deg));
-    move |w| !edges.may_hide_light(&projector, w)
+    let off_sample = OffSample::new(applied, plan)?;
+    Ok(move |w| !edges.may_hide_light(&projector, w) && !off_sample.is_missed(w))
 }
 
 impl<'a> FrameAssembler<'a> {
     /// For frames of `rig` exposed as in `plan`, the black ones of which are in `black`; `applied` is what calibration found.
     ///
     /// # Errors
-    /// A sentence if there are no black exposures.
+    /// A sentence if there are no black exposures, or the standard was not captured at the tilt of the sample.
     pub(crate) fn new(
         rig: &'a Rig,
         applied: &'a Applied,
@@ -56,13 +65,14 @@ impl<'a> FrameAssembler<'a> {
     ) -> Result<Self, String> {
         let camera = applied.photometry.as_ref().map(|found| &found.camera);
         let format = rig.frame_format();
+        let off_sample = OffSample::new(applied, plan).map_err(|error| error.to_string())?;
         Ok(Self {
             radiometry: plan
                 .exposures_s()
                 .into_iter()
                 .map(|exposure_s| Radiometry::new(rig, camera, black, exposure_s, format.len()))
                 .collect::<Result<_, _>>()?,
-            resampling: seen(rig, &Edges::new(applied.edge_deg), disk),
+            resampling: seen(rig, &Edges::new(applied.edge_deg), &off_sample, disk),
             correction: None,
             channels: format.channels,
             rig,

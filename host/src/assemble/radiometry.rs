@@ -60,11 +60,7 @@ impl Radiometry {
                 if record.incident < 0 && record.exposure_s.total_cmp(&exposure_s).is_eq() {
                     count += 1;
                     for (sum, &dn) in sum.iter_mut().zip(frame) {
-                        *sum += f64::from(
-                            linear
-                                .as_ref()
-                                .map_or(f32::from(dn), |linear| linear[usize::from(dn)]),
-                        );
+                        *sum += f64::from(linear_of(linear.as_deref(), dn));
                     }
                 }
             }
@@ -97,10 +93,7 @@ impl Radiometry {
     /// The digital number as a linear camera would give it.
     #[inline]
     pub(super) fn linear(&self, dn: u16) -> f32 {
-        match &self.linear {
-            None => f32::from(dn),
-            Some(linear) => linear[usize::from(dn.min(self.saturation))],
-        }
+        linear_of(self.linear.as_deref(), dn)
     }
 
     /// Variance by the shot noise of what a black frame holds, dark current and stray light, in DN²; `dark` are its
@@ -109,6 +102,14 @@ impl Radiometry {
     pub(super) fn dark_shot_variance(&self, dark: Vec4) -> Vec4 {
         (dark - Vec4::splat(self.level)).max(Vec4::ZERO) * (self.shot_per_dn * self.means)
     }
+}
+
+/// `dn` by the table `linear`, which ends at saturation: what a file has above that is saturated too.
+#[inline]
+fn linear_of(linear: Option<&[f32]>, dn: u16) -> f32 {
+    linear.map_or(f32::from(dn), |linear| {
+        linear[usize::from(dn).min(linear.len() - 1)]
+    })
 }
 
 /// What one worker keeps from chunk to chunk.
@@ -254,4 +255,47 @@ fn resample<const CHANNELS: usize>(
     }
     out.sigma.convert_from_f32_slice(out.wide_sigma);
     (measured, saturated)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::ExposureRecord;
+
+    #[test]
+    fn numbers_above_saturation_are_saturated_in_black_and_lit_frames_alike() {
+        let mut rig = Rig::load("rcg-1").unwrap();
+        (rig.camera.bits, rig.camera.dark_dn) = (12, 16.0);
+        let camera = CameraFound {
+            dark_dn: 16.0,
+            dark_dn_per_s: 0.0,
+            gain_e_per_dn: rig.gain_e_per_dn(),
+            read_noise_e: 3.0,
+            nonlinearity: 0.01,
+            linearity_residual: 0.0,
+        };
+        let record = ExposureRecord {
+            incident: -1,
+            exposure_s: 0.01,
+            ..ExposureRecord::default()
+        };
+        // A file can hold any number of 16 bits, whatever the rig's camera can show.
+        for dn in [4094, 4095, 4096, 4097, 8191, u16::MAX] {
+            for camera in [None, Some(&camera)] {
+                let black = Segment {
+                    frames: vec![16, dn],
+                    records: vec![record],
+                };
+                let radiometry = Radiometry::new(&rig, camera, &[black], 0.01, 2).unwrap();
+                assert!(radiometry.dark.iter().all(|dark| dark.is_finite()), "{dn}");
+                assert!(radiometry.linear(dn).is_finite(), "{dn}");
+                if camera.is_some() && dn >= 4095 {
+                    assert!(
+                        radiometry.linear(dn).total_cmp(&radiometry.linear(4095)).is_eq(),
+                        "{dn}"
+                    );
+                }
+            }
+        }
+    }
 }

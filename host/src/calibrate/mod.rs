@@ -9,6 +9,7 @@
 //! A calibration is a directory. `rig.toml` in it is the calibrated rig, which measurements take in place of the nominal
 //! one; the JSON files beside it say what was found, how certain it is, and for which rig.
 
+mod file;
 pub mod geometry;
 pub mod photometry;
 
@@ -25,7 +26,7 @@ use crate::brackets::Brackets;
 use crate::capture::{CaptureError, Captured, Instrument, Tally};
 use crate::incident::Grid;
 use crate::measure::MeasureError;
-use crate::measurement::{Measurement, MeasurementError, hex, write_whole};
+use crate::measurement::{Measurement, MeasurementError, hex};
 use crate::plan::{self, PlanError};
 use crate::rig::{Rig, RigError, Tilt};
 use crate::store::raw::SUBJECT;
@@ -81,8 +82,30 @@ impl Calibration {
     /// Opens the calibration in `dir`, which must be one of `rig`: of the nominal rig or of what calibration made of it.
     ///
     /// # Errors
-    /// [`CalibrateError::OtherRig`]; [`CalibrateError::Content`].
+    /// [`CalibrateError::OtherRig`]; [`CalibrateError::Content`], also for a directory in which no calibration succeeded.
     pub fn open(dir: &Path, rig: &Rig) -> Result<Self, CalibrateError> {
+        if ![GEOMETRY, PHOTOMETRY].iter().any(|file| dir.join(file).is_file()) {
+            let found = match std::fs::read_dir(dir) {
+                Err(error) => error.to_string(),
+                Ok(_)
+                    if [RIG, geometry::VIEWS, photometry::VIEWS]
+                        .iter()
+                        .any(|file| dir.join(file).exists()) =>
+                {
+                    "a calibration that has not succeeded".to_owned()
+                }
+                Ok(_) => "neither".to_owned(),
+            };
+            return Err(CalibrateError::Content {
+                path: dir.display().to_string(),
+                field: "calibration".to_owned(),
+                expected: format!(
+                    "{GEOMETRY} or {PHOTOMETRY} as `rcg calibrate geometry --out DIR` and `rcg calibrate photometry \
+                     --out DIR` write them"
+                ),
+                found,
+            });
+        }
         let calibrated = Rig::load(&dir.join(RIG).display().to_string())?;
         let (given, own) = (rig_hash(rig), rig_hash(&calibrated));
         let path = dir.join(GEOMETRY);
@@ -153,9 +176,9 @@ impl Applied {
     pub fn read(dir: &Path) -> Result<Self, CalibrateError> {
         let path = dir.join(Self::FILE);
         if path.is_file() {
-            let applied: Self = read_json(&path)?;
+            let applied: Self = file::read(&path, "rcg measure --calibration DIR")?;
             if let Some(photometry) = &applied.photometry {
-                photometry.check(&path)?;
+                photometry.check(&path, "photometry.")?;
             }
             Ok(applied)
         } else {
@@ -168,8 +191,7 @@ impl Applied {
     /// # Errors
     /// [`MeasurementError::Io`].
     pub fn write(&self, dir: &Path) -> Result<(), MeasurementError> {
-        let text = serde_json::to_string_pretty(self).expect("JSON values can be written");
-        write_whole(&dir.join(Self::FILE), text.as_bytes())
+        file::write(&dir.join(Self::FILE), self)
     }
 }
 
@@ -223,6 +245,15 @@ impl Calibration {
             rig.camera.full_well_e = found.gain_e_per_dn * range_dn;
         }
         rig
+    }
+
+    /// Refuses samples that `tilt` tilts, if the standard was not captured so: there is no throughput where it was not seen.
+    ///
+    /// # Errors
+    /// [`CalibrateError::Views`].
+    pub fn check_tilt(&self, tilt: Option<Tilt>) -> Result<(), CalibrateError> {
+        let photometry = self.photometry.as_ref();
+        photometry.map_or(Ok(()), |found| found.sight(tilt).map(|_| ()))
     }
 
     /// What measurements with it take into account.
@@ -317,19 +348,6 @@ impl From<PlanError> for CalibrateError {
 #[must_use]
 pub fn rig_hash(rig: &Rig) -> String {
     hex(&Sha256::digest(rig.to_toml().as_bytes()))
-}
-
-/// Reads the JSON file at `path`.
-fn read_json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, CalibrateError> {
-    let content = |expected: &str, found: String| CalibrateError::Content {
-        path: path.display().to_string(),
-        field: "file".to_owned(),
-        expected: expected.to_owned(),
-        found,
-    };
-    let text = crate::text::read(path).map_err(|error| content("a readable file", error.to_string()))?;
-    serde_json::from_str(&text)
-        .map_err(|error| content("a file as rcg calibrate writes it", error.to_string()))
 }
 
 /// Makes the file of the frames that `instrument` will take of the views in the file `views`, which will hold `text`.

@@ -22,7 +22,7 @@ pub enum Unmeasurable {
     /// The direction is below the sample's surface.
     #[error("below horizon")]
     BelowHorizon = 5,
-    /// The viewing ray meets the sample plane beside the sample.
+    /// The viewing ray meets the sample plane beside the sample, or calibration has not seen the standard there.
     #[error("off sample")]
     OffSample = 6,
 }

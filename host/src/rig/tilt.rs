@@ -13,6 +13,7 @@ use serde::de::{Error as _, Unexpected};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::{Rig, RigError};
+use crate::direction::from_degrees;
 use crate::optics::SampleFrame;
 
 /// Largest tilt, degrees.
@@ -53,6 +54,18 @@ impl FromStr for Tilt {
                 turn_deg,
             })
             .ok_or_else(|| format!("expected {EXPECTED}"))
+    }
+}
+
+impl Tilt {
+    /// Whether a sample stands alike at both tilts; no tilt is one of 0°.
+    #[must_use]
+    pub fn is_same(one: Option<Self>, other: Option<Self>) -> bool {
+        let normal =
+            |tilt: Option<Self>| tilt.map_or(DVec3::Z, |tilt| from_degrees(tilt.tilt_deg, tilt.towards_deg));
+        let turn_deg = |tilt: Option<Self>| tilt.map_or(0.0, |tilt| tilt.turn_deg);
+        let turned_deg = (turn_deg(one) - turn_deg(other)).rem_euclid(360.0);
+        (normal(one) - normal(other)).length() < 1e-9 && turned_deg.min(360.0 - turned_deg) < 1e-9
     }
 }
 
@@ -102,7 +115,6 @@ impl Rig {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::from_degrees;
 
     #[test]
     fn what_is_written_is_read_again_and_the_rest_is_refused() {
@@ -114,6 +126,25 @@ mod tests {
         for text in ["", "51", "81:0", "-1:0", "5:400", "5:0:nan", "5:0:0:0", "a:b"] {
             let error = text.parse::<Tilt>().unwrap_err();
             assert!(error.starts_with("expected TILT:TOWARDS"), "{text}");
+        }
+    }
+
+    #[test]
+    fn tilts_are_the_same_if_the_sample_stands_alike() {
+        let tilt = |text: &str| Some(text.parse::<Tilt>().unwrap());
+        for (one, other, same) in [
+            (None, None, true),
+            (None, tilt("0:0"), true),
+            (None, tilt("0:77:360"), true),
+            (None, tilt("0:0:1"), false),
+            (tilt("51:84:40"), tilt("51:84:40"), true),
+            (tilt("51:84:40"), tilt("51:-276:-320"), true),
+            (tilt("51:84:40"), tilt("51:84:41"), false),
+            (tilt("51:84"), tilt("51:85"), false),
+            (tilt("51:84"), None, false),
+        ] {
+            assert_eq!(Tilt::is_same(one, other), same, "{one:?} {other:?}");
+            assert_eq!(Tilt::is_same(other, one), same, "{one:?} {other:?}");
         }
     }
 

@@ -143,7 +143,7 @@ fn a_calibrated_rig_measures_what_is_there_tilted_too() {
 #[test]
 fn views_that_say_too_little_are_refused_by_name() {
     let lab = Lab::new();
-    let views = lab.calibrate("geometry", "64", &["--tilts", "10:30,10:30"]);
+    let views = lab.calibrate("geometry", "64", &["--tilts", "10:30"]);
     refuses(
         &views,
         "",
@@ -213,4 +213,42 @@ fn captures_that_do_not_go_together_are_refused_by_name() {
     let tilted = lab.measure("tilted", "15", &["--tilt", "95:0"]);
     assert_eq!(run(&tilted, "").code, Some(2));
     assert!(!Path::new(&out).exists());
+}
+
+#[test]
+fn every_preset_can_be_calibrated_and_measures_what_is_there() {
+    for preset in ["rcg-1", "rcg-2", "dmd"] {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| text(&folder.path().join(name)).to_owned();
+        let (truth, out, measured) = (at("truth.toml"), at("calibration"), at("measured"));
+        let with = |line: &[&str]| {
+            let all = [line, &["--rig", preset, "--json"]].concat();
+            run(&all, "").object()
+        };
+        with(&["truth", "--seed", "3", "--out", &truth]);
+        let rest = ["--out", &out, "--truth", &truth, "--image-size"];
+        with(&[&["calibrate", "geometry"], &rest[..], &["96"]].concat());
+        with(&[&["calibrate", "photometry"], &rest[..], &["32"]].concat());
+        let request = ["--sample", "lambert:0.5", "--step", "30", "--image-size", "24"];
+        let measure = [
+            "measure",
+            "--out",
+            &measured,
+            "--truth",
+            &truth,
+            "--calibration",
+            &out,
+        ];
+        let object = with(&[&measure[..], &request[..]].concat());
+        let of = |field: &str| number(&object, &format!("evaluation.{field}"));
+        let (error, stated) = (
+            of("against_reference.relative_error.median"),
+            of("median_relative_sigma"),
+        );
+        assert!(
+            error < 2.0 * stated && stated < 0.03,
+            "{preset}: {error} {stated}"
+        );
+        assert!(of("against_reference.relative_error.p99") < 0.1, "{preset}");
+    }
 }

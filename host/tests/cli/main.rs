@@ -12,6 +12,7 @@ mod adaptive;
 mod answers;
 mod bad_arguments;
 mod bad_brdf;
+mod bad_calibrations;
 mod bad_lines;
 mod bad_places;
 mod bad_plans;

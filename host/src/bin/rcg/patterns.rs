@@ -59,15 +59,16 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             continue;
         };
         let (theta_deg, phi_deg) = directions.grid.angles_deg(index);
-        let (theta, phi) = rcg::direction::to_angles(lit.centroid);
+        let (lit_theta_deg, lit_phi_deg) = rcg::direction::to_degrees(lit.centroid);
         writeln!(
             table,
             "{index},{theta_deg},{phi_deg},{},{:.8e},{:.8e},{:.5},{:.5}",
             lit.pixels.len(),
             lit.solid_angle_sr,
             lit.irradiance,
-            theta.to_degrees(),
-            phi.to_degrees()
+            lit_theta_deg,
+            // What is written as 360.00000 is 0.
+            (lit_phi_deg * 1e5).round() / 1e5 % 360.0
         )
         .expect("strings take everything");
         image.clear();

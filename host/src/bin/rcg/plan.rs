@@ -38,6 +38,9 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     } else if !request.brackets.is_one() {
         planned(&rig, request, &setup, output)?.1
     } else {
+        if let Some(calibration) = &setup.calibration {
+            calibration.check_tilt(request.tilt)?;
+        }
         let exposure_s = request.exposure_s.unwrap_or(rig.camera.exposure_s);
         request.sample.as_deref().map(rcg::sample::parse).transpose()?;
         let scaled = request.rig(&rig)?;

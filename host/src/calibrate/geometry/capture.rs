@@ -5,18 +5,18 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::calibrate::{CalibrateError, Conditions, create_raw, open_raw, read_json, segment_of};
+use crate::calibrate::{CalibrateError, Conditions, create_raw, file, open_raw, segment_of};
 use crate::capture::Tally;
 use crate::direction::from_degrees;
 use crate::incident::Grid;
-use crate::measurement::{MeasurementError, write_whole};
+use crate::measurement::MeasurementError;
 use crate::optics::View;
 use crate::pattern::{BitPattern, PatternMaker};
 use crate::pilot::Tests;
 use crate::plan;
 use crate::progress::Progress;
 use crate::rig::Rig;
-use crate::schedule::Timing;
+use crate::schedule::{SHORTEST_EXPOSURE_S, Timing};
 use crate::setup::Setup;
 use crate::store::{RawLayout, RawStore};
 use crate::stripes::Stripes;
@@ -25,7 +25,7 @@ use crate::virtual_rig::Held;
 /// Name of the raw frames.
 pub(super) const RAW: &str = "geometry.raw.zarr";
 /// Name of the file that says what the frames are.
-const VIEWS: &str = "geometry-views.json";
+pub(in crate::calibrate) const VIEWS: &str = "geometry-views.json";
 /// Share of the light that the flat mirror of the virtual rig reflects: black glass.
 pub(super) const REFLECTANCE: f64 = 0.04;
 /// What the diffuse standard of the virtual rig is.
@@ -60,7 +60,7 @@ pub struct Views {
 impl Views {
     /// What `dir` holds, with the frames that were captured of it.
     pub(super) fn read(dir: &Path) -> Result<(Self, RawStore), CalibrateError> {
-        let views = read_json(&dir.join(VIEWS))?;
+        let views = file::read(&dir.join(VIEWS), super::COMMAND)?;
         Ok((views, open_raw(dir, RAW, VIEWS)?))
     }
 
@@ -93,6 +93,7 @@ pub fn capture(
     setup: &Setup,
     progress: &dyn Progress,
 ) -> Result<(), CalibrateError> {
+    check_tilts(&request.tilts)?;
     let views = Views {
         rig: request.rig.clone(),
         tilts: request.tilts.clone(),
@@ -115,7 +116,7 @@ pub fn capture(
         clock_hz: 0,
     };
     let mut raw: Option<RawStore> = None;
-    let text = serde_json::to_string_pretty(&views).expect("JSON values can be written");
+    let text = file::text(&views);
     let opened_for = request
         .conditions
         .request(Grid::ThetaPhi { step_deg: 15.0 }, None);
@@ -141,9 +142,16 @@ pub fn capture(
         let (width_px, height_px) = instrument.projector.size_px();
         let mut image = BitPattern::black(width_px, height_px);
         draw(0, &mut image);
-        let exposure_s = Tests::take(&rig, &[image.lit()], &mut instrument)?
-            .longest_s
-            .clamp(1e-6, 1.0);
+        let tests = Tests::take(&rig, &[image.lit()], &mut instrument)?;
+        if tests.is_too_bright {
+            return Err(CalibrateError::Views {
+                expected: format!("a target that {} ms do not saturate", SHORTEST_EXPOSURE_S * 1e3),
+                found: "one that they do".to_owned(),
+                advice: "stop the projector or the camera down and state it in the rig file \
+                         (light.full_scale_f_sr)",
+            });
+        }
+        let exposure_s = tests.longest_s.clamp(SHORTEST_EXPOSURE_S, 1.0);
         let timing = Timing::new(&rig, exposure_s).map_err(plan::PlanError::from)?;
         let raw = match &mut raw {
             Some(raw) => raw,
@@ -158,7 +166,25 @@ pub fn capture(
         done += count;
     }
     progress.end();
-    write_whole(&dir.join(VIEWS), text.as_bytes())?;
+    file::write(&dir.join(VIEWS), &views)?;
+    Ok(())
+}
+
+/// Refuses tilts at which the flat mirror would stand twice: the same evidence counts once.
+fn check_tilts(tilts: &[[f64; 2]]) -> Result<(), CalibrateError> {
+    for (index, [tilt_deg, azimuth_deg]) in tilts.iter().enumerate() {
+        let normal = from_degrees(*tilt_deg, *azimuth_deg);
+        let mut before = tilts[..index]
+            .iter()
+            .map(|[tilt_deg, azimuth_deg]| from_degrees(*tilt_deg, *azimuth_deg));
+        if before.any(|other| (other - normal).length() < 1e-9) {
+            return Err(CalibrateError::Views {
+                expected: "tilts of the flat mirror that differ from each other".to_owned(),
+                found: format!("{tilt_deg}:{azimuth_deg} again"),
+                advice: "give each of --tilts once, in other azimuths",
+            });
+        }
+    }
     Ok(())
 }
 

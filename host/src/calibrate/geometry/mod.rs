@@ -33,12 +33,13 @@ use std::path::Path;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
+pub(super) use capture::VIEWS;
 pub use capture::{Request, Views, capture};
 use parameters::{Parameter, parameters};
 use sightings::Sightings;
 use solve::{Solution, moved, solve};
 
-use super::{CalibrateError, RIG, read_json, rig_hash};
+use super::{CalibrateError, RIG, file, rig_hash};
 use crate::direction::from_degrees;
 use crate::measurement::write_whole;
 use crate::optics::View;
@@ -49,6 +50,8 @@ use crate::virtual_rig::FlatMirror;
 pub const GEOMETRY: &str = "geometry.json";
 /// Name of the picture of the residuals.
 pub const RESIDUALS: &str = "geometry-residuals.png";
+/// What writes the files.
+const COMMAND: &str = "rcg calibrate geometry --out DIR";
 /// Standard uncertainty of the directions above which the views do not determine the geometry, degrees, RMS.
 pub const WORST_DEG: f64 = 0.1;
 /// Fewest matches.
@@ -168,9 +171,9 @@ pub fn calibrate(dir: &Path) -> Result<Geometry, CalibrateError> {
         camera_deg,
         projector_deg,
     };
+    file::check(&geometry)?;
     picture::save_panels(&views, &seen, &solution, &dir.join(RESIDUALS))?;
-    let text = serde_json::to_string_pretty(&geometry).expect("JSON values can be written");
-    write_whole(&dir.join(GEOMETRY), text.as_bytes())?;
+    file::write(&dir.join(GEOMETRY), &geometry)?;
     write_whole(&dir.join(RIG), rig.to_toml().as_bytes())?;
     Ok(geometry)
 }
@@ -181,7 +184,46 @@ impl Geometry {
     /// # Errors
     /// [`CalibrateError::Content`].
     pub fn read(dir: &Path) -> Result<Self, CalibrateError> {
-        read_json(&dir.join(GEOMETRY))
+        let path = dir.join(GEOMETRY);
+        let found: Self = file::read(&path, COMMAND)?;
+        found.check(&path)?;
+        Ok(found)
+    }
+
+    /// Refuses numbers that no calibration finds; `path` is where they were read.
+    fn check(&self, path: &Path) -> Result<(), CalibrateError> {
+        let content = |field: String, expected: String, found: String| {
+            Err(CalibrateError::Content {
+                path: path.display().to_string(),
+                field,
+                expected: format!("{expected} as `{COMMAND}` writes it"),
+                found,
+            })
+        };
+        for (field, deg) in [
+            ("camera_deg", self.camera_deg),
+            ("projector_deg", self.projector_deg),
+        ] {
+            if !(0.0..=WORST_DEG).contains(&deg) {
+                return content(field.to_owned(), format!("0 to {WORST_DEG}"), deg.to_string());
+            }
+        }
+        let unknowns = self.parameters.len();
+        if self.covariance.len() != unknowns || self.covariance.iter().any(|row| row.len() != unknowns) {
+            let expected = format!("{unknowns} rows and columns, one for each parameter,");
+            return content("covariance".to_owned(), expected, "others".to_owned());
+        }
+        let negative = self
+            .parameters
+            .iter()
+            .find(|found| found.standard_uncertainty < 0.0);
+        negative.map_or(Ok(()), |found| {
+            content(
+                format!("standard_uncertainty of {}", found.name),
+                "0 or more".to_owned(),
+                found.standard_uncertainty.to_string(),
+            )
+        })
     }
 
     /// Standard uncertainty (k = 1) of where the edges of hole, rim and wire are, degrees: that of the angle of theirs that

@@ -12,12 +12,18 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::calibrate::CalibrateError;
+
 /// Bins of the photon-transfer curve.
 const BINS: usize = 40;
 /// Fewest pixels in a bin that counts.
 const FEWEST: u32 = 50;
 /// Share of the range up to which signals count.
 const HIGHEST: f64 = 0.92;
+
+/// Exposure times in which a pixel is bright that shows linearity, and how many such pixels there must be.
+const LEAST_TIMES: usize = 3;
+const BRIGHT: usize = 10;
 
 /// What is known of the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -58,19 +64,35 @@ pub(super) fn moments(frames: &[&[u16]]) -> (Vec<f64>, Vec<f64>) {
 }
 
 /// What the series says of the camera; `saturation_dn` is its largest number.
-pub(super) fn camera(series: &[Times], saturation_dn: f64) -> CameraFound {
+///
+/// # Errors
+/// [`CalibrateError::Views`] if noise or brightness of the series say nothing.
+pub(super) fn camera(series: &[Times], saturation_dn: f64) -> Result<CameraFound, CalibrateError> {
     let (dark_dn, dark_dn_per_s) = dark(series);
     let range = saturation_dn - dark_dn;
-    let (gain_e_per_dn, read_noise_dn) = photon_transfer(series, dark_dn, range);
-    let (nonlinearity, linearity_residual) = linearity(series, dark_dn, range, gain_e_per_dn);
-    CameraFound {
+    let transfer = photon_transfer(series, dark_dn, range);
+    let (gain_e_per_dn, read_noise_dn) = transfer.ok_or_else(|| CalibrateError::Views {
+        expected: "frames whose noise grows with the light".to_owned(),
+        found: "noise that does not".to_owned(),
+        advice: "take them with --noise on, with more pixels, and with the standard in place",
+    })?;
+    let linearity = linearity(series, dark_dn, range, gain_e_per_dn);
+    let (nonlinearity, linearity_residual) = linearity.ok_or_else(|| CalibrateError::Views {
+        expected: format!(
+            "{BRIGHT} pixels or more that the spot on the standard brings above a tenth of the range \
+                           in {LEAST_TIMES} exposure times"
+        ),
+        found: "fewer".to_owned(),
+        advice: "take them with a longer --exposure-ms, with more light, or with a brighter --standard",
+    })?;
+    Ok(CameraFound {
         dark_dn,
         dark_dn_per_s,
         gain_e_per_dn,
         read_noise_e: read_noise_dn * gain_e_per_dn,
         nonlinearity,
         linearity_residual,
-    }
+    })
 }
 
 /// Level and slope over time of the dark frames' mean.
@@ -95,8 +117,8 @@ fn line(points: &[(f64, f64, f64)]) -> (f64, f64) {
     ((wy - slope * wx) / w, slope)
 }
 
-/// Gain in electrons per digital number and read noise in digital numbers.
-fn photon_transfer(series: &[Times], dark_dn: f64, range: f64) -> (f64, f64) {
+/// Gain in electrons per digital number and read noise in digital numbers; `None` if the noise does not show them.
+fn photon_transfer(series: &[Times], dark_dn: f64, range: f64) -> Option<(f64, f64)> {
     let mut bins = vec![(0.0, 0.0, 0_u32); BINS];
     for times in series {
         for frames in [&times.lit, &times.black, &times.dark] {
@@ -120,14 +142,15 @@ fn photon_transfer(series: &[Times], dark_dn: f64, range: f64) -> (f64, f64) {
         })
         .collect();
     let (intercept, slope) = line(&points);
-    (slope.recip(), (intercept - 1.0 / 12.0).max(0.0).sqrt())
+    // With a single bin there is no line, and no number.
+    (slope > 0.0 && slope.is_finite()).then(|| (slope.recip(), (intercept - 1.0 / 12.0).max(0.0).sqrt()))
 }
 
 /// What a pixel shows of the spot, how far nonlinearity of β = 1 bends it, and its weight.
 type Signal = (f64, f64, f64);
 
-/// β and what deviation is left.
-fn linearity(series: &[Times], dark_dn: f64, range: f64, gain: f64) -> (f64, f64) {
+/// β and what deviation is left; `None` if too few pixels are bright enough.
+fn linearity(series: &[Times], dark_dn: f64, range: f64, gain: f64) -> Option<(f64, f64)> {
     // Per exposure time and pixel.
     let signals: Vec<(f64, Vec<Signal>)> = series
         .iter()
@@ -145,7 +168,7 @@ fn linearity(series: &[Times], dark_dn: f64, range: f64, gain: f64) -> (f64, f64
         })
         .collect();
     let pixels = signals[0].1.len();
-    let (mut ab, mut bb) = (0.0, 0.0);
+    let (mut ab, mut bb, mut bright) = (0.0, 0.0, 0);
     for pixel in 0..pixels {
         let points = || {
             signals
@@ -153,9 +176,10 @@ fn linearity(series: &[Times], dark_dn: f64, range: f64, gain: f64) -> (f64, f64
                 .map(|(t, all)| (all[pixel].0 / t, all[pixel].1 / t, all[pixel].2 * t * t))
         };
         let weight: f64 = points().map(|p| p.2).sum();
-        if points().filter(|p| p.2 > 0.0).count() < 3 {
+        if points().filter(|p| p.2 > 0.0).count() < LEAST_TIMES {
             continue;
         }
+        bright += 1;
         let a_mean = points().map(|p| p.0 * p.2).sum::<f64>() / weight;
         let b_mean = points().map(|p| p.1 * p.2).sum::<f64>() / weight;
         for (a, b, w) in points() {
@@ -163,7 +187,10 @@ fn linearity(series: &[Times], dark_dn: f64, range: f64, gain: f64) -> (f64, f64
             bb += w * (b - b_mean) * (b - b_mean);
         }
     }
-    let beta = if bb > 0.0 { -ab / bb } else { 0.0 };
+    if bright < BRIGHT || bb <= 0.0 {
+        return None;
+    }
+    let beta = -ab / bb;
     // The mean rate of the pixels that are good at a time, against their own mean over all times.
     let mut worst = 0.0_f64;
     for (t, all) in &signals {
@@ -179,5 +206,5 @@ fn linearity(series: &[Times], dark_dn: f64, range: f64, gain: f64) -> (f64, f64
             worst = worst.max((sum / expected - 1.0).abs());
         }
     }
-    (beta, worst)
+    Some((beta, worst))
 }

@@ -23,16 +23,16 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::exposure::{Exposures, light};
+use super::lights;
 use super::rank_one::positive;
-use crate::calibrate::{CalibrateError, Conditions, RIG, create_raw, open_raw, read_json, segment_of};
+use crate::calibrate::{CalibrateError, Conditions, RIG, create_raw, file, open_raw, segment_of};
 use crate::capture::{Instrument, Tally};
 use crate::direction::from_degrees;
 use crate::incident::Grid;
-use crate::measurement::write_whole;
 use crate::optics::View;
 use crate::pattern::PatternMaker;
-use crate::pilot::Tests;
-use crate::plan::{self, Directions};
+use crate::plan;
 use crate::progress::Progress;
 use crate::rig::{Rig, Tilt};
 use crate::sample::Sample;
@@ -44,13 +44,9 @@ use crate::virtual_rig::Held;
 /// Name of the raw frames.
 pub(super) const RAW: &str = "photometry.raw.zarr";
 /// Name of the file that says what the frames are.
-const VIEWS: &str = "photometry-views.json";
+pub(in crate::calibrate) const VIEWS: &str = "photometry-views.json";
 /// Exposures of a segment.
 pub(super) const SEGMENT: usize = 16;
-/// Exposure times of the series, each √4 = 2 times the one before.
-const TIMES: usize = 8;
-/// Degrees between the rings of incident directions with which the standard is lit.
-const STEP_DEG: f64 = 10.0;
 /// Segments of incident directions of the second standard.
 const SECOND: usize = 2;
 
@@ -85,6 +81,9 @@ pub struct Views {
     pub(super) times_s: Vec<f64>,
     /// Exposure time of the incident directions, seconds.
     pub(super) exposure_s: f64,
+    /// Diameter of the cone that one pattern lights, degrees, if it is not that of the rig.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) spot_deg: Option<f64>,
     /// How the standard stood.
     pub(super) stands: Vec<Stand>,
 }
@@ -95,7 +94,7 @@ pub struct Views {
 pub(super) struct Stand {
     /// Its tilt; none first.
     pub(super) tilt: Option<Tilt>,
-    /// Indices of the incident directions in the grid of [`STEP_DEG`], whole segments of them.
+    /// Indices of the incident directions (see [`lights`]), whole segments of them.
     pub(super) directions: Vec<usize>,
 }
 
@@ -119,8 +118,59 @@ pub(super) enum Shows {
 impl Views {
     /// What `dir` holds, with the frames that were captured of it.
     pub(super) fn read(dir: &Path) -> Result<(Self, RawStore), CalibrateError> {
-        let views = read_json(&dir.join(VIEWS))?;
+        let path = dir.join(VIEWS);
+        let views: Self = file::read(&path, super::COMMAND)?;
+        views.check(&path)?;
         Ok((views, open_raw(dir, RAW, VIEWS)?))
+    }
+
+    /// Refuses what no capture writes; `path` is where it was read.
+    fn check(&self, path: &Path) -> Result<(), CalibrateError> {
+        self.rig.validate()?;
+        let content = |field: &str, expected: String, found: String| {
+            Err(CalibrateError::Content {
+                path: path.display().to_string(),
+                field: field.to_owned(),
+                expected,
+                found,
+            })
+        };
+        let ascends = self.times_s.windows(2).all(|pair| pair[0] < pair[1]);
+        if self.times_s.len() < 2 || !ascends || self.times_s[0] <= 0.0 {
+            let expected = "two or more ascending times above 0".to_owned();
+            return content("times_s", expected, crate::text::listed(&self.times_s));
+        }
+        if self.exposure_s <= 0.0 {
+            return content(
+                "exposure_s",
+                "a time above 0".to_owned(),
+                self.exposure_s.to_string(),
+            );
+        }
+        if self.spot_deg() <= 0.0 {
+            return content(
+                "spot_deg",
+                "an angle above 0".to_owned(),
+                self.spot_deg().to_string(),
+            );
+        }
+        if self.stands.first().is_none_or(|stand| stand.tilt.is_some()) {
+            let expected = "a first one without a tilt".to_owned();
+            return content("stands", expected, format!("{}", self.stands.len()));
+        }
+        for stand in &self.stands {
+            let count = stand.directions.len();
+            if count == 0 || count % SEGMENT != 0 || stand.directions.iter().any(|at| *at >= lights::LIGHTS) {
+                let expected = format!("whole segments of {SEGMENT} numbers below {}", lights::LIGHTS);
+                return content("stands.directions", expected, format!("{count} others"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Diameter of the cone that one pattern lights, degrees.
+    pub(super) fn spot_deg(&self) -> f64 {
+        self.spot_deg.unwrap_or(self.rig.light.spot_deg)
     }
 
     /// Whether `dir` holds captures of views.
@@ -163,12 +213,6 @@ impl Views {
             _ => self.exposure_s,
         }
     }
-
-    /// Incident directions of the grid.
-    pub(super) fn grid(rig: &Rig) -> Result<Directions, CalibrateError> {
-        let grid = Grid::ThetaPhi { step_deg: STEP_DEG };
-        Ok(Directions::new(rig, &grid).map_err(plan::PlanError::from)?)
-    }
 }
 
 /// Captures the views of `request` with the rig of the calibration in `dir`, into it.
@@ -191,31 +235,38 @@ pub fn capture(
         check_standard(sample.as_ref(), &request.standard)?;
     }
     let second = request.second_standard.as_deref().map(parse).transpose()?;
+    if let (Held::Sample(first), Some((Held::Sample(second), spec))) =
+        (&standard, second.as_ref().zip(request.second_standard.as_deref()))
+    {
+        check_standard(second.as_ref(), spec)?;
+        super::check_apart(
+            super::interreflected(first.as_ref()),
+            super::interreflected(second.as_ref()),
+        )?;
+    }
     let trap = parse("lambert:0")?;
+    check_tilts(&request.tilts)?;
     let tilts: Vec<Option<Tilt>> = std::iter::once(None)
         .chain(request.tilts.iter().copied().map(Some))
         .collect();
-    let holders: Vec<Holder> = tilts
+    let mut holders: Vec<Holder> = tilts
         .iter()
         .map(|tilt| {
-            let grid = Grid::ThetaPhi { step_deg: STEP_DEG };
+            // What an instrument is opened for; the patterns are made here.
+            let grid = Grid::ThetaPhi { step_deg: 10.0 };
             Holder::new(&full, request.conditions.request(grid, *tilt))
         })
         .collect::<Result<_, _>>()?;
-    let exposure_s = match request.exposure_s {
-        Some(exposure_s) => exposure_s,
-        None => longest_s(&holders, &standard, setup)?,
-    };
+    let Exposures { times_s, spot_deg } = light(&mut holders, &standard, request.exposure_s, setup)?;
+    let exposure_s = times_s.last().copied().expect("invariant: there are times");
     let views = Views {
         rig: full,
         standard: request.standard.clone(),
         second_standard: request.second_standard.clone(),
         image_size: request.conditions.image_size,
-        times_s: (0..TIMES)
-            .rev()
-            .map(|halvings| exposure_s / f64::from(1 << halvings))
-            .collect(),
+        times_s,
         exposure_s,
+        spot_deg,
         stands: holders
             .iter()
             .zip(tilts)
@@ -236,9 +287,9 @@ pub fn capture(
         bits: format.bits,
         clock_hz: 0,
     };
-    let text = serde_json::to_string_pretty(&views).expect("JSON values can be written");
+    let text = file::text(&views);
     let mut raw: Option<RawStore> = None;
-    let series = holders[0].series()?;
+    let series = holders[0].series();
     progress.begin("standard", layout.exposures, "exposures");
     // What is in the holder, and the instrument with it in.
     let mut held: Option<((usize, InHolder), Instrument)> = None;
@@ -285,7 +336,7 @@ pub fn capture(
         raw.write_segment(index, &segment_of(shots, tally, exposure_s))?;
     }
     progress.end();
-    write_whole(&dir.join(VIEWS), text.as_bytes())?;
+    file::write(&dir.join(VIEWS), &views)?;
     Ok(())
 }
 
@@ -326,72 +377,78 @@ impl Shows {
     }
 }
 
+/// Refuses tilts at which the standard would stand twice: the same evidence counts once.
+fn check_tilts(tilts: &[Tilt]) -> Result<(), CalibrateError> {
+    for (index, tilt) in tilts.iter().enumerate() {
+        let mut before = std::iter::once(None).chain(tilts[..index].iter().copied().map(Some));
+        if before.any(|other| Tilt::is_same(other, Some(*tilt))) {
+            return Err(CalibrateError::Views {
+                expected: "tilts of the standard that differ from each other and from none".to_owned(),
+                found: format!("{tilt} again"),
+                advice: "give each of --tilts once; the standard is captured without a tilt anyway",
+            });
+        }
+    }
+    Ok(())
+}
+
 /// The holder at one tilt.
-struct Holder {
-    request: plan::Request,
+pub(super) struct Holder {
+    pub(super) request: plan::Request,
     /// The rig with the tilt, its camera image scaled.
-    rig: Rig,
-    grid: Directions,
+    pub(super) rig: Rig,
     /// Indices of the directions that are lit, whole segments of them.
-    directions: Vec<usize>,
+    pub(super) directions: Vec<usize>,
     maker: PatternMaker,
 }
 
 impl Holder {
-    fn new(full: &Rig, request: plan::Request) -> Result<Self, CalibrateError> {
+    pub(super) fn new(full: &Rig, request: plan::Request) -> Result<Self, CalibrateError> {
         let rig = request.rig(full)?;
-        let grid = Views::grid(&rig)?;
-        let mut directions: Vec<usize> = grid.measurable().collect();
-        directions.truncate(directions.len() / SEGMENT * SEGMENT);
+        let mut directions = lights::measurable(&rig);
+        if directions.len() < SEGMENT {
+            return Err(CalibrateError::Views {
+                expected: format!("at least {SEGMENT} incident directions that the projector can light"),
+                found: directions.len().to_string(),
+                advice: "check the rig, and the tilts",
+            });
+        }
+        // The last segment is filled with the first ones again.
+        let rest = directions.len().next_multiple_of(SEGMENT) - directions.len();
+        directions.extend_from_within(..rest);
         Ok(Self {
             request,
-            maker: maker(&rig),
+            maker: maker(&rig, rig.light.spot_deg),
             rig,
-            grid,
             directions,
         })
     }
 
+    /// Lights cones of `spot_deg` from now on.
+    pub(super) fn set_spot(&mut self, spot_deg: f64) {
+        self.maker = maker(&self.rig, spot_deg);
+    }
+
     /// Pixels that light the incident direction of this index.
-    fn lit(&self, index: usize) -> Vec<u32> {
+    pub(super) fn lit(&self, index: usize) -> Vec<u32> {
         self.maker
-            .lit_set(self.grid.grid.direction(index))
+            .lit_set(lights::direction(index))
             .map_or_else(|_| Vec::new(), |lit| lit.pixels)
     }
 
     /// The direction of the series: one of those nearest to 45°.
-    fn series(&self) -> Result<usize, CalibrateError> {
-        let off = |at: usize| (self.grid.grid.angles_deg(at).0 - 45.0).abs();
+    fn series(&self) -> usize {
+        let off = |at: &usize| (lights::angles_deg(*at).0 - 45.0).abs();
         let nearest = self
             .directions
             .iter()
-            .min_by(|a, b| off(**a).total_cmp(&off(**b)));
-        nearest.copied().ok_or_else(|| CalibrateError::Views {
-            expected: format!("at least {SEGMENT} incident directions that the projector can light"),
-            found: "fewer".to_owned(),
-            advice: "check the rig",
-        })
+            .copied()
+            .min_by(|a, b| off(a).total_cmp(&off(b)));
+        nearest.expect("invariant: there are directions")
     }
-}
-
-/// The longest exposure time in s that saturates `standard` at no stand.
-fn longest_s(holders: &[Holder], standard: &Held, setup: &Setup) -> Result<f64, CalibrateError> {
-    let mut longest_s = 10.0_f64;
-    for holder in holders {
-        let mut instrument = setup.open_held(&holder.rig, standard.clone(), &holder.request)?;
-        let patterns: Vec<Vec<u32>> = holder
-            .directions
-            .iter()
-            .step_by(5)
-            .map(|at| holder.lit(*at))
-            .collect();
-        let tests = Tests::take(&holder.rig, &patterns, &mut instrument)?;
-        longest_s = longest_s.min(tests.longest_s);
-    }
-    Ok(longest_s.max(1e-5))
 }
 
 /// Patterns of the incident directions.
-pub(super) fn maker(rig: &Rig) -> PatternMaker {
-    PatternMaker::new(View::projector(rig), rig.light.spot_deg, 1.0)
+pub(super) fn maker(rig: &Rig, spot_deg: f64) -> PatternMaker {
+    PatternMaker::new(View::projector(rig), spot_deg, 1.0)
 }

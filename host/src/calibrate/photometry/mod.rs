@@ -4,9 +4,13 @@
 //! | file | holds |
 //! |---|---|
 //! | `capture` | the views: what is shown and taken |
+//! | `lights` | the incident directions of the views |
+//! | `exposure` | how long they are exposed, and how much light there is |
 //! | `camera` | dark level, photon transfer, linearity |
 //! | `field` | smooth fields over an image |
 //! | `rank_one` | light and throughput from the standard |
+//! | `share` | what of both images the standard truly filled |
+//! | `sight` | that as files and assembly have it |
 //!
 //! The standard may be seen at several tilts, as samples will be.
 //!
@@ -20,8 +24,12 @@
 
 mod camera;
 mod capture;
+mod exposure;
 mod field;
+mod lights;
 mod rank_one;
+mod share;
+mod sight;
 #[cfg(test)]
 mod tests;
 
@@ -30,22 +38,30 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 pub use camera::CameraFound;
+pub(super) use capture::VIEWS;
 pub use capture::{Request, Views, capture};
 pub use field::SmoothField;
+pub use sight::Sight;
 
 use camera::{Times, camera, moments};
 use capture::{SEGMENT, Shows};
-use rank_one::{Seen, fit};
+use rank_one::Seen;
+use share::{Frames, fit_whole};
 
-use super::{CalibrateError, RIG, check_rig, read_json, rig_hash};
+use super::{CalibrateError, RIG, check_rig, file, rig_hash};
 use crate::direction::from_degrees;
-use crate::measurement::write_whole;
-use crate::rig::Rig;
+use crate::rig::{Rig, Tilt};
 use crate::sample::{Sample, albedo};
 use crate::store::Segment;
 
 /// Name of the file with what was found.
 pub const PHOTOMETRY: &str = "photometry.json";
+/// What writes the files.
+const COMMAND: &str = "rcg calibrate photometry --out DIR";
+/// Version of `photometry.json`: 2 says where the standard was seen.
+const VERSION: u32 = 2;
+/// The reflectances of two standards that show the interreflection differ at least by this.
+const APART: f64 = 0.3;
 /// Share of saturated values in frames of the standard that is too much.
 const SATURATED: f64 = 0.002;
 
@@ -58,6 +74,9 @@ fn level(index: usize) -> u8 {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Photometry {
+    /// Version of this file.
+    #[serde(default)]
+    pub version: u32,
     /// Hash of the calibrated rig that it belongs to.
     pub rig_sha256: String,
     /// The standard.
@@ -84,6 +103,9 @@ pub struct Photometry {
     pub field_residual: f64,
     /// Share of the light from the sample that returns onto it, if a second standard showed it.
     pub interreflection: Option<Interreflection>,
+    /// Where the standard was seen, at each of its tilts: there is no throughput elsewhere.
+    #[serde(default)]
+    pub sights: Vec<Sight>,
 }
 
 /// Light from the sample that returns onto it.
@@ -110,10 +132,34 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     )?;
     let rig = views.rig_of(0)?;
     let shows = views.segments();
+    let format = rig.frame_format();
+    let layout = raw.layout();
+    let expected = (
+        shows.len() * SEGMENT,
+        SEGMENT,
+        format.height_px,
+        format.width_px,
+        format.channels,
+    );
+    let found = (
+        layout.exposures,
+        layout.segment,
+        layout.height,
+        layout.width,
+        layout.channels,
+    );
+    if expected != found {
+        return Err(CalibrateError::Content {
+            path: dir.join(capture::RAW).display().to_string(),
+            field: "exposures, segment, rows, columns, channels".to_owned(),
+            expected: format!("{expected:?} as {VIEWS} says"),
+            found: format!("{found:?}"),
+        });
+    }
     let segments: Vec<Segment> = (0..raw.segments())
         .map(|index| raw.read_segment(index))
         .collect::<Result<_, _>>()?;
-    let length = rig.frame_format().len();
+    let length = format.len();
     let frames_of = |wanted: Shows| -> Vec<&[u16]> {
         let at = shows.iter().position(|shows| *shows == wanted);
         at.map(|at| segments[at].frames.chunks_exact(length).collect())
@@ -132,7 +178,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         })
         .collect();
     let saturation_dn = f64::from(rig.saturation_dn());
-    let camera = camera(&series, saturation_dn);
+    let camera = camera(&series, saturation_dn)?;
     let linear = Linear {
         camera,
         range: saturation_dn - camera.dark_dn,
@@ -148,27 +194,30 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     let projector_response = linear.levels(&frames_of(Shows::Levels), &black);
 
     let standard = crate::sample::parse(&views.standard).map_err(crate::measure::MeasureError::from)?;
-    let mut all = Vec::new();
-    for stand in 0..views.stands.len() {
+    let (mut all, mut frames) = (Vec::new(), Vec::new());
+    let blacks: Vec<Vec<f64>> = (0..views.stands.len())
+        .map(|stand| linear.mean(&frames_of(Shows::Black(stand))))
+        .collect();
+    for (stand, black) in blacks.iter().enumerate() {
         let mut seen = Seen::new(&views, stand)?;
-        let black = linear.mean(&frames_of(Shows::Black(stand)));
+        let mut lit = Vec::new();
         for wanted in shows.iter().copied() {
             let Shows::Directions(of, first) = wanted else {
                 continue;
             };
             if of == stand {
                 let frames = frames_of(wanted);
-                seen.add(
-                    first,
-                    &frames,
-                    &linear,
-                    &black,
-                    standard.as_ref(),
-                    &views.standard,
-                )?;
+                seen.add(first, &frames, &linear, black, standard.as_ref(), &views.standard)?;
+                lit.extend(frames);
             }
         }
         all.push(seen);
+        frames.push(Frames {
+            linear: &linear,
+            black,
+            lit,
+            standard: standard.as_ref(),
+        });
     }
     let (saturated, values) = all
         .iter()
@@ -185,7 +234,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
             advice: "take them with a shorter --exposure-ms, or let it be found",
         });
     }
-    let fields = fit(&all).ok_or_else(|| CalibrateError::Views {
+    let fields = fit_whole(&mut all, &frames).ok_or_else(|| CalibrateError::Views {
         expected: "frames of the standard that determine light and throughput".to_owned(),
         found: "too little of the image lit".to_owned(),
         advice: "is the standard in place, and lit?",
@@ -197,16 +246,24 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
             let second = crate::sample::parse(spec).map_err(crate::measure::MeasureError::from)?;
             let black = linear.mean(&frames_of(Shows::SecondBlack));
             let mut other = Seen::new(&views, 0)?;
+            other.judged = all[0].judged.clone();
             for wanted in shows.iter().copied() {
                 if let Shows::SecondDirections(first) = wanted {
                     other.add(first, &frames_of(wanted), &linear, &black, second.as_ref(), spec)?;
                 }
             }
-            interreflection(&all[0], &other, own, interreflected(second.as_ref()))
+            Some(interreflection(
+                &all[0],
+                &other,
+                own,
+                interreflected(second.as_ref()),
+            )?)
         }
     };
     let exposure_s = views.exposure_s;
     let photometry = Photometry {
+        version: VERSION,
+        sights: all.iter().map(Seen::sight).collect(),
         rig_sha256: rig_hash(&views.rig),
         standard: views.standard.clone(),
         standard_uncertainty,
@@ -226,8 +283,10 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         field_residual: fields.residual,
         interreflection,
     };
-    let text = serde_json::to_string_pretty(&photometry).expect("JSON values can be written");
-    write_whole(&dir.join(PHOTOMETRY), text.as_bytes())?;
+    file::check(&photometry)?;
+    let path = dir.join(PHOTOMETRY);
+    photometry.check(&path, "")?;
+    file::write(&path, &photometry)?;
     Ok(photometry)
 }
 
@@ -237,30 +296,117 @@ impl Photometry {
     /// # Errors
     /// [`CalibrateError::OtherRig`]; [`CalibrateError::Content`].
     pub fn read(path: &Path, rig: &Rig) -> Result<Self, CalibrateError> {
-        let found: Self = read_json(path)?;
-        found.check(path)?;
+        let found: Self = file::read(path, COMMAND)?;
+        found.check(path, "")?;
         check_rig(path, rig, &found.rig_sha256)?;
         Ok(found)
     }
 
-    /// Refuses numbers that no calibration finds; `path` is where they were read.
-    pub(super) fn check(&self, path: &Path) -> Result<(), CalibrateError> {
-        let is_whole = self.throughput.is_whole()
-            && self.intensity.is_whole()
-            && !self.sensitivity.is_empty()
-            && self.sensitivity.iter().all(|k| *k > 0.0)
-            && self.camera.gain_e_per_dn > 0.0;
-        if is_whole {
-            return Ok(());
+    /// Refuses numbers that no calibration finds; `path` is where they were read, `within` the field that holds them.
+    pub(super) fn check(&self, path: &Path, within: &str) -> Result<(), CalibrateError> {
+        let content = |field: &str, expected: String, found: String| {
+            Err(CalibrateError::Content {
+                path: path.display().to_string(),
+                field: format!("{within}{field}"),
+                expected,
+                found,
+            })
+        };
+        if self.version != VERSION {
+            let expected = format!("{VERSION}; `{COMMAND}` fits what was captured again");
+            return content("version", expected, self.version.to_string());
         }
-        Err(CalibrateError::Content {
-            path: path.display().to_string(),
-            field: "throughput, intensity, sensitivity, camera".to_owned(),
+        for (field, found, low, high) in self.ranges() {
+            if !(low..=high).contains(&found) {
+                return content(
+                    &field,
+                    format!("a number from {low} to {high}"),
+                    found.to_string(),
+                );
+            }
+        }
+        if self.sensitivity.is_empty() {
+            return content(
+                "sensitivity",
+                "a number for each channel".to_owned(),
+                "none".to_owned(),
+            );
+        }
+        for (name, field) in [("throughput", &self.throughput), ("intensity", &self.intensity)] {
+            if !field.is_whole() {
+                let expected = format!(
+                    "{} finite coefficients, and as many rows of covariance",
+                    field::TERMS
+                );
+                return content(name, expected, "others".to_owned());
+            }
+        }
+        if self.sights.is_empty() {
+            return content("sights", "one for each tilt".to_owned(), "none".to_owned());
+        }
+        for (index, sight) in self.sights.iter().enumerate() {
+            if let Some((field, expected)) = sight.flaw() {
+                return content(&format!("sights[{index}].{field}"), expected, "others".to_owned());
+            }
+        }
+        Ok(())
+    }
+
+    /// Numbers with their names and what they may be at all.
+    fn ranges(&self) -> Vec<(String, f64, f64, f64)> {
+        let camera = &self.camera;
+        let least = f64::MIN_POSITIVE;
+        let mut all: Vec<(String, f64, f64, f64)> = [
+            ("standard_uncertainty", self.standard_uncertainty, 0.0, 0.5),
+            ("camera.dark_dn", camera.dark_dn, -65_535.0, 65_535.0),
+            ("camera.dark_dn_per_s", camera.dark_dn_per_s, -1e12, 1e12),
+            ("camera.gain_e_per_dn", camera.gain_e_per_dn, least, 1e12),
+            ("camera.read_noise_e", camera.read_noise_e, 0.0, 1e12),
+            // Beyond a half the camera would show less of more light.
+            ("camera.nonlinearity", camera.nonlinearity, -0.49, 0.49),
+            ("camera.linearity_residual", camera.linearity_residual, 0.0, 1.0),
+            ("field_uncertainty", self.field_uncertainty, 0.0, 1.0),
+            ("field_residual", self.field_residual, 0.0, 1.0),
+        ]
+        .map(|(field, found, low, high)| (field.to_owned(), found, low, high))
+        .to_vec();
+        for (index, k) in self.sensitivity.iter().enumerate() {
+            all.push((format!("sensitivity[{index}]"), *k, least, f64::MAX));
+        }
+        if let Some(back) = self.interreflection {
+            let within = |field: &str| format!("interreflection.{field}");
+            all.push((within("share"), back.share, -0.5, 0.5));
+            all.push((
+                within("standard_uncertainty"),
+                back.standard_uncertainty,
+                0.0,
+                0.5,
+            ));
+        }
+        all
+    }
+
+    /// Where the standard was seen at `tilt`.
+    ///
+    /// # Errors
+    /// [`CalibrateError::Views`] if it was not captured there.
+    pub fn sight(&self, tilt: Option<Tilt>) -> Result<&Sight, CalibrateError> {
+        let found = self.sights.iter().find(|sight| Tilt::is_same(sight.tilt, tilt));
+        let name = |tilt: Option<Tilt>| tilt.map_or_else(|| "none".to_owned(), |tilt| tilt.to_string());
+        found.ok_or_else(|| CalibrateError::Views {
             expected: format!(
-                "{} finite coefficients each, positive sensitivities and gain",
-                field::TERMS
+                "a standard that was captured at the tilt of the sample, {}",
+                name(tilt)
             ),
-            found: "others".to_owned(),
+            found: format!(
+                "it at {}",
+                self.sights
+                    .iter()
+                    .map(|sight| name(sight.tilt))
+                    .collect::<Vec<_>>()
+                    .join(", ")
+            ),
+            advice: "give `rcg calibrate photometry` all --tilts at which samples are measured",
         })
     }
 }
@@ -318,11 +464,29 @@ fn interreflected(standard: &dyn Sample) -> f64 {
 
 /// The share that returns, from what the standards show of their own reflectance: `first` adds share·`a`, `second`
 /// share·`b`.
-fn interreflection(first: &Seen, second: &Seen, a: f64, b: f64) -> Option<Interreflection> {
-    let (ratio, uncertainty) = first.ratio_to(second)?;
+fn interreflection(first: &Seen, second: &Seen, a: f64, b: f64) -> Result<Interreflection, CalibrateError> {
+    check_apart(a, b)?;
+    let (ratio, uncertainty) = first.ratio_to(second).ok_or_else(|| CalibrateError::Views {
+        expected: "frames of the second standard that are as bright as their noise is small".to_owned(),
+        found: "none".to_owned(),
+        advice: "give a brighter --second-standard, or none",
+    })?;
     // (1 + share·a)/(1 + share·b) = ratio.
-    Some(Interreflection {
+    Ok(Interreflection {
         share: (ratio - 1.0) / (a - ratio * b),
         standard_uncertainty: uncertainty / (a - b).abs(),
+    })
+}
+
+/// Refuses standards so alike that their own uncertainty would pass for interreflection.
+fn check_apart(a: f64, b: f64) -> Result<(), CalibrateError> {
+    let is_apart = (a - b).abs() >= APART;
+    if is_apart {
+        return Ok(());
+    }
+    Err(CalibrateError::Views {
+        expected: format!("two standards whose reflectances differ by {APART} or more"),
+        found: format!("{a:.3} and {b:.3}"),
+        advice: "give a darker --second-standard, or none to do without interreflection",
     })
 }

@@ -4,7 +4,8 @@
 //! Of each incident direction and each camera pixel, what was seen over what a uniform instrument would have seen is
 //! q = K·T(o)·E(p). Its logarithm is linear in ln K and in the coefficients of both fields: weighted least squares, with the
 //! variance of q by noise. All pairs that take part are spread over both images; the pixels of the camera that see an edge
-//! of the mirror do not, because the calibrated rig may have it elsewhere by a part of a pixel.
+//! of the mirror do not, because the calibrated rig may have it elsewhere by a part of a pixel. Neither do pixels that look
+//! past the standard and spots that fall beside it (`share`).
 //!
 //! Channels share both fields and have a K each.
 
@@ -13,10 +14,11 @@ use glam::DVec3;
 use super::Linear;
 use super::capture::{Stand, Views, maker};
 use super::field::{SmoothField, TERMS, terms};
+use super::lights;
+use super::share::Judged;
 use crate::calibrate::CalibrateError;
 use crate::linear_fit::least_squares;
 use crate::optics::{DirectionMap, View};
-use crate::plan::Directions;
 use crate::sample::Sample;
 
 /// Pairs that take part, about.
@@ -43,15 +45,21 @@ struct Pair {
 
 /// Frames of a standard as far as they were seen.
 pub(super) struct Seen<'a> {
-    stand: &'a Stand,
-    grid: Directions,
-    exposure_s: f64,
-    channels: usize,
-    saturation_dn: f64,
+    pub(super) stand: &'a Stand,
+    pub(super) exposure_s: f64,
+    pub(super) channels: usize,
+    pub(super) saturation_dn: f64,
+    pub(super) size_px: (usize, usize),
     /// Pixels that take part: index, place in the image (−1 to 1) and direction.
-    pixels: Vec<(usize, [f64; 2], DVec3)>,
-    /// Of each place: centre of the lit pixels in the projector's image (−1 to 1) and Σ cosθ·Δω.
+    pub(super) pixels: Vec<(usize, [f64; 2], DVec3)>,
+    /// All pixels that see the sample by the rig, and whether an edge of the mirror or the wire is beside them.
+    pub(super) all_pixels: Vec<(usize, [f64; 2], DVec3, bool)>,
+    /// Of each place: centre of the lit pixels in the projector's image (−1 to 1) and Σ cosθ·Δω, if it takes part.
     lit: Vec<Option<([f64; 2], f64)>>,
+    /// The same of all that no edge cuts.
+    pub(super) all_lit: Vec<Option<([f64; 2], f64)>>,
+    /// What of it the standard truly filled.
+    pub(super) judged: Judged,
     pairs: Vec<Pair>,
     saturated: u64,
     values: u64,
@@ -71,7 +79,6 @@ impl<'a> Seen<'a> {
     pub(super) fn new(views: &'a Views, stand: usize) -> Result<Self, CalibrateError> {
         let rig = &views.rig_of(stand)?;
         let stand = &views.stands[stand];
-        let grid = Views::grid(rig)?;
         let map = DirectionMap::of(&View::camera(rig));
         let half = |at: f64, size: usize| 2.0 * at / size as f64 - 1.0;
         let (width, height) = (map.width_px, map.height_px);
@@ -81,31 +88,48 @@ impl<'a> Seen<'a> {
                 && (2..height - 2).contains(&y)
                 && (y - 2..=y + 2).all(|y| (x - 2..=x + 2).all(|x| map.direction(x, y).is_ok()))
         };
-        let pixels = map
+        let is_at_edge = |index: usize| {
+            use crate::optics::Unmeasurable::{BelowHorizon, OffSample};
+            let (x, y) = (index % width, index / width);
+            let ends = |reason| !matches!(reason, BelowHorizon | OffSample);
+            (y.saturating_sub(1)..=y + 1)
+                .any(|y| (x.saturating_sub(1)..=x + 1).any(|x| map.direction(x, y).is_err_and(ends)))
+        };
+        let all_pixels: Vec<(usize, [f64; 2], DVec3, bool)> = map
             .measurable()
-            .filter(|(index, w, _)| w.z > LEAST_COS && is_inner(*index))
             .map(|(index, w, _)| {
                 let at = [
                     half((index % width) as f64 + 0.5, width),
                     half((index / width) as f64 + 0.5, height),
                 ];
-                (index, at, w)
+                (index, at, w, is_at_edge(index))
             })
             .collect();
-        let maker = maker(rig);
+        let pixels = all_pixels
+            .iter()
+            .filter(|(index, _, w, _)| w.z > LEAST_COS && is_inner(*index))
+            .map(|&(index, at, w, _)| (index, at, w))
+            .collect();
+        let spot_deg = views.spot_deg();
+        let maker = maker(rig, spot_deg);
         let projector = View::projector(rig);
-        let clearance_rad = (rig.light.spot_deg / 2.0 + EDGE_DEG).to_radians();
+        let clearance_rad = (spot_deg / 2.0 + EDGE_DEG).to_radians();
         let (projector_width, projector_height) = maker.size_px();
-        let lit = stand
+        let all_lit: Vec<Option<([f64; 2], f64)>> = stand
             .directions
             .iter()
-            .map(|index| {
-                let w = grid.grid.direction(*index);
+            .enumerate()
+            .map(|(place, index)| {
+                let w = lights::direction(*index);
+                // The last segment is filled with directions that have been lit before: they are the same evidence.
+                if stand.directions[..place].contains(index) {
+                    return None;
+                }
                 let at = projector.pixel(w).ok()?;
                 // A spot that an edge cuts is as strong as the edge is where it should be.
                 let distances = projector.edge_distances_rad(at.x, at.y);
                 let is_clear = distances.into_iter().flatten().all(|rad| rad > clearance_rad);
-                let lit = maker.lit_set(w).ok().filter(|_| w.z > LEAST_COS && is_clear)?;
+                let lit = maker.lit_set(w).ok().filter(|_| is_clear)?;
                 let mean = |of: &dyn Fn(usize) -> usize| {
                     let sum: f64 = lit
                         .pixels
@@ -121,14 +145,22 @@ impl<'a> Seen<'a> {
                 Some((at, lit.irradiance))
             })
             .collect();
+        let lit = all_lit
+            .iter()
+            .zip(&stand.directions)
+            .map(|(lit, index)| lit.filter(|_| lights::direction(*index).z > LEAST_COS))
+            .collect();
         Ok(Self {
             stand,
-            grid,
             exposure_s: views.exposure_s,
             channels: rig.camera.channels as usize,
             saturation_dn: f64::from(rig.saturation_dn()),
+            size_px: (width, height),
+            judged: Judged::all(width * height, stand.directions.len()),
             pixels,
+            all_pixels,
             lit,
+            all_lit,
             pairs: Vec::new(),
             saturated: 0,
             values: 0,
@@ -154,7 +186,7 @@ impl<'a> Seen<'a> {
             let Some((_, irradiance)) = self.lit[place] else {
                 continue;
             };
-            let wi = self.grid.grid.direction(self.stand.directions[place]);
+            let wi = lights::direction(self.stand.directions[place]);
             let lobe = standard.incident(wi);
             // Another start in each frame, so that all pixels take part.
             for &(index, _, wo) in self.pixels.iter().skip(place * 7 % every).step_by(every) {
@@ -201,13 +233,34 @@ impl<'a> Seen<'a> {
         (self.saturated, self.values)
     }
 
+    /// Whether light and pixel of a pair are wholly on the standard.
+    fn takes_part(&self, pair: &Pair) -> bool {
+        self.judged.pixels[pair.pixel as usize] && self.judged.places[pair.place as usize]
+    }
+
+    /// Whether spots at `place` take part in the fit, if they are wholly on the standard.
+    pub(super) fn takes_part_of(&self, place: usize) -> bool {
+        self.lit[place].is_some()
+    }
+
+    /// Whether the fit would use the same pairs if it were `before` that is on the standard.
+    pub(super) fn takes_the_same(&self, before: &Judged) -> bool {
+        let pixels = self.pixels.iter().map(|(index, ..)| *index);
+        pixels
+            .into_iter()
+            .all(|index| before.pixels[index] == self.judged.pixels[index])
+            && (0..self.lit.len())
+                .filter(|place| self.lit[*place].is_some())
+                .all(|place| before.places[place] == self.judged.places[place])
+    }
+
     /// Mean of q here over q there, of the pairs that both have, and its standard uncertainty.
     pub(super) fn ratio_to(&self, other: &Self) -> Option<(f64, f64)> {
         let key = |pair: &Pair| (pair.place, pair.pixel, pair.channel);
         let known: std::collections::HashMap<_, &Pair> =
             other.pairs.iter().map(|pair| (key(pair), pair)).collect();
         let (mut sum, mut weights) = (0.0, 0.0);
-        for pair in &self.pairs {
+        for pair in self.pairs.iter().filter(|pair| self.takes_part(pair)) {
             if let Some(there) = known.get(&key(pair)) {
                 let weight = (pair.variance + there.variance).recip();
                 sum += weight * (pair.log - there.log);
@@ -249,6 +302,7 @@ pub(super) fn fit(seen: &[Seen]) -> Option<Fields> {
             rows.seen
                 .pairs
                 .iter()
+                .filter(|pair| rows.seen.takes_part(pair))
                 .filter_map(|pair| Some((rows.row(pair)?, pair)))
         })
     };

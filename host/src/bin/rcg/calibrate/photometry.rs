@@ -27,11 +27,11 @@ pub(crate) struct Args {
     /// The reflectance standard: a .bsdf file or a model such as lambert:0.98
     #[arg(long, value_name = "SAMPLE", default_value = "lambert:0.98")]
     standard: String,
-    /// A second, darker standard, which shows the interreflection; none to do without
+    /// A second standard, darker by 0.3 or more, which shows the interreflection; none to do without
     #[arg(long, value_name = "SAMPLE", default_value = "lambert:0.2")]
     second_standard: String,
-    /// Tilts at which the standard is captured too: those of `rcg measure --tilt`, whose samples are seen in other parts of
-    /// the images
+    /// Tilts at which the standard is captured too: all those of `rcg measure --tilt`, whose samples are seen in other parts
+    /// of the images
     #[arg(
         long,
         value_name = "TILT:TOWARDS[:TURN],...",

@@ -1,0 +1,72 @@
+//! What calibration has not seen the standard at: there the sample is missed, wholly or in part.
+//!
+//! # Design
+//! By the rig file a ray that meets the sample plane within the sample's radius is on the sample. Where camera, projector and
+//! sample really are, the frames of the standard tell ([`Sight`]). Camera pixels and incident directions at which it was
+//! not seen give no value, for the reason [`Unmeasurable::OffSample`].
+
+use glam::DVec3;
+
+use super::AssembleError;
+use crate::calibrate::Applied;
+use crate::calibrate::photometry::Sight;
+use crate::optics::Unmeasurable;
+use crate::plan::{Directions, Plan};
+use crate::resample::Resampling;
+use crate::rig::Rig;
+
+/// Camera pixels and incident directions that are on the sample.
+pub(super) struct OffSample<'a> {
+    sight: Option<&'a Sight>,
+}
+
+impl<'a> OffSample<'a> {
+    /// Of what `applied` says of samples that stand as in `plan`.
+    ///
+    /// # Errors
+    /// [`AssembleError::Mismatch`] if the standard was not captured at the tilt of the sample.
+    pub(super) fn new(applied: &'a Applied, plan: &Plan) -> Result<Self, AssembleError> {
+        let sight = applied.photometry.as_ref().map(|photometry| {
+            photometry
+                .sight(plan.request.tilt)
+                .map_err(|error| AssembleError::Mismatch {
+                    path: Applied::FILE.to_owned(),
+                    reason: error.to_string(),
+                })
+        });
+        Ok(Self {
+            sight: sight.transpose()?,
+        })
+    }
+
+    /// Takes off `resampling` what looks past the sample.
+    pub(super) fn cut(&self, resampling: &mut Resampling, rig: &Rig) {
+        let Some(sight) = self.sight else { return };
+        let format = rig.frame_format();
+        let on_sample = sight.pixels(format.width_px, format.height_px);
+        let reasons = &mut resampling.reasons;
+        resampling.taps.retain(|taps| {
+            let is_on = taps.pixel.iter().all(|pixel| on_sample[*pixel as usize]);
+            if !is_on {
+                reasons[taps.cell as usize] = Some(Unmeasurable::OffSample);
+            }
+            is_on
+        });
+    }
+
+    /// Whether light from `w` misses the sample.
+    pub(super) fn is_missed(&self, w: DVec3) -> bool {
+        self.sight.is_some_and(|sight| !sight.is_lit(w))
+    }
+
+    /// Why each of `directions` cannot be lit, those that miss the sample among them.
+    pub(super) fn reasons(&self, directions: &Directions) -> Vec<Option<Unmeasurable>> {
+        let misses = |index: usize| self.is_missed(directions.grid.direction(index));
+        directions
+            .reasons
+            .iter()
+            .enumerate()
+            .map(|(index, reason)| reason.or_else(|| misses(index).then_some(Unmeasurable::OffSample)))
+            .collect()
+    }
+}

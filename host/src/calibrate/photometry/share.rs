@@ -1,0 +1,279 @@
+//! How much of a pixel or of a spot of light the standard filled.
+//!
+//! # Design
+//! A frame of the standard over what light and throughput say it should be is the share s of pixel and spot that the
+//! standard filled: s = Σ g·p/var / Σ p²/var with the signal g and its prediction p, over the lit directions for a pixel, over
+//! the pixels for a direction. What is less than whole, beyond what noise and field leave uncertain, is off the sample.
+//!
+//! The fields do not know that and would bend into the darkness. So they are fitted to what is whole, and what is whole is
+//! judged by them, in turns until nothing changes.
+
+use glam::DVec3;
+
+use super::Linear;
+use super::lights;
+use super::rank_one::{Fields, Seen, fit};
+use super::sight::{BLIND, EDGE, SEEN, Sight, UNSEEN};
+use crate::sample::Sample;
+
+/// Turns of fitting and judging, at most.
+const TURNS: usize = 8;
+/// A share is whole within so many of its standard uncertainties …
+const CLEAR: f64 = 3.0;
+/// … but at least within this, and never below 1 less [`MOST`].
+const LEAST: f64 = 0.02;
+const MOST: f64 = 0.5;
+/// Before there are fields, what shines less than this share of the usual does not take part.
+const DIM: f64 = 0.4;
+/// Directions that judge a pixel, and pixels that judge a direction, about.
+const LIGHTS: usize = 48;
+const PIXELS: usize = 400;
+
+/// What is wholly on the standard.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Judged {
+    /// Of each pixel of the camera's image.
+    pub(super) pixels: Vec<bool>,
+    /// Of each place of the stand's directions.
+    pub(super) places: Vec<bool>,
+}
+
+impl Judged {
+    /// Everything, until more is known.
+    pub(super) fn all(pixels: usize, places: usize) -> Self {
+        Self {
+            pixels: vec![true; pixels],
+            places: vec![true; places],
+        }
+    }
+}
+
+/// The frames of the standard at one stand.
+pub(super) struct Frames<'a> {
+    pub(super) linear: &'a Linear,
+    /// Linear.
+    pub(super) black: &'a [f64],
+    /// One of each place.
+    pub(super) lit: Vec<&'a [u16]>,
+    pub(super) standard: &'a dyn Sample,
+}
+
+/// Share and its relative variance.
+#[derive(Clone, Copy, Default)]
+struct Share {
+    signal: f64,
+    weight: f64,
+}
+
+impl Share {
+    fn add(&mut self, signal: f64, predicted: f64, variance: f64) {
+        self.signal += signal * predicted / variance;
+        self.weight += predicted * predicted / variance;
+    }
+
+    /// Whether it is 1 within noise and the relative uncertainty of the prediction; `None` if nothing was predicted.
+    fn is_whole(&self, relative: f64) -> Option<bool> {
+        (self.weight > 0.0).then(|| {
+            let margin = (CLEAR * (self.weight.recip() + relative * relative).sqrt()).clamp(LEAST, MOST);
+            self.signal / self.weight > 1.0 - margin
+        })
+    }
+}
+
+impl Seen<'_> {
+    /// Signal and its variance by noise, in linear digital numbers, of one number of a frame; `None` if it saturated.
+    fn signal(&self, frames: &Frames, place: usize, at: usize) -> Option<(f64, f64)> {
+        let dn = f64::from(frames.lit[place][at]);
+        if dn >= self.saturation_dn {
+            return None;
+        }
+        let camera = &frames.linear.camera;
+        let all = frames.linear.of(dn);
+        let read_dn = camera.read_noise_e / camera.gain_e_per_dn;
+        let noise = read_dn * read_dn + 1.0 / 12.0;
+        Some((
+            all - frames.black[at],
+            noise + all.max(0.0) / camera.gain_e_per_dn,
+        ))
+    }
+
+    /// f in sr⁻¹ of `channel`.
+    fn f_of(&self, f: [f64; 3], channel: usize) -> f64 {
+        if self.channels == 1 {
+            f.iter().sum::<f64>() / 3.0
+        } else {
+            f[channel]
+        }
+    }
+
+    /// Places that judge pixels: whole ones that take part in the fit, spread over all.
+    fn judges(&self) -> Vec<usize> {
+        let whole: Vec<usize> = (0..self.all_lit.len())
+            .filter(|place| self.judged.places[*place] && self.takes_part_of(*place))
+            .collect();
+        let every = (whole.len() / LIGHTS).max(1);
+        whole.into_iter().step_by(every).collect()
+    }
+
+    /// Drops at once what is far dimmer than the usual.
+    pub(super) fn drop_the_dim(&mut self, frames: &Frames) {
+        let places = self.judges();
+        let rate = |place: usize, index: usize, wo: DVec3| {
+            let (_, irradiance) = self.all_lit[place]?;
+            let f = frames
+                .standard
+                .f(lights::direction(self.stand.directions[place]), wo);
+            let (signal, _) = self.signal(frames, place, index * self.channels)?;
+            Some(signal / (self.f_of(f, 0) * irradiance))
+        };
+        let pixels: Vec<(usize, Option<f64>)> = self
+            .pixels
+            .iter()
+            .map(|&(index, _, wo)| {
+                (
+                    index,
+                    mean(places.iter().filter_map(|place| rate(*place, index, wo))),
+                )
+            })
+            .collect();
+        let every = (self.pixels.len() / PIXELS).max(1);
+        let lights: Vec<(usize, Option<f64>)> = (0..self.all_lit.len())
+            .map(|place| {
+                let some = self.pixels.iter().step_by(every);
+                (
+                    place,
+                    mean(some.filter_map(|&(index, _, wo)| rate(place, index, wo))),
+                )
+            })
+            .collect();
+        for (of, rates) in [
+            (&mut self.judged.pixels, pixels),
+            (&mut self.judged.places, lights),
+        ] {
+            let mut known: Vec<f64> = rates.iter().filter_map(|(_, rate)| *rate).collect();
+            known.sort_by(f64::total_cmp);
+            let usual = known.get(known.len() / 2).copied().unwrap_or(0.0);
+            for (at, rate) in rates {
+                of[at] = rate.is_none_or(|rate| rate > DIM * usual);
+            }
+        }
+    }
+
+    /// Judges by `fields` what is wholly on the standard.
+    fn judge(&mut self, frames: &Frames, fields: &Fields) {
+        let add = |share: &mut Share, place: usize, at: (usize, [f64; 2], DVec3)| {
+            let Some((p, irradiance)) = self.all_lit[place] else {
+                return;
+            };
+            let (index, o, wo) = at;
+            let f = frames
+                .standard
+                .f(lights::direction(self.stand.directions[place]), wo);
+            let scale = self.exposure_s
+                * irradiance
+                * fields.throughput.at(o[0], o[1])
+                * fields.intensity.at(p[0], p[1]);
+            for channel in 0..self.channels {
+                if let Some((signal, variance)) = self.signal(frames, place, index * self.channels + channel)
+                {
+                    let predicted = scale * fields.sensitivity[channel] * self.f_of(f, channel);
+                    share.add(signal, predicted, variance);
+                }
+            }
+        };
+        let places = self.judges();
+        let mut pixels = vec![true; self.judged.pixels.len()];
+        for &(index, o, wo, _) in &self.all_pixels {
+            let mut share = Share::default();
+            for &place in &places {
+                add(&mut share, place, (index, o, wo));
+            }
+            let relative = fields
+                .throughput
+                .relative_uncertainty_at(o[0], o[1])
+                .hypot(fields.residual);
+            pixels[index] = share.is_whole(relative).unwrap_or(false);
+        }
+        let whole: Vec<(usize, [f64; 2], DVec3)> = self
+            .pixels
+            .iter()
+            .filter(|(index, ..)| pixels[*index])
+            .copied()
+            .collect();
+        let every = (whole.len() / PIXELS).max(1);
+        let lights: Vec<bool> = (0..self.all_lit.len())
+            .map(|place| {
+                let Some((p, _)) = self.all_lit[place] else {
+                    return true;
+                };
+                let mut share = Share::default();
+                for at in whole.iter().skip(place % every).step_by(every) {
+                    add(&mut share, place, *at);
+                }
+                let relative = fields.intensity.relative_uncertainty_at(p[0], p[1]);
+                share.is_whole(relative.hypot(fields.residual)).unwrap_or(false)
+            })
+            .collect();
+        self.judged.pixels = pixels;
+        self.judged.places = lights;
+    }
+
+    /// What was seen, as files have it.
+    pub(super) fn sight(&self) -> Sight {
+        let (width, height) = self.size_px;
+        let mut camera = vec![BLIND; width * height];
+        for (index, _, _, at_edge) in &self.all_pixels {
+            camera[*index] = match (self.judged.pixels[*index], at_edge) {
+                (true, _) => SEEN,
+                (false, true) => EDGE,
+                (false, false) => UNSEEN,
+            };
+        }
+        let mut incident = vec![BLIND; lights::LIGHTS];
+        for ((index, lit), whole) in self
+            .stand
+            .directions
+            .iter()
+            .zip(&self.all_lit)
+            .zip(&self.judged.places)
+        {
+            let of = &mut incident[*index];
+            *of = match (*of, lit, whole) {
+                (BLIND, None, _) => EDGE,
+                (BLIND, Some(_), true) => SEEN,
+                (BLIND, Some(_), false) => UNSEEN,
+                // Lit again to fill the last segment.
+                (before, ..) => before,
+            };
+        }
+        Sight::new(self.stand.tilt, &camera, width, &incident)
+    }
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.fold((0.0, 0_u32), |(sum, count), value| (sum + value, count + 1));
+    (count > 0).then(|| sum / f64::from(count))
+}
+
+/// Fields from what is whole of all that was `seen`, and what that is; `frames` are those of each stand. `None` if what is
+/// whole does not determine them.
+pub(super) fn fit_whole(seen: &mut [Seen], frames: &[Frames]) -> Option<Fields> {
+    for (seen, frames) in seen.iter_mut().zip(frames) {
+        seen.drop_the_dim(frames);
+    }
+    for _ in 0..TURNS {
+        let fields = fit(seen)?;
+        let before: Vec<Judged> = seen.iter().map(|seen| seen.judged.clone()).collect();
+        for (seen, frames) in seen.iter_mut().zip(frames) {
+            seen.judge(frames, &fields);
+        }
+        let is_same = seen
+            .iter()
+            .zip(&before)
+            .all(|(seen, before)| seen.takes_the_same(before));
+        if is_same {
+            return Some(fields);
+        }
+    }
+    fit(seen)
+}
