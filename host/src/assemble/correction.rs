@@ -24,7 +24,6 @@
 //! What is systematic (fields, directions) is correlated from sample to sample; the file has one number per sample.
 
 use glam::{DVec2, DVec3};
-use half::f16;
 
 use crate::calibrate::Applied;
 use crate::calibrate::photometry::{Interreflection, Photometry};
@@ -36,7 +35,6 @@ use crate::provenance::Provenance;
 use crate::quadrature::{interpolated_pixel_rad, spot_rad};
 use crate::rig::Rig;
 use crate::store::{BrdfRows, stored_sigma};
-use glam::{DVec2, DVec3};
 
 /// Share of the correction for interreflection that its model may be wrong by (k = 1).
 const INTERREFLECTION_MODEL: f64 = 0.25;

@@ -285,6 +285,7 @@ mod tests {
                 let black = Segment {
                     frames: vec![16, dn],
                     records: vec![record],
+                    ..Segment::default()
                 };
                 let radiometry = Radiometry::new(&rig, camera, &[black], 0.01, 2).unwrap();
                 assert!(radiometry.dark.iter().all(|dark| dark.is_finite()), "{dn}");

@@ -43,8 +43,6 @@ const STEP_DEG: f64 = 0.5;
 const LEAST: f64 = 5e-3;
 /// Share of the variance of a sample that captures have in common.
 const COMMON: f64 = 0.5;
-/// Least standard uncertainty in sr⁻¹ that a file tells from 0, half of the smallest `f16`: what is stored as 0 is no less.
-const LEAST_SIGMA: f64 = 3e-8;
 /// Rounds of turning and solving.
 const ROUNDS: usize = 4;
 /// Turns below this many times their uncertainty are not applied.
@@ -249,7 +247,7 @@ fn merged_chunk(
             return;
         }
         for channel in 0..channels {
-            let weight = (f64::from(sigma[channel]) * scale).max(LEAST_SIGMA).powi(-2);
+            let weight = (f64::from(sigma[channel]) * scale).max(LEAST_SIGMA.into()).powi(-2);
             sums[sample * channels + channel] += weight * scale * f64::from(f[channel]);
             weights[sample * channels + channel] += weight;
             roots[sample * channels + channel] += weight.sqrt();
