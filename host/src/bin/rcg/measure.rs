@@ -11,6 +11,7 @@ use rcg::report::lines;
 use rcg::rig::Rig;
 
 use crate::Done;
+use crate::failure::Failure;
 use crate::output::{Output, table};
 use crate::request::{CalibrationArgs, RequestArgs, SetupArgs};
 
@@ -44,6 +45,16 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
+    // The parser forgets that these need --adaptive where --step stands beside them, which excludes it.
+    let of_adaptive = [
+        ("--target", args.target.is_some()),
+        ("--budget", args.budget.is_some()),
+    ];
+    if let Some((name, _)) = of_adaptive.iter().find(|(_, given)| *given && !args.adaptive) {
+        return Err(Failure::input(format!(
+            "{name}: expected --adaptive beside it, found none"
+        )));
+    }
     let mut setup = args.setup.setup()?;
     let rig = args.calibration.rig(Rig::load(rig)?, &mut setup)?;
     let measurement = if args.resume && Measurement::exists(&args.out) {

@@ -10,7 +10,7 @@ use rcg::plan::{IMAGE_SIZES_PX, PlanError, Request};
 use rcg::rig::{Rig, Tilt};
 use rcg::schedule::EXPOSURES_S;
 use rcg::setup::{Setup, TriggerBox};
-use rcg::virtual_rig::Mischief;
+use rcg::virtual_rig::{Mischief, Truth};
 
 use crate::failure::Failure;
 
@@ -112,6 +112,10 @@ impl CalibrationArgs {
 impl RequestArgs {
     /// The request, with `before` in place of the defaults if there is one.
     pub(crate) fn request(&self, before: Option<&Request>) -> Result<Request, Failure> {
+        // Before anything is made.
+        if let Some(truth) = &self.truth {
+            Truth::load(Path::new(truth))?;
+        }
         let sample = before.map_or_else(|| Some(DEFAULT_SAMPLE.to_owned()), |before| before.sample.clone());
         Ok(Request {
             grid: self.grid.grid(before.map(|before| &before.grid), 3.0)?,
