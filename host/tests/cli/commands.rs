@@ -13,8 +13,6 @@ use crate::command::{quick, run, text};
 pub(crate) struct Valued {
     /// With its dashes.
     pub(crate) name: String,
-    /// What stands for the value.
-    pub(crate) value: String,
 }
 
 /// A command without commands below it.
@@ -63,10 +61,9 @@ fn valued(line: &str) -> Option<Valued> {
     let line = line.trim_start();
     let mut words = line.split_whitespace().filter(|_| line.starts_with('-'));
     let name = words.find(|word| word.starts_with("--"))?;
-    let value = words.next()?.strip_prefix('<')?;
+    words.next()?.strip_prefix('<')?;
     Some(Valued {
         name: name.to_owned(),
-        value: value.trim_end_matches('>').to_owned(),
     })
 }
 

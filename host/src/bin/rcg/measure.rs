@@ -87,6 +87,16 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
              with the list of directions lets an adaptive measurement start from them)",
         ));
     }
+    // The parser forgets that these need --adaptive where --step stands beside them, which excludes it.
+    let of_adaptive = [
+        ("--target", args.target.is_some()),
+        ("--budget", args.budget.is_some()),
+    ];
+    if let Some((name, _)) = of_adaptive.iter().find(|(_, given)| *given && !args.adaptive) {
+        return Err(Failure::input(format!(
+            "{name}: expected --adaptive beside it, found none"
+        )));
+    }
     let mut setup = args.setup.setup()?;
     let rig = args.calibration.rig(Rig::load(rig)?, &mut setup)?;
     let begun = if args.resume {

@@ -10,7 +10,7 @@ use rcg::plan::{IMAGE_SIZES_PX, PlanError, Request};
 use rcg::rig::{Rig, Tilt};
 use rcg::schedule::EXPOSURES_S;
 use rcg::setup::{Setup, TriggerBox};
-use rcg::virtual_rig::Mischief;
+use rcg::virtual_rig::{Mischief, Truth};
 
 use crate::failure::Failure;
 
@@ -125,6 +125,10 @@ impl RequestArgs {
                 "--exposure-ms: expected none beside --brackets {brackets}, which says how long each exposure of a pattern \
                  is (all times can be given there), found {ms}"
             )));
+        }
+        // Before anything is made.
+        if let Some(truth) = &self.truth {
+            Truth::load(Path::new(truth))?;
         }
         let sample = before.map_or_else(|| Some(DEFAULT_SAMPLE.to_owned()), |before| before.sample.clone());
         let request = Request {
