@@ -126,7 +126,8 @@ impl BrdfWriter {
     ) -> Result<Self, StoreError> {
         layout.f().check(path)?;
         small_array::check(path, extra, layout.lengths(), &[F, SIGMA, PROVENANCE])?;
-        let (partial, lock) = group::start(path, FORMAT, overwrite)?;
+        let lock = Lock::output(path)?;
+        let partial = group::start(path, FORMAT, overwrite)?;
         let store = Arc::new(AtomicStore::new(&partial)?);
 
         let mut about_f = described("sr-1", "BRDF, without the cosine");

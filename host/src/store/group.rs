@@ -15,7 +15,6 @@ use zarrs::storage::{StoreKey, WritableStorageTraits as _};
 
 use super::atomic::AtomicStore;
 use super::error::StoreError;
-use super::lock::Lock;
 
 /// Attribute of the group that says which kind of file it is.
 const FORMAT: &str = "rcg_format";
@@ -56,17 +55,17 @@ pub(super) fn with_suffix(path: &Path, suffix: &str) -> Result<PathBuf, StoreErr
     Ok(path.with_file_name(name))
 }
 
-/// Makes the empty folder in which the file that will be `path` is built, and returns it with the right to write there.
+/// Makes the empty folder in which the file that will be `path` is built, and returns it. The caller has the right to write
+/// there: its own for that file, or that for the folder around.
 ///
 /// An unfinished one of a writer that is no more is removed. An existing `path` is refused, unless `overwrite` is set and
 /// it is a file of the same `format`.
-pub(super) fn start(path: &Path, format: &str, overwrite: bool) -> Result<(PathBuf, Lock), StoreError> {
+pub(super) fn start(path: &Path, format: &str, overwrite: bool) -> Result<PathBuf, StoreError> {
     check_free(path, format, overwrite)?;
-    let lock = Lock::output(path)?;
     let partial = with_suffix(path, ".partial")?;
     remove_folder(&partial)?;
     fs::create_dir_all(&partial).map_err(|error| StoreError::io(&partial, "create", error))?;
-    Ok((partial, lock))
+    Ok(partial)
 }
 
 /// Gives the finished `partial` its final name `path`.

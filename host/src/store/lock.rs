@@ -3,7 +3,7 @@
 //! # Design
 //! Who writes a folder holds an exclusive lock on the file [`NAME`] in it, from before the first look at its content to
 //! the last write; who makes a file such as a `brdf.zarr` holds one on `<name>.lock` beside it. A second writer is
-//! refused at once, in one sentence; readers take no lock and are never kept waiting. The kernel holds the lock, not the
+//! refused in one sentence; readers take no lock and are never kept waiting. The kernel holds the lock, not the
 //! file's existence: it is gone with the process, however that ends, and the file that a killed one leaves behind locks
 //! nobody out. The holder removes the file when it is done. One who opened it before that would then lock a file without
 //! a name, therefore the name is looked up again under the lock.
@@ -15,11 +15,16 @@
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read as _, Seek as _, Write as _};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use super::error::StoreError;
 
 /// Name of the lock in a folder that is written.
 pub const NAME: &str = "write.lock";
+
+/// A holder that was killed this very moment may still be on its way out: so often it is waited for, this long each time.
+const PATIENCE: u32 = 6;
+const MOMENT: Duration = Duration::from_millis(50);
 
 /// The right to write something, until it is dropped.
 #[derive(Debug)]
@@ -59,6 +64,7 @@ impl Lock {
     }
 
     fn take(what: &Path, path: PathBuf, made: Made) -> Result<Self, StoreError> {
+        let mut patience = PATIENCE;
         loop {
             let mut file = OpenOptions::new()
                 .create(true)
@@ -69,6 +75,11 @@ impl Lock {
                 .map_err(|error| StoreError::io(&path, "create", error))?;
             match file.try_lock() {
                 Ok(()) => {}
+                Err(TryLockError::WouldBlock) if patience > 0 => {
+                    patience -= 1;
+                    std::thread::sleep(MOMENT);
+                    continue;
+                }
                 Err(TryLockError::WouldBlock) => {
                     let mut holder = String::new();
                     // For people only; the holder may not have written it yet.
@@ -179,7 +190,7 @@ mod tests {
         std::thread::scope(|scope| {
             for _ in 0..8 {
                 scope.spawn(|| {
-                    for _ in 0..200 {
+                    for _ in 0..20 {
                         match Lock::folder(&folder) {
                             Ok(lock) => {
                                 assert_eq!(holders.fetch_add(1, Ordering::SeqCst), 0);

@@ -162,7 +162,7 @@ impl RawStore {
             return Err(StoreError::argument(path, "clock_hz", "above 0", "0"));
         }
         layout.frames().check(path)?;
-        let (partial, _lock) = group::start(path, FORMAT, false)?;
+        let partial = group::start(path, FORMAT, false)?;
         let store = Arc::new(AtomicStore::new(&partial)?);
         let mut all = group::attributes_of(FORMAT, Map::new());
         all.insert(CLOCK.into(), layout.clock_hz.into());

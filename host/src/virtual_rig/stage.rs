@@ -71,10 +71,13 @@ pub(super) struct Stage {
     busy_until: Ticks,
     exposures: u64,
     triggers: u64,
+    /// When the camera was triggered first since it was armed: there its clock begins.
+    first: Option<Ticks>,
     shots: VecDeque<Shot>,
 }
 
-/// The camera's clock is this far ahead of the controller's.
+/// The camera's clock says this when it is triggered first after it was armed. It does not go on from run to run: what is
+/// stored of a run depends on that run alone.
 const CAMERA_CLOCK_AHEAD_S: f64 = 1000.0;
 /// The camera's clock runs fast by this much.
 const CAMERA_CLOCK_RATE: f64 = 1.0 + 20e-6;
@@ -104,6 +107,7 @@ impl Stage {
             busy_until: Ticks::ZERO,
             exposures: 0,
             triggers: 0,
+            first: None,
             shots: VecDeque::new(),
         }
     }
@@ -143,6 +147,7 @@ impl Stage {
         self.last_run = (self.fingerprint, repeats);
         self.exposures = 0;
         self.triggers = 0;
+        self.first = None;
         self.open = None;
         self.shots.clear();
     }
@@ -180,6 +185,7 @@ impl Stage {
     fn open_shutter(&mut self, at: Ticks) -> Option<StrobeEdge> {
         let from = at + self.exposure_delay;
         self.triggers += 1;
+        self.first.get_or_insert(from);
         let ready = if self.overlap {
             self.busy_until.saturating_sub(self.readout)
         } else {
@@ -206,7 +212,8 @@ impl Stage {
         self.exposures += 1;
         let shot = Shot {
             id,
-            timestamp_s: CAMERA_CLOCK_AHEAD_S + self.seconds(from) * CAMERA_CLOCK_RATE,
+            timestamp_s: CAMERA_CLOCK_AHEAD_S
+                + self.seconds(from.saturating_sub(self.first.unwrap_or(from))) * CAMERA_CLOCK_RATE,
             exposure_s: self.seconds(to - from),
             seen,
             seed: self.seed(0, id),

@@ -97,8 +97,9 @@ fn edges_expose_and_the_strobe_answers() {
             }
         };
         assert_eq!(frame.id, 0);
+        // Its clock begins with the first trigger, whenever that comes.
         assert!(
-            (frame.timestamp_s - 1_000.040_005).abs() < 1e-5,
+            (frame.timestamp_s - 1_000.0).abs() < 1e-9,
             "{}",
             frame.timestamp_s
         );
