@@ -189,7 +189,10 @@ mod tests {
         };
         assert_eq!(with(0), (None, None));
         let (some, all) = (with(list.len() / 2), with(list.len()));
-        assert!(some.0.unwrap() > 0.0 && some.0.unwrap().is_finite(), "{some:?} {all:?}");
+        assert!(
+            some.0.unwrap() > 0.0 && some.0.unwrap().is_finite(),
+            "{some:?} {all:?}"
+        );
     }
 
     #[test]
