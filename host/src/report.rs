@@ -244,7 +244,10 @@ pub fn evaluation_lines(evaluation: &Evaluation) -> Vec<(&'static str, String)> 
         ),
         (
             "noise",
-            format!("median standard uncertainty {}", quantile(evaluation.median_relative_sigma)),
+            format!(
+                "median standard uncertainty {}",
+                quantile(evaluation.median_relative_sigma)
+            ),
         ),
         (
             "reciprocity",
@@ -319,7 +322,11 @@ fn albedo_line(all: &[Albedo]) -> String {
         return "none".to_owned();
     };
     let from = |share: f64| match at.filled {
-        filled if filled > 0.0 => format!("{} of the hemisphere, {} of it filled in", percent(share), percent(filled)),
+        filled if filled > 0.0 => format!(
+            "{} of the hemisphere, {} of it filled in",
+            percent(share),
+            percent(filled)
+        ),
         _ => format!("{} of the hemisphere", percent(share)),
     };
     let known = |value: f64, uncertainty: Option<f64>| {
@@ -344,7 +351,9 @@ fn albedo_line(all: &[Albedo]) -> String {
 
 /// A figure as `show` writes it, or `none`.
 fn or_none(figure: Option<f64>, show: impl Fn(f64) -> String) -> String {
-    figure.filter(|figure| figure.is_finite()).map_or_else(|| "none".to_owned(), show)
+    figure
+        .filter(|figure| figure.is_finite())
+        .map_or_else(|| "none".to_owned(), show)
 }
 
 fn degrees(degrees: f64) -> String {

@@ -95,11 +95,15 @@ fn tilts_close_the_hole_and_every_origin_is_judged_by_itself() {
             &|_| {},
         )
         .unwrap();
-        assert!((found.coverage - 1.0).abs() < 1e-9, "{}", found.coverage);
+        assert!(
+            (found.coverage.unwrap() - 1.0).abs() < 1e-9,
+            "{:?}",
+            found.coverage
+        );
         for origin in found.provenance.iter().filter(|origin| origin.share > 0.0) {
             let error = origin.relative_error.unwrap();
             println!("{} {:.4}: {error:?}", origin.provenance, origin.share);
-            assert!(error.median < 0.06, "{origin:?}");
+            assert!(error.median.value().unwrap() < 0.06, "{origin:?}");
         }
     }
     // In the hole there is a value now.
@@ -159,6 +163,33 @@ fn files_that_do_not_go_together_are_refused_and_nothing_is_lost() {
         "{error}"
     );
     Brdf::open(&file).expect("still there");
+    // One capture is no evidence twice: not by itself, not as a copy, not through a link, not in what was made of it.
+    let (copy, link) = (folder.path().join("copy"), folder.path().join("link"));
+    copied(&file, &copy);
+    std::os::unix::fs::symlink(&file, &link).unwrap();
+    let out = folder.path().join("out.brdf.zarr");
+    fill(&file, &[], &out, &Silent).unwrap();
+    let other = folder.path().join("other.brdf.zarr");
+    for same in [&file, &copy, &link, &out] {
+        let error = fill(&file, std::slice::from_ref(same), &other, &Silent)
+            .unwrap_err()
+            .to_string();
+        let path = same.to_str().unwrap();
+        assert!(error.contains(path) && error.contains("the same one"), "{error}");
+        assert!(!other.exists());
+    }
+}
+
+fn copied(from: &Path, to: &Path) {
+    std::fs::create_dir(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap().flatten() {
+        let target = to.join(entry.file_name());
+        if entry.path().is_dir() {
+            copied(&entry.path(), &target);
+        } else {
+            std::fs::copy(entry.path(), target).unwrap();
+        }
+    }
 }
 
 #[test]

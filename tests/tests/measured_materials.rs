@@ -38,7 +38,7 @@ fn median_error(file: &str) -> Option<f64> {
     let summary = complete(&measurement, &Setup::default(), &|| Duration::ZERO, &Silent).unwrap();
     let against = summary.evaluation.against_reference.unwrap();
     println!("{file}: {:?}, blur {:?}", against.relative_error, against.blur);
-    Some(against.relative_error.median)
+    against.relative_error.median.value()
 }
 
 #[test]

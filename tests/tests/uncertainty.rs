@@ -107,7 +107,7 @@ fn calibration_brings_a_misaligned_and_uneven_rig_back() {
         let sample = rcg::sample::parse(&spec).unwrap();
         let found = evaluate(&brdf, Some((&spec, sample.as_ref())), &|_| {}).unwrap();
         let error = found.against_reference.unwrap().relative_error;
-        (error.median, error.p99)
+        (error.median.value().unwrap(), error.p99.value().unwrap())
     };
     let (with, without) = (
         error("with", Some(&calibration), None),

@@ -15,7 +15,9 @@ pub(super) fn check(
 ) -> Result<(), String> {
     for (exposure, record) in (first..).zip(records) {
         let complain = |field: &str, expected: String, found: String| {
-            Err(format!("exposure {exposure}, {field}: expected {expected}, found {found}"))
+            Err(format!(
+                "exposure {exposure}, {field}: expected {expected}, found {found}"
+            ))
         };
         let incident = patterns[exposure / exposures_s.len()].code();
         if record.incident != incident {
@@ -32,7 +34,11 @@ pub(super) fn check(
             ("lit_solid_angle_sr", record.lit_solid_angle_sr),
         ] {
             if !(found.is_finite() && found >= 0.0) {
-                return complain(field, "a finite number of 0 or more".to_owned(), found.to_string());
+                return complain(
+                    field,
+                    "a finite number of 0 or more".to_owned(),
+                    found.to_string(),
+                );
             }
         }
     }
@@ -61,7 +67,9 @@ mod tests {
             ("exposure_s", |record| record.exposure_s = f64::NAN),
             ("lit_irradiance", |record| record.lit_irradiance = f64::NAN),
             ("lit_irradiance", |record| record.lit_irradiance = -1.0),
-            ("lit_solid_angle_sr", |record| record.lit_solid_angle_sr = f64::INFINITY),
+            ("lit_solid_angle_sr", |record| {
+                record.lit_solid_angle_sr = f64::INFINITY
+            }),
         ];
         for (field, edit) in edits {
             let mut wrong = sound.clone();

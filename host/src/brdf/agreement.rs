@@ -40,7 +40,10 @@ pub(super) fn check(brdf: &Brdf, chunk: usize, rows: &BrdfRows) -> Result<(), St
             if let Some(f) = f.iter().find(|f| !(f.is_nan() || **f == 0.0)) {
                 return complain("f", "no value where the provenance is missing", f.to_string());
             }
-            if let Some(sigma) = sigma.iter().find(|sigma| !(sigma.is_nan() || sigma.to_f32() == 0.0)) {
+            if let Some(sigma) = sigma
+                .iter()
+                .find(|sigma| !(sigma.is_nan() || sigma.to_f32() == 0.0))
+            {
                 let expected = "no uncertainty where the provenance is missing";
                 return complain("sigma", expected, sigma.to_string());
             }

@@ -20,9 +20,15 @@ pub(crate) const CAPTURES: &str = "captures";
 /// # Errors
 /// [`StoreError`].
 pub(crate) fn captures(brdf: &Brdf) -> Result<Vec<String>, StoreError> {
-    let named = brdf.attributes().get(CAPTURES).and_then(serde_json::Value::as_array);
+    let named = brdf
+        .attributes()
+        .get(CAPTURES)
+        .and_then(serde_json::Value::as_array);
     if let Some(named) = named {
-        return Ok(named.iter().filter_map(|name| Some(name.as_str()?.to_owned())).collect());
+        return Ok(named
+            .iter()
+            .filter_map(|name| Some(name.as_str()?.to_owned()))
+            .collect());
     }
     let channels = brdf.channels();
     let sums: Vec<Option<[u8; 32]>> = (0..brdf.chunks())
@@ -54,7 +60,9 @@ pub(crate) fn captures(brdf: &Brdf) -> Result<Vec<String>, StoreError> {
             sum.update(part);
         }
     }
-    Ok(vec![sum.finalize().iter().map(|byte| format!("{byte:02x}")).collect()])
+    Ok(vec![
+        sum.finalize().iter().map(|byte| format!("{byte:02x}")).collect(),
+    ])
 }
 
 /// Whether no capture stands behind both files.

@@ -68,10 +68,7 @@ impl Brdf {
     ///
     /// # Errors
     /// [`StoreError`].
-    pub(crate) fn measured(
-        &self,
-        pairs: &[(DVec3, DVec3)],
-    ) -> Result<Vec<Option<[f32; 3]>>, StoreError> {
+    pub(crate) fn measured(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Option<[f32; 3]>>, StoreError> {
         let mut values = Vec::with_capacity(pairs.len());
         for batch in pairs.chunks(BATCH) {
             values.extend(self.seen(batch)?);

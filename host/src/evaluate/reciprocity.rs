@@ -46,7 +46,8 @@ pub(super) fn reciprocity(brdf: &Brdf, reference: Option<&dyn Sample>) -> Result
     let values = brdf.measured(&both)?;
     let (mut residuals, mut own) = (Vec::new(), Vec::new());
     for (&(a, b), values) in pairs.iter().zip(values.chunks_exact(2)) {
-        let mean = |value: &Option<[f32; 3]>| Some(value.as_ref()?.iter().map(|&f| f64::from(f)).sum::<f64>() / 3.0);
+        let mean =
+            |value: &Option<[f32; 3]>| Some(value.as_ref()?.iter().map(|&f| f64::from(f)).sum::<f64>() / 3.0);
         let (Some(forth), Some(back)) = (mean(&values[0]), mean(&values[1])) else {
             continue;
         };

@@ -45,14 +45,18 @@ pub fn repeatability(a: &Brdf, b: &Brdf) -> Result<Repeatability, BrdfError> {
             return Err(differs(field, expected.to_string(), found.to_string()));
         }
     }
-    if let Some(index) = (0..a.grid().len()).find(|&index| {
-        a.grid().direction(index).distance(b.grid().direction(index)) > 1e-9
-    }) {
+    if let Some(index) = (0..a.grid().len())
+        .find(|&index| a.grid().direction(index).distance(b.grid().direction(index)) > 1e-9)
+    {
         let angles = |brdf: &Brdf| {
             let (theta_deg, phi_deg) = brdf.grid().angles_deg(index);
             format!("({theta_deg}°, {phi_deg}°)")
         };
-        return Err(differs("incident directions", angles(a), format!("{} at number {index}", angles(b))));
+        return Err(differs(
+            "incident directions",
+            angles(a),
+            format!("{} at number {index}", angles(b)),
+        ));
     }
     evidence::check_apart(a, b)?;
     let (cells, channels) = (a.disk().len(), a.channels());

@@ -95,7 +95,10 @@ mod tests {
         for albedo in [0.9, 0.05] {
             let white = parse(&format!("lambert:{albedo}")).unwrap();
             let floor = Floor::of(white.as_ref(), 3);
-            assert!((floor.least[1] / (0.01 * albedo / PI) - 1.0).abs() < 1e-9, "{floor:?}");
+            assert!(
+                (floor.least[1] / (0.01 * albedo / PI) - 1.0).abs() < 1e-9,
+                "{floor:?}"
+            );
             assert_eq!(floor.error(0.5, 0.4, 1), Some((0.5 - 0.4) / 0.4));
         }
         // A lobe without a base has its albedo and hardly a median.

@@ -168,7 +168,11 @@ impl Part {
                 filled: known - ring.seen * per / whole,
             }
         };
-        let lit = self.rings.iter().enumerate().filter(|(_, ring)| ring.directions > 0);
+        let lit = self
+            .rings
+            .iter()
+            .enumerate()
+            .filter(|(_, ring)| ring.directions > 0);
         lit.map(|(at, ring)| mean(at, ring)).collect()
     }
 }
@@ -223,12 +227,16 @@ impl Judge<'_> {
                 if !(judged_in && is_judged(wo)) {
                     continue;
                 }
-                let of = part.origins[usize::from(origin.code())]
-                    .get_or_insert_with(|| Box::new(OfOrigin::new()));
+                let of =
+                    part.origins[usize::from(origin.code())].get_or_insert_with(|| Box::new(OfOrigin::new()));
                 of.pairs += 1;
                 for (&f, sigma) in f.iter().zip(sigma) {
                     let f = f64::from(f);
-                    of.sigma.add(if f > 0.0 { sigma.to_f64() / f } else { f64::INFINITY });
+                    of.sigma.add(if f > 0.0 {
+                        sigma.to_f64() / f
+                    } else {
+                        f64::INFINITY
+                    });
                 }
                 let Some((lobe, floor)) = &lobe else { continue };
                 let truth = channel_values(lobe.f(wo), channels);

@@ -1,0 +1,452 @@
+//! Laws of the figures: none over nothing, and what a direct computation says over something.
+
+use std::path::Path;
+
+use half::f16;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use serde_json::{Map, Value, json};
+
+use super::*;
+use crate::assemble::coordinates;
+use crate::brdf::{BrdfError, KnownBrdf};
+use crate::disk::Disk;
+use crate::incident::Grid;
+use crate::optics::Unmeasurable;
+use crate::sample::{Outgoing, parse};
+use crate::store::{BrdfLayout, BrdfRows, BrdfWriter};
+
+const STEP_DEG: f64 = 22.5;
+const SIZE: usize = 12;
+const CHUNK: usize = 16;
+
+/// One sample: f, σ and where it comes from; `None` is missing.
+type One = Option<(Vec<f32>, f32, Provenance)>;
+
+/// Writes what `of` says of each (incident direction, cell) and opens it. Chunks without a value are left out.
+fn file(path: &Path, channels: usize, of: &mut dyn FnMut(usize, usize) -> One) -> Brdf {
+    let grid = Grid::ThetaPhi { step_deg: STEP_DEG }.build().unwrap();
+    let disk = Disk::new(SIZE);
+    let layout = BrdfLayout {
+        incident: grid.len(),
+        grid: SIZE,
+        channels,
+        chunk: CHUNK,
+    };
+    let outgoing: Vec<Option<Unmeasurable>> = (0..disk.len())
+        .map(|cell| {
+            disk.direction(cell)
+                .is_none()
+                .then_some(Unmeasurable::BelowHorizon)
+        })
+        .collect();
+    let pixel_sr: Vec<f64> = outgoing
+        .iter()
+        .map(|reason| if reason.is_none() { 1e-3 } else { 0.0 })
+        .collect();
+    let attributes = [
+        ("step_deg", json!(STEP_DEG)),
+        ("incident_kind", json!("theta-phi")),
+        ("spot_deg", json!(1.0)),
+    ];
+    let attributes: Map<String, Value> = attributes
+        .map(|(name, value)| (name.to_owned(), value))
+        .into_iter()
+        .collect();
+    let small = coordinates(&grid, &vec![None; grid.len()], disk, &outgoing, &pixel_sr);
+    let writer = BrdfWriter::create(path, layout, &small, attributes, true).unwrap();
+    for (chunk, first) in (0..grid.len()).step_by(CHUNK).enumerate() {
+        let mut rows = BrdfRows::default();
+        for index in first..(first + CHUNK).min(grid.len()) {
+            for (cell, reason) in outgoing.iter().enumerate() {
+                let one = if reason.is_none() { of(index, cell) } else { None };
+                let (f, sigma, origin) = one.unwrap_or((vec![0.0; channels], 0.0, Provenance::Missing));
+                rows.f.extend(&f);
+                rows.sigma.extend(vec![f16::from_f32(sigma); channels]);
+                rows.provenance.push(origin.code());
+            }
+        }
+        if rows.provenance.iter().any(|code| *code != 0) {
+            writer.write_chunk(chunk, &rows).unwrap();
+        }
+    }
+    writer.finish().unwrap();
+    Brdf::open(path).unwrap()
+}
+
+fn figures(brdf: &Brdf, reference: &dyn Sample) -> (Value, String) {
+    let found = evaluate(brdf, Some(("it", reference)), &|_| {}).unwrap();
+    let lines = crate::report::evaluation_lines(&found);
+    let text = lines
+        .iter()
+        .map(|(what, figure)| format!("{what} {figure}\n"))
+        .collect();
+    (serde_json::to_value(&found).unwrap(), text)
+}
+
+/// Figures of the measurement itself, and of the comparison.
+const OWN: [&str; 2] = ["/median_relative_sigma", "/reciprocity_residual_median"];
+const COMPARED: [&str; 5] = [
+    "/against_reference/relative_error/median",
+    "/against_reference/relative_error/p90",
+    "/against_reference/relative_error/p99",
+    "/against_reference/psnr_db",
+    "/against_reference/reciprocity_residual_median",
+];
+
+fn none(found: &Value, fields: &[&str]) {
+    for field in fields {
+        assert_eq!(found.pointer(field), Some(&Value::Null), "{field}: {found:#}");
+    }
+    assert!(!found["warnings"].as_array().unwrap().is_empty(), "{found:#}");
+}
+
+#[test]
+fn figures_over_nothing_are_none() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let white = parse("lambert:0.5").unwrap();
+    let measured = || Some((vec![0.15; 3], 0.01, Provenance::Measured));
+    for channels in [1, 3] {
+        // Nothing measured at all.
+        let empty = file(&at("empty"), channels, &mut |_, _| None);
+        let (found, text) = figures(&empty, white.as_ref());
+        none(&found, &OWN);
+        none(&found, &COMPARED);
+        assert_eq!(found["coverage"], json!(0.0));
+        assert_eq!(found["against_reference"]["scored_share"], json!(0.0));
+        for albedo in found["albedo"].as_array().unwrap() {
+            assert_eq!(
+                (&albedo["albedo"], &albedo["measured_part"]),
+                (&Value::Null, &Value::Null)
+            );
+        }
+        for figure in [
+            "noise median standard uncertainty none",
+            "residual none",
+            "albedo none",
+            "PSNR none",
+        ] {
+            assert!(text.contains(figure), "{figure} in {text}");
+        }
+    }
+    // A single sample, and one that was filled in by whatever way: none of them is evidence.
+    let middle = Disk::new(SIZE)
+        .neighbours(crate::direction::from_degrees(30.0, 40.0))
+        .unwrap()[0]
+        .0;
+    let one = file(&at("one"), 1, &mut |index, cell| {
+        (index == 20 && cell == middle).then(|| (vec![0.15], 0.01, Provenance::Measured))
+    });
+    let (found, _) = figures(&one, white.as_ref());
+    none(&found, &OWN);
+    none(&found, &["/against_reference/relative_error/median"]);
+    assert!(found["coverage"].as_f64().unwrap() > 0.0 && found["measured_samples"] == json!(1));
+    for origin in Provenance::ALL
+        .into_iter()
+        .filter(|origin| !origin.is_seen())
+        .skip(1)
+    {
+        let filled = file(&at("filled"), 3, &mut |_, _| Some((vec![0.15; 3], 0.01, origin)));
+        let (found, _) = figures(&filled, white.as_ref());
+        none(&found, &OWN);
+        none(&found, &COMPARED);
+        assert!(
+            found["coverage"].as_f64().unwrap() > 0.999,
+            "it is there all the same"
+        );
+        let of = found["provenance"].as_array().unwrap();
+        let of = of.iter().find(|of| of["provenance"] == origin.name()).unwrap();
+        assert!(
+            of["relative_error"]["median"].as_f64().is_some(),
+            "judged by itself: {of}"
+        );
+    }
+    // References that are black, or have no value where something was measured.
+    let whole = file(&at("whole"), 3, &mut |_, _| measured());
+    let black = parse("lambert:0").unwrap();
+    let holes = KnownBrdf::read(&file(&at("holes"), 3, &mut |_, _| None)).unwrap();
+    for (reference, compared) in [(black.as_ref(), true), (&holes as &dyn Sample, false)] {
+        let (found, text) = figures(&whole, reference);
+        none(&found, &COMPARED);
+        none(
+            &found,
+            &["/against_reference/blur/median", "/against_reference/blur/p99"],
+        );
+        assert!(found["median_relative_sigma"].as_f64().is_some());
+        assert_eq!(
+            found["against_reference"]["samples"].as_u64().unwrap() > 0,
+            compared
+        );
+        assert!(
+            text.contains("error median none, 90 % below: none, too few"),
+            "{text}"
+        );
+    }
+    // No difference is exact, not a number of decibels.
+    let same = KnownBrdf::read(&whole).unwrap();
+    let (found, text) = figures(&whole, &same);
+    assert_eq!(found["against_reference"]["psnr_db"], Value::Null);
+    assert_eq!(found["against_reference"]["is_exact"], json!(true));
+    assert!(text.contains("PSNR exact"), "{text}");
+}
+
+/// A reference that is 0 on one side, negative at the edge of it, and not known at the other.
+#[derive(Debug)]
+struct Ramp;
+
+impl Sample for Ramp {
+    fn incident(&self, _wi: DVec3) -> Box<dyn Outgoing + '_> {
+        Box::new(Self)
+    }
+
+    fn is_isotropic(&self) -> bool {
+        false
+    }
+}
+
+impl Outgoing for Ramp {
+    fn f(&self, wo: DVec3) -> [f64; 3] {
+        let f = match wo.x {
+            x if x > 0.7 => f64::NAN,
+            x if x > 0.0 => 0.2 * x,
+            x if x > -0.5 => 0.0,
+            x => x,
+        };
+        [f, 2.0 * f, f]
+    }
+}
+
+#[test]
+fn figures_are_those_of_a_direct_computation() {
+    let scratch = tempfile::tempdir().unwrap();
+    for seed in 0..6 {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let channels = if seed % 2 == 0 { 1 } else { 3 };
+        let share = rng.random_range(0.3..1.0);
+        let mut samples = Vec::new();
+        let brdf = file(&scratch.path().join("m"), channels, &mut |index, cell| {
+            if rng.random_range(0.0..1.0) > share {
+                return None;
+            }
+            let f: Vec<f32> = (0..channels).map(|_| rng.random_range(-0.02..0.4)).collect();
+            let sigma = f16::from_f32(rng.random_range(1e-4..1e-2)).to_f32();
+            let origin = Provenance::ALL[rng.random_range(1..Provenance::ALL.len())];
+            samples.push((index, cell, f.clone(), sigma, origin));
+            Some((f, sigma, origin))
+        });
+        let found = evaluate(&brdf, Some(("ramp", &Ramp)), &|_| {}).unwrap();
+        let (grid, disk) = (brdf.grid(), brdf.disk());
+        let judged = |index: usize, cell: usize| {
+            is_judged(grid.direction(index)) && disk.direction(cell).is_some_and(is_judged)
+        };
+        let pairs = (0..grid.len() * disk.len())
+            .filter(|at| judged(at / disk.len(), at % disk.len()))
+            .count() as f64;
+        assert_eq!(found.measured_samples, samples.len() as u64);
+        samples.retain(|(index, cell, ..)| judged(*index, *cell));
+        assert!((found.coverage.unwrap() - samples.len() as f64 / pairs).abs() < 1e-12);
+        for origin in &found.provenance[1..] {
+            let count = samples
+                .iter()
+                .filter(|sample| sample.4.name() == origin.provenance)
+                .count();
+            assert!((origin.share - count as f64 / pairs).abs() < 1e-12, "{origin:?}");
+        }
+        samples.retain(|sample| sample.4.is_seen());
+        // The floor, by the definition, over other directions than those of the program.
+        let floor = |channel: usize| {
+            let all: Vec<DVec3> = (0..200 * 200)
+                .filter_map(|cell| Disk::new(200).direction(cell))
+                .filter(|wo| is_judged(*wo))
+                .collect();
+            let mut values: Vec<(f64, f64)> = all
+                .iter()
+                .map(|wo| (Outgoing::f(&Ramp, *wo), wo.z))
+                .map(|(f, z)| {
+                    (
+                        if channels == 1 {
+                            f.iter().sum::<f64>() / 3.0
+                        } else {
+                            f[channel]
+                        },
+                        z,
+                    )
+                })
+                .filter(|(f, _)| f.is_finite())
+                .collect();
+            let albedo: f64 = values.iter().map(|(f, z)| f * z).sum::<f64>() * Disk::new(200).cell_sr();
+            values.sort_by(|a, b| a.0.total_cmp(&b.0));
+            f64::max(
+                0.01 * values[values.len() / 2].0,
+                0.01 * albedo / std::f64::consts::PI,
+            )
+        };
+        let floors = [0, 1, 2].map(floor);
+        let (mut errors, mut squares, mut compared, mut sigmas) = (Vec::new(), 0.0, 0_u64, Vec::new());
+        for (index, cell, f, sigma, _) in &samples {
+            let (wi, wo) = (grid.direction(*index), disk.direction(*cell).unwrap());
+            let truth = Outgoing::f(&Ramp, wo);
+            let truth = if channels == 1 {
+                [truth.iter().sum::<f64>() / 3.0; 3]
+            } else {
+                truth
+            };
+            for (channel, f) in f.iter().enumerate() {
+                let f = f64::from(*f);
+                sigmas.push(if f > 0.0 {
+                    f64::from(*sigma) / f
+                } else {
+                    f64::INFINITY
+                });
+                let truth = truth[channel];
+                if truth.is_finite() {
+                    compared += 1;
+                    squares += ((f * wi.z).clamp(0.0, 1.0) - (truth * wi.z).clamp(0.0, 1.0)).powi(2);
+                    if truth > 0.0 && truth >= floors[channel] {
+                        errors.push((f - truth).abs() / truth);
+                    }
+                }
+            }
+        }
+        let against = found.against_reference.unwrap();
+        assert_eq!(
+            (against.samples, against.scored_samples),
+            (compared, errors.len() as u64)
+        );
+        assert!(
+            (against.scored_share.unwrap() - errors.len() as f64 / (pairs * channels as f64)).abs() < 1e-12
+        );
+        let psnr_db = -10.0 * (squares / compared as f64).log10();
+        assert!((against.psnr_db.unwrap() - psnr_db).abs() < 1e-9);
+        let median = |values: &mut Vec<f64>| {
+            values.sort_by(f64::total_cmp);
+            values[values.len() / 2]
+        };
+        let close = |found: Quantile, expected: f64| {
+            assert!(
+                (found.value().unwrap() / expected - 1.0).abs() < 0.013,
+                "{found:?} {expected}"
+            );
+        };
+        close(found.median_relative_sigma, median(&mut sigmas));
+        close(against.relative_error.median, median(&mut errors));
+        close(
+            against.relative_error.p90,
+            errors[(0.9 * errors.len() as f64) as usize],
+        );
+    }
+}
+
+#[test]
+fn an_albedo_is_that_of_a_whole_hemisphere() {
+    let scratch = tempfile::tempdir().unwrap();
+    let f = 0.5 / std::f64::consts::PI;
+    for (kept, is_whole) in [(1.0, true), (0.999, true), (0.9, false)] {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(3);
+        let brdf = file(&scratch.path().join("m"), 1, &mut |_, _| {
+            (rng.random_range(0.0..1.0) < kept).then(|| (vec![f as f32], 0.01, Provenance::Measured))
+        });
+        let found = evaluate(&brdf, None, &|_| {}).unwrap();
+        for albedo in &found.albedo {
+            assert_eq!(albedo.albedo.is_some(), is_whole, "{albedo:?}");
+            assert_eq!(albedo.standard_uncertainty.is_some(), is_whole);
+            assert!(
+                (albedo.seen - kept).abs() < 0.02 && albedo.filled.abs() < 1e-12,
+                "{albedo:?}"
+            );
+            // 12 cells a side are a coarse hemisphere.
+            assert!(
+                (albedo.measured_part.unwrap() / albedo.seen - 0.5).abs() < 0.02,
+                "{albedo:?}"
+            );
+        }
+        assert_eq!(found.warnings.is_empty(), is_whole, "{:?}", found.warnings);
+    }
+}
+
+#[test]
+fn no_capture_is_evidence_twice() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let capture = |name: &str, seed: u64| {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+        file(&at(name), 1, &mut |_, _| {
+            Some((vec![rng.random_range(0.15..0.17)], 0.006, Provenance::Measured))
+        })
+    };
+    let (a, copy, b) = (capture("a", 1), capture("copy", 1), capture("b", 2));
+    let link = at("link");
+    std::os::unix::fs::symlink(at("a"), &link).unwrap();
+    for same in [&a, &copy, &Brdf::open(&link).unwrap()] {
+        let error = repeatability(&a, same).unwrap_err();
+        assert!(
+            matches!(
+                error,
+                BrdfError::Content {
+                    field: "captures",
+                    ..
+                }
+            ),
+            "{error}"
+        );
+        assert!(KnownBrdf::beside(same, &a).is_err());
+    }
+    // 0.16 ± 0.0058 (uniform over 0.02), twice.
+    let found = repeatability(&a, &b).unwrap();
+    let deviation = found.relative_standard_deviation.value().unwrap();
+    assert!((0.02..0.06).contains(&deviation), "{found:?}");
+    let normalised = found.normalised_difference.unwrap();
+    assert!((0.9..1.02).contains(&normalised), "{found:?}");
+    assert!((found.share.unwrap() - 1.0).abs() < 1e-12 && found.warnings.is_empty());
+    // What is filled in is no second measurement.
+    let filled = file(&at("filled"), 1, &mut |_, _| {
+        Some((vec![0.16], 0.01, Provenance::Reciprocal))
+    });
+    let found = repeatability(&a, &filled).unwrap();
+    let json = serde_json::to_value(&found).unwrap();
+    assert_eq!(
+        (found.samples, &json["relative_standard_deviation"]),
+        (0, &Value::Null)
+    );
+    assert_eq!(
+        (&json["normalised_difference"], found.warnings.len()),
+        (&Value::Null, 1)
+    );
+}
+
+#[test]
+fn arrays_that_contradict_each_other_are_named() {
+    let scratch = tempfile::tempdir().unwrap();
+    let sound = (vec![0.2_f32; 3], 0.01_f32, Provenance::Measured);
+    let missing = |f: f32, sigma: f32| (vec![f; 3], sigma, Provenance::Missing);
+    let with = |f: f32, sigma: f32| (vec![0.2, f, 0.2], sigma, Provenance::Merged);
+    let cases: [(&str, (Vec<f32>, f32, Provenance)); 7] = [
+        ("f", missing(0.1, 0.0)),
+        ("sigma", missing(0.0, 0.1)),
+        ("f", with(f32::NAN, 0.01)),
+        ("f", with(f32::INFINITY, 0.01)),
+        ("sigma", with(0.2, -0.01)),
+        ("sigma", with(0.2, f32::NAN)),
+        ("sigma", with(0.2, f32::INFINITY)),
+    ];
+    let middle = SIZE * SIZE / 2 + SIZE / 2;
+    for (place, (array, wrong)) in cases.into_iter().enumerate() {
+        let path = scratch.path().join(place.to_string());
+        let brdf = file(&path, 3, &mut |index, cell| {
+            Some(if (index, cell) == (20, middle) {
+                wrong.clone()
+            } else {
+                sound.clone()
+            })
+        });
+        let error = evaluate(&brdf, None, &|_| {}).unwrap_err().to_string();
+        let named = format!("chunk 1 of array `{array}`: expected ");
+        assert!(
+            error.contains(&named) && error.contains("at incident direction 20, row 6, column 6"),
+            "{place}: {error}"
+        );
+        let pair = [(brdf.grid().direction(20), brdf.disk().direction(middle).unwrap())];
+        assert!(brdf.values(&pair).is_err(), "{place}");
+    }
+}

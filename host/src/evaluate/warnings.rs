@@ -7,11 +7,16 @@ pub(super) fn warnings(found: &Evaluation) -> Vec<String> {
     let mut all = Vec::new();
     let judged = format!("with θ ≤ {JUDGED_THETA_DEG}° both ways");
     if found.measured_samples == 0 {
-        all.push("nothing was measured: no sample has a value, and every figure but the coverage is none".to_owned());
+        all.push(
+            "nothing was measured: no sample has a value, and every figure but the coverage is none"
+                .to_owned(),
+        );
         return all;
     }
     if found.coverage.is_none() {
-        all.push(format!("coverage: none, the file has no pair of directions {judged}"));
+        all.push(format!(
+            "coverage: none, the file has no pair of directions {judged}"
+        ));
     }
     match found.median_relative_sigma {
         Quantile::None => all.push(format!(
@@ -29,7 +34,11 @@ pub(super) fn warnings(found: &Evaluation) -> Vec<String> {
             found.reciprocity_pairs
         ));
     }
-    let parts = found.albedo.iter().filter(|albedo| albedo.albedo.is_none()).count();
+    let parts = found
+        .albedo
+        .iter()
+        .filter(|albedo| albedo.albedo.is_none())
+        .count();
     if parts > 0 {
         all.push(format!(
             "albedo: none at {parts} of {} polar angles, where less than 99 % of the hemisphere has values; `fill` closes \

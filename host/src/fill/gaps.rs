@@ -355,6 +355,7 @@ fn mean(brdf: &Brdf) -> Result<([f32; 3], [f32; 3]), FillError> {
         });
     }
     let mean = sums.map(|sum| sum / count as f64);
-    let scatter = std::array::from_fn(|c| (squares[c] / count as f64 - mean[c] * mean[c]).max(0.0).sqrt() as f32);
+    let scatter =
+        std::array::from_fn(|c| (squares[c] / count as f64 - mean[c] * mean[c]).max(0.0).sqrt() as f32);
     Ok((mean.map(|f| f as f32), scatter))
 }

@@ -174,7 +174,9 @@ pub fn fill(
     }
     let model = filled?;
     let shares = shares(&Brdf::open(out)?)?;
-    let mut warnings = model.as_ref().map_or_else(Vec::new, |model| model.warnings.clone());
+    let mut warnings = model
+        .as_ref()
+        .map_or_else(Vec::new, |model| model.warnings.clone());
     if shares.is_empty() {
         warnings.push(format!(
             "coverage: none, the file has no pair of directions with θ ≤ {COVERED_THETA_DEG}° both ways"

@@ -296,9 +296,9 @@ fn beyond(solution: &Solution) -> Beyond {
 
 /// Whether there is a lobe: its strength in some channel is clear of 0.
 fn stands_out(solution: &Solution) -> bool {
-    (3..solution.unknowns.len())
-        .step_by(2)
-        .any(|at| solution.unknowns[at] > CLEAR * solution.covariance[(at, at)].sqrt() && solution.unknowns[at] > 0.0)
+    (3..solution.unknowns.len()).step_by(2).any(|at| {
+        solution.unknowns[at] > CLEAR * solution.covariance[(at, at)].sqrt() && solution.unknowns[at] > 0.0
+    })
 }
 
 fn is_at_bound(rho_d: f64, strength: f64, is_diffuse: bool) -> bool {

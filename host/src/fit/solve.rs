@@ -190,7 +190,8 @@ pub(super) fn solve(
         problem = solved;
         is_converged = report.termination.was_successful();
         let is_in_range = alpha(&problem.unknowns).iter().all(|alpha| ALPHA.contains(alpha));
-        let is_bare = (0..seen.channels).all(|channel| range == Range::Physical && problem.linear(channel)[1] <= 0.0);
+        let is_bare =
+            (0..seen.channels).all(|channel| range == Range::Physical && problem.linear(channel)[1] <= 0.0);
         if !is_in_range || is_bare {
             return Err(FitError::NoLobe {
                 alpha: alpha(&problem.unknowns),

@@ -8,9 +8,9 @@
 //! the mean residual is taken relative to the mean f. χ² is only held against a model whose lack of fit is more than
 //! [`NEGLIGIBLE_PERCENT`]: less than that is calibration rather than shape.
 
+use super::Fit;
 use super::model::combine;
 use super::observations::{Observation, Observations};
-use super::Fit;
 
 /// Degrees of the half vector's polar angle that one point of the residuals' chart stands for.
 const BIN_DEG: f64 = 3.0;
@@ -44,7 +44,6 @@ pub struct Residual {
     /// Root mean square of the standard uncertainties of f, in percent of the mean f.
     pub noise_percent: f64,
 }
-
 
 /// One sample and what the fit leaves of it.
 struct Seen {
@@ -117,7 +116,7 @@ impl Fit {
             self.warnings.insert(
                 0,
                 format!(
-                    "the {:?} model does not describe the samples, its parameters stand for nothing: {}",
+                    "the fitted {:?} model does not describe the samples, its parameters are not to be relied on: {}",
                     self.model,
                     against.join("; ")
                 ),
@@ -133,7 +132,10 @@ impl Fit {
         let alpha = [self.parameters[0].value, self.parameters[1].value];
         let linear = |channel: usize, part: usize| self.parameters[2 + 2 * channel + part].value;
         let of = |sample: &Observation| {
-            let (light, place) = (sample.light[0] + sample.light[3], sample.places[0] + sample.places[3]);
+            let (light, place) = (
+                sample.light[0] + sample.light[3],
+                sample.places[0] + sample.places[3],
+            );
             let half = (light + place).normalize();
             let half_deg = half.z.clamp(0.0, 1.0).acos().to_degrees();
             let incident_deg = light.normalize().z.clamp(0.0, 1.0).acos().to_degrees();
@@ -167,7 +169,10 @@ fn lack_of_fit(each: &[Seen], channels: usize) -> Option<f64> {
         for one in each {
             let (f, residual) = (one.f[channel], one.residual[channel]);
             total += f;
-            for (sum, add) in sums[one.range].iter_mut().zip([1.0, f, residual, residual * residual]) {
+            for (sum, add) in sums[one.range]
+                .iter_mut()
+                .zip([1.0, f, residual, residual * residual])
+            {
                 *sum += add;
             }
         }

@@ -184,7 +184,8 @@ impl Study {
 /// A row per reconstruction; PSNR is empty where there is none, and `exact` says whether that is because nothing differs.
 fn csv(rows: &[Row]) -> String {
     let mut table =
-        "interval_deg,image_size,captures,interpolation,psnr_y_db,psnr_cb_db,psnr_cr_db,exact,scored_share\n".to_owned();
+        "interval_deg,image_size,captures,interpolation,psnr_y_db,psnr_cb_db,psnr_cr_db,exact,scored_share\n"
+            .to_owned();
     for row in rows {
         let psnr = [row.psnr.psnr_y_db, row.psnr.psnr_cb_db, row.psnr.psnr_cr_db];
         let [y, cb, cr] = psnr.map(|db| db.map_or_else(String::new, |db| format!("{db:.3}")));

@@ -109,7 +109,9 @@ impl Spheres {
             first = range.end;
             let (mut sum, mut count) = ([0.0; 3], 0);
             for pair in pictures[range.clone()].iter().zip(&self.truth[range.clone()]) {
-                let (Some(found), Some(truth)) = pair else { continue };
+                let (Some(found), Some(truth)) = pair else {
+                    continue;
+                };
                 sum = std::array::from_fn(|c| sum[c] + f64::from(found[c] - truth[c]).powi(2));
                 count += 1;
             }
@@ -123,7 +125,11 @@ impl Spheres {
             worst = Some(std::array::from_fn(|c| before[c].max(sum[c] / pixels)));
         }
         let square = |channel: usize| worst.filter(|_| self.shown).map(|worst| worst[channel]);
-        let db = |channel: usize| square(channel).filter(|square| *square > 0.0).map(|square| -10.0 * square.log10());
+        let db = |channel: usize| {
+            square(channel)
+                .filter(|square| *square > 0.0)
+                .map(|square| -10.0 * square.log10())
+        };
         Ok(Psnr {
             psnr_y_db: db(0),
             psnr_cb_db: db(1),
@@ -256,7 +262,10 @@ mod tests {
             scored_share: 0.0,
         };
         assert_eq!(spheres.judge(&Nothing).unwrap(), none);
-        assert_eq!(Spheres::new(&Nothing, 1.0).unwrap().judge(&lambert).unwrap(), none);
+        assert_eq!(
+            Spheres::new(&Nothing, 1.0).unwrap().judge(&lambert).unwrap(),
+            none
+        );
         // 0.2 instead of 0.5/π, where there is a value: half of it has none, on either side.
         let half = spheres.judge(&Half).unwrap();
         let other_way = Spheres::new(&Half, 1.0).unwrap().judge(&lambert).unwrap();

@@ -2,6 +2,8 @@
 
 use std::fs;
 
+use serde_json::json;
+
 use crate::command::{quick_measurement, refuses, run, text};
 
 #[test]
@@ -36,6 +38,10 @@ fn a_fit_answers_with_parameters_covariance_and_residuals() {
         assert!((variance.sqrt() / stated - 1.0).abs() < 1e-9, "{}", names[at]);
     }
     assert!(!answer["residuals"].as_array().unwrap().is_empty());
+    assert_eq!(
+        (&answer["acceptable"], &answer["warnings"]),
+        (&json!(true), &json!([]))
+    );
     assert!(image::open(&picture).unwrap().width() > 500);
 }
 
@@ -74,4 +80,31 @@ fn what_has_no_lobe_or_too_little_is_refused() {
         &[text(&measured.join("brdf.zarr")), "--model", "ward"],
         &["fit", "at least 200", "found 0"],
     );
+}
+
+#[test]
+fn a_model_that_does_not_describe_the_sample_says_so_and_states_no_uncertainty() {
+    for (sample, model) in [
+        ("velvet", "ward"),
+        ("satin", "ward"),
+        ("ggx:satin", "ward"),
+        ("velvet", "ggx"),
+    ] {
+        let outcome = run(&["fit", sample, "--model", model, "--json"], "");
+        if outcome.code == Some(2) {
+            assert!(outcome.stderr.contains("expected a lobe"), "{}", outcome.stderr);
+            continue;
+        }
+        let answer = outcome.object();
+        assert_eq!(answer["acceptable"], json!(false), "{sample} {model}: {answer:#}");
+        assert_eq!(answer["covariance"], json!(null));
+        for parameter in answer["parameters"].as_array().unwrap() {
+            assert_eq!(parameter["standard_uncertainty"], json!(null), "{parameter}");
+            assert!(parameter["value"].as_f64().unwrap() >= 0.0, "{parameter}");
+        }
+        let warning = answer["warnings"][0].as_str().unwrap();
+        assert!(warning.contains("does not describe the samples"), "{warning}");
+        let words = run(&["fit", sample, "--model", model], "");
+        assert!(words.done().contains("not acceptable"));
+    }
 }

@@ -42,7 +42,11 @@ struct Answer {
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
     let brdf = Brdf::open(&args.brdf)?;
-    let sample = args.reference.as_deref().map(|spec| reference(spec, &brdf)).transpose()?;
+    let sample = args
+        .reference
+        .as_deref()
+        .map(|spec| reference(spec, &brdf))
+        .transpose()?;
     let reference = args.reference.as_deref().zip(sample.as_deref());
     output.begin("evaluate", brdf.chunks(), "chunks");
     let evaluation = evaluate(&brdf, reference, &|done| output.reach(done))?;

@@ -62,7 +62,11 @@ fn text(filled: &Filled) -> String {
                 None => format!("{} {:.4}", p.name, p.value),
             })
             .collect();
-        let verdict = if model.acceptable { "" } else { "; it is not acceptable" };
+        let verdict = if model.acceptable {
+            ""
+        } else {
+            "; it is not acceptable"
+        };
         writeln!(text, "model: ggx, {}{verdict}", parameters.join(", ")).expect("strings take everything");
     }
     let none = if filled.shares.is_empty() { " none" } else { "" };

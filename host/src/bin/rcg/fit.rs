@@ -87,7 +87,11 @@ fn text(fit: &Fit) -> String {
         fit.samples, fit.chi_squared_per_degree
     )
     .expect("strings take everything");
-    let verdict = if fit.acceptable { "the fit is acceptable" } else { "the fit is not acceptable" };
+    let verdict = if fit.acceptable {
+        "the fit is acceptable"
+    } else {
+        "the fit is not acceptable"
+    };
     writeln!(text, "{verdict}").expect("strings take everything");
     for warning in &fit.warnings {
         writeln!(text, "{warning}").expect("strings take everything");

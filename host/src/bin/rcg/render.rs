@@ -116,7 +116,11 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         format!("{} (exposure {exposure:.4})\n", args.out.display())
     })?;
     if share.is_none_or(|share| share <= 0.0) {
-        let why = if share.is_none() { "nothing is lit" } else { "no lit direction has a value" };
+        let why = if share.is_none() {
+            "nothing is lit"
+        } else {
+            "no lit direction has a value"
+        };
         output.warn(&[format!("the picture shows nothing: {why}")]);
     }
     Ok(())
