@@ -143,7 +143,7 @@ fn a_calibrated_rig_measures_what_is_there_tilted_too() {
 #[test]
 fn views_that_say_too_little_are_refused_by_name() {
     let lab = Lab::new();
-    let views = lab.calibrate("geometry", "64", &["--tilts", "10:30"]);
+    let views = lab.calibrate("geometry", "64", &["--tilts", "10:30,10.1:30"]);
     refuses(
         &views,
         "",

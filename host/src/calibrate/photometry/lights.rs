@@ -52,6 +52,16 @@ pub(super) fn corners(w: DVec3) -> [usize; 4] {
         .expect("invariant: two by two")
 }
 
+/// The directions of the cell that `w` lies in and of those around it.
+pub(super) fn around(w: DVec3) -> Vec<usize> {
+    let [first, _, _, last] = corners(w);
+    let rings = (first / SECTORS).saturating_sub(1)..=(last / SECTORS + 1).min(RINGS_DEG.len() - 1);
+    let sectors = |ring: usize| {
+        (0..4).map(move |step| ring * SECTORS + (first % SECTORS + SECTORS - 1 + step) % SECTORS)
+    };
+    rings.flat_map(sectors).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -6,13 +6,14 @@
 //! the incident directions, one character for each ([`SEEN`], [`UNSEEN`], [`EDGE`], [`BLIND`]), stand by stand.
 //!
 //! A pixel of a measurement, of whatever size, counts as on the sample if none of the pixels of the picture at it or beside
-//! it is dark; an incident direction, if none of the corners of its cell is. So what lies between light and darkness, and
+//! it is dark; an incident direction, if none of the corners of its cell is, nor, where nothing is said of a corner, one
+//! beside them. So what lies between light and darkness, and
 //! may be on the sample in part, is left out.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::lights::{LIGHTS, RINGS_DEG, SECTORS, corners};
+use super::lights::{RINGS_DEG, SECTORS, around, corners};
 use crate::rig::Tilt;
 
 /// The standard was seen as bright as it should be.
@@ -107,16 +108,22 @@ impl Sight {
     /// Whether light from `w` fell on the whole standard.
     #[must_use]
     pub fn is_lit(&self, w: DVec3) -> bool {
-        let corners = corners(w).map(|index| {
-            debug_assert!(index < LIGHTS);
-            self.incident[index / SECTORS].as_bytes()[index % SECTORS]
-        });
-        !corners.contains(&UNSEEN) && corners.iter().any(|one| matches!(*one, SEEN | EDGE))
+        let at = |index: usize| self.incident[index / SECTORS].as_bytes()[index % SECTORS];
+        let corners = corners(w).map(at);
+        if corners.iter().all(|one| *one == SEEN) {
+            return true;
+        }
+        // For a corner at which nothing is said those beside the cell speak.
+        let beside: Vec<u8> = around(w).into_iter().map(at).collect();
+        !beside.contains(&UNSEEN)
+            && corners.iter().any(|one| matches!(*one, SEEN | EDGE))
+            && beside.contains(&SEEN)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::lights::LIGHTS;
     use super::*;
     use crate::direction::from_degrees;
 
@@ -155,6 +162,27 @@ mod tests {
                     "{theta_deg} {phi_deg}"
                 );
             }
+        }
+    }
+
+    #[test]
+    fn where_nothing_is_said_of_a_corner_those_beside_it_speak() {
+        // On the ring of 85° nothing is said below 120°, and it is dark above.
+        let mut incident = vec![SEEN; LIGHTS];
+        incident[8 * SECTORS..8 * SECTORS + 12].fill(BLIND);
+        incident[8 * SECTORS + 12] = EDGE;
+        incident[8 * SECTORS + 13..8 * SECTORS + 20].fill(UNSEEN);
+        let sight = Sight::new(None, &[SEEN], 1, &incident);
+        for phi_deg in [111.0, 119.999_999_9, 120.0, 121.0, 140.0] {
+            assert!(!sight.is_lit(from_degrees(82.5, phi_deg)), "{phi_deg}");
+        }
+        // Beside a hole in what is said, with light all around, there is light.
+        let mut incident = vec![SEEN; LIGHTS];
+        incident[3 * SECTORS + 5] = BLIND;
+        incident[3 * SECTORS + 6] = EDGE;
+        let sight = Sight::new(None, &[SEEN], 1, &incident);
+        for theta_deg in [26.0, 34.0, 36.0, 44.0] {
+            assert!(sight.is_lit(from_degrees(theta_deg, 55.0)), "{theta_deg}");
         }
     }
 }
