@@ -77,7 +77,11 @@ fn tap(camera: &View, map: &DirectionMap, w: DVec3) -> Result<([u32; 4], [f32; 4
         }
     }
     if seen < 0.5 {
-        return Err(blind.1);
+        // The direction is above the horizon, even if the pixels around it look below: none looks there.
+        return Err(match blind.1 {
+            Unmeasurable::BelowHorizon => Unmeasurable::OutsideImage,
+            reason => reason,
+        });
     }
     let is_seen = |pixel: usize| map.directions[pixel].is_ok();
     let heaviest = around

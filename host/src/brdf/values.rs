@@ -94,7 +94,13 @@ impl Brdf {
         // The heaviest neighbour that has a reason.
         let incident = heaviest(&self.grid.neighbours(wi), &self.incident);
         let outgoing = match self.disk.neighbours(wo) {
-            Some(cells) if is_above_horizon(wo) => heaviest(&cells, &self.outgoing),
+            // The cells beyond the rim of the disk are below the horizon; this direction is not.
+            Some(cells) if is_above_horizon(wo) => {
+                heaviest(&cells, &self.outgoing).map(|(weight, reason)| match reason {
+                    Unmeasurable::BelowHorizon => (weight, Unmeasurable::OutsideImage),
+                    reason => (weight, reason),
+                })
+            }
             _ => Some((1.0, Unmeasurable::BelowHorizon)),
         };
         match (incident, outgoing) {

@@ -109,7 +109,7 @@ impl Reflectance for Table {
                     return Err(missing);
                 }
                 let found = found.next().expect("invariant: one per pair above the horizon");
-                found.value().ok_or(Missing::Outgoing(Unmeasurable::BelowHorizon))
+                found.value().ok_or(Missing::Outgoing(Unmeasurable::OutsideImage))
             })
             .collect())
     }

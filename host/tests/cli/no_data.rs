@@ -205,10 +205,7 @@ fn a_file_of_version_1_says_the_same() {
         .map(|k| format!("{} {} {} {}\n", (k * 7) % 90, k * 31, (k * 13) % 90, k * 17))
         .collect();
     let answers = || {
-        let filled = scratch.path().join("filled.zarr");
-        run(&["fill", text(&brdf), "--out", text(&filled)], "").done();
-        let sources = [&brdf, &filled];
-        let values = sources.map(|source| run(&["value", text(source)], &lines).done().to_owned());
+        let values = run(&["value", text(&brdf)], &lines).done().to_owned();
         let picture = scratch.path().join("sphere.png");
         run(
             &["render", text(&brdf), "--size", "64", "--out", text(&picture)],
@@ -219,15 +216,10 @@ fn a_file_of_version_1_says_the_same() {
             &["evaluate", text(&brdf), "--reference", "ward:brass", "--json"],
             "",
         );
-        (
-            values,
-            fs::read(picture).unwrap(),
-            evaluated.object(),
-            has_nan_for_no_data(&filled),
-        )
+        (values, fs::read(picture).unwrap(), evaluated.object())
     };
     let now = answers();
-    assert!(now.0[0].contains("- hole") && !now.0[1].contains("- hole"));
+    assert!(now.0.contains("- hole") && now.0.contains("e-"));
     as_version_1(&brdf);
     assert!(decoded(&brdf, "f").contains(&0.0));
     assert!(answers() == now);
