@@ -71,21 +71,22 @@ pub fn planned(
     setup: &Setup,
     progress: &dyn Progress,
 ) -> Result<(Rig, Plan), MeasureError> {
-    planned_at(rig, request, None, setup, progress)
+    planned_like(rig, request, None, setup, progress)
 }
 
-/// As [`planned`], with the exposure times `exposures_s` if there are some: those of a plan, which a request in milliseconds
-/// does not have to the last bit.
-fn planned_at(
+/// As [`planned`], with the exposure times and segments of the plan `like` if there is one: a request in milliseconds does not
+/// have the times to the last bit, and noise is drawn by what is exposed in one run.
+fn planned_like(
     rig: &Rig,
     request: Request,
-    exposures_s: Option<Vec<f64>>,
+    like: Option<&Plan>,
     setup: &Setup,
     progress: &dyn Progress,
 ) -> Result<(Rig, Plan), MeasureError> {
     // Checks what was asked for before anything is built.
     crate::sample::parse(request.sample.as_deref().unwrap_or(DEFAULT_SAMPLE))?;
-    let given_s = exposures_s
+    let given_s = like
+        .map(Plan::exposures_s)
         .or_else(|| request.brackets.times_s())
         .or_else(|| request.exposure_s.map(|exposure_s| vec![exposure_s]));
     if let Some(calibration) = &setup.calibration {
@@ -113,7 +114,10 @@ fn planned_at(
         progress.end();
         exposures_s
     };
-    let plan = Plan::bracketed(request, &scaled, &exposures_s).map_err(MeasurementError::from)?;
+    let mut plan = Plan::bracketed(request, &scaled, &exposures_s).map_err(MeasurementError::from)?;
+    if let Some(like) = like {
+        plan.segment = like.segment;
+    }
     Ok((scaled, plan))
 }
 
@@ -130,23 +134,23 @@ pub fn prepare(
     setup: &Setup,
     progress: &dyn Progress,
 ) -> Result<Measurement, MeasureError> {
-    prepare_at(out, rig, request, None, setup, progress)
+    prepare_like(out, rig, request, None, setup, progress)
 }
 
-/// As [`prepare`], with the exposure times `exposures_s` in s if there are some, ascending.
+/// As [`prepare`], with the exposure times and segments of the plan `like` if there is one.
 ///
 /// # Errors
 /// [`MeasureError`].
-pub fn prepare_at(
+pub fn prepare_like(
     out: &Path,
     rig: &Rig,
     request: Request,
-    exposures_s: Option<Vec<f64>>,
+    like: Option<&Plan>,
     setup: &Setup,
     progress: &dyn Progress,
 ) -> Result<Measurement, MeasureError> {
     Measurement::check_new(out)?;
-    let (scaled, plan) = planned_at(rig, request, exposures_s, setup, progress)?;
+    let (scaled, plan) = planned_like(rig, request, like, setup, progress)?;
     let applied = setup.calibration.as_ref().map(Calibration::applied);
     Ok(Measurement::create_with(out, scaled, plan, applied.as_ref())?)
 }

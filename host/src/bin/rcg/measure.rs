@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use rcg::adaptive::{self, AdaptiveError, Begun, Goal};
 use rcg::incident::Grid;
-use rcg::measure::{complete, prepare_at};
+use rcg::measure::{complete, prepare_like};
 use rcg::measurement::Measurement;
 use rcg::plan::{Plan, Request};
 use rcg::report::lines;
@@ -125,11 +125,12 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             .transpose()?;
         let before = plan.as_ref().map(Plan::replayed);
         let request = args.request.request(before.as_ref())?;
-        let exposures_s = plan.zip(before).and_then(|(plan, before)| {
-            let is_same = (request.exposure_s, &request.brackets) == (before.exposure_s, &before.brackets);
-            is_same.then(|| plan.exposures_s())
+        let like = plan.as_ref().zip(before).and_then(|(plan, before)| {
+            let times = |request: &Request| (request.exposure_s, request.brackets.clone());
+            let is_same = times(&request) == times(&before) && request.image_size == before.image_size;
+            is_same.then_some(plan)
         });
-        prepare_at(&args.out, &rig, request, exposures_s, &setup, output)?
+        prepare_like(&args.out, &rig, request, like, &setup, output)?
     };
     let began = Instant::now();
     let summary = complete(&measurement, &setup, &|| began.elapsed(), output)?;
