@@ -175,7 +175,7 @@ pub fn measure(
     )?;
     let facts = Map::from_iter([("adaptive".to_owned(), json!(adapted))]);
     let measurement =
-        Measurement::found_with(out, scaled.clone(), plan, applied.as_ref(), facts)?.holding(lock);
+        Measurement::found_with(out, scaled.clone(), plan, None, facts)?.holding(lock);
     journal.close()?;
     Ok((measurement, adapted))
 }
@@ -391,6 +391,13 @@ impl Loop<'_> {
         instrument: &mut Instrument,
         tally: &mut Tally,
     ) -> Result<(), AdaptiveError> {
+        // Black patterns that look alike have noise of their own wherever they are captured.
+        let part = if exposures.contains(&Exposure::Black) {
+            segment as u64
+        } else {
+            0
+        };
+        instrument.camera.begin_part(part);
         let taken = take_segment(instrument, &self.timings, exposures, lit, tally, &mut |_| {})?;
         Ok(journal.frames.write_segment(segment, &taken)?)
     }

@@ -274,13 +274,8 @@ fn whatever_it_is_taken_with_its_plan_and_its_list_measure_the_same() {
         let f = |out: &str| files(&std::path::Path::new(out).join("brdf.zarr/f"));
         let expected = f(&out);
 
-        // As if it had been killed before it had a plan, after some of its segments.
-        run(&measure(cut.as_str()), "").done();
-        for name in ["plan.toml", "rig.toml", "manifest.json", "report.html"] {
-            fs::remove_file(format!("{cut}/{name}")).unwrap();
-        }
-        fs::rename(format!("{cut}/raw.zarr"), format!("{cut}/adaptive.zarr")).unwrap();
-        fs::remove_file(format!("{cut}/adaptive.zarr/frames/c.3.0.0.0")).unwrap();
+        // Killed before it had a plan, after some of its segments.
+        begin_and_kill(&measure(&cut), std::path::Path::new(&cut), 3);
         let with_calibration = options.contains(&"--calibration");
         if with_calibration {
             let parts = ["adaptive.toml", "found another"];
