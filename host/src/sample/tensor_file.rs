@@ -26,6 +26,7 @@ use std::path::{Path, PathBuf};
 use half::f16;
 
 use super::SampleError;
+use crate::text::listed;
 
 const MAGIC: &[u8; 12] = b"tensor_file\0";
 const VERSION: [u8; 2] = [1, 0];
@@ -315,7 +316,8 @@ impl<R: Read> Header<'_, R> {
         let mut name = vec![0; usize::from(name_bytes)];
         self.fill(&mut name, &ordinal)?;
         let name = String::from_utf8(name).map_err(|e| {
-            let found = format!("bytes {:02x?}", &e.as_bytes()[..e.as_bytes().len().min(16)]);
+            let bytes = e.as_bytes().iter().take(16).map(|byte| format!("{byte:02x}"));
+            let found = format!("bytes {}", listed(&bytes.collect::<Vec<_>>()));
             file_error(self.path, &ordinal, "a name in UTF-8", &found)
         })?;
         let label = if name.is_empty() {

@@ -132,7 +132,7 @@ impl Scene {
             "assemble" => vec![measured],
             "calibrate geometry" => vec![format!("--out {dir} --image-size 64")],
             "calibrate photometry" => vec![format!("--out {dir} --image-size 16")],
-            "map" | "controller info" | "controller status" | "controller stop" | "controller abort" => {
+            "map" | "controller info" | "controller status" | "controller abort" => {
                 vec![String::new()]
             }
             "value" => vec![brdf],
@@ -159,8 +159,8 @@ impl Scene {
                 .map(|ending| format!("--steps 3 --records {}", file(&format!("r.{ending}"))))
                 .to_vec(),
             "controller bench" => vec!["--count 3".to_owned()],
-            // Minutes and gigabytes.
-            "paper" => vec![],
+            // Minutes and gigabytes; nothing that could be stopped.
+            "paper" | "controller stop" => vec![],
             other => panic!("`rcg {other}` has no use here: add a quick one"),
         };
         let stdin = match words[0].as_str() {
