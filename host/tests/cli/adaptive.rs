@@ -213,8 +213,14 @@ fn whatever_it_is_taken_with_its_plan_and_its_list_measure_the_same() {
 
     let known = ["--truth", &truth, "--calibration", &calibration];
     for (place, options) in [
-        &["--brackets", "auto"][..],
-        &["--grid", "equal-solid-angle", "--step", "22.5"],
+        &[
+            "--brackets",
+            "auto",
+            "--grid",
+            "equal-solid-angle",
+            "--step",
+            "22.5",
+        ][..],
         &[&known[..], &["--brackets", "0.5,4,30", "--grid", &list]].concat(),
         &[
             "--rig",
@@ -251,7 +257,11 @@ fn whatever_it_is_taken_with_its_plan_and_its_list_measure_the_same() {
         let expected = f(&out);
 
         // As if it had been killed before it had a plan, after some of its segments.
-        run(&measure(cut.as_str()), "").done();
+        for (name, bytes) in files(std::path::Path::new(&out)) {
+            let path = std::path::Path::new(&cut).join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, bytes).unwrap();
+        }
         for name in ["plan.toml", "rig.toml", "manifest.json", "report.html"] {
             fs::remove_file(format!("{cut}/{name}")).unwrap();
         }
