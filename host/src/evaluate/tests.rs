@@ -42,7 +42,7 @@ fn file(path: &Path, channels: usize, of: &mut dyn FnMut(usize, usize) -> One) -
         .collect();
     let pixel_sr: Vec<f64> = outgoing
         .iter()
-        .map(|reason| if reason.is_none() { 1e-3 } else { 0.0 })
+        .map(|reason| if reason.is_none() { 1e-3 } else { f64::NAN })
         .collect();
     let attributes = [
         ("step_deg", json!(STEP_DEG)),
@@ -60,7 +60,7 @@ fn file(path: &Path, channels: usize, of: &mut dyn FnMut(usize, usize) -> One) -
         for index in first..(first + CHUNK).min(grid.len()) {
             for (cell, reason) in outgoing.iter().enumerate() {
                 let one = if reason.is_none() { of(index, cell) } else { None };
-                let (f, sigma, origin) = one.unwrap_or((vec![0.0; channels], 0.0, Provenance::Missing));
+                let (f, sigma, origin) = one.unwrap_or((vec![f32::NAN; channels], f32::NAN, Provenance::Missing));
                 rows.f.extend(&f);
                 rows.sigma.extend(vec![f16::from_f32(sigma); channels]);
                 rows.provenance.push(origin.code());

@@ -237,8 +237,14 @@ fn whatever_it_is_taken_with_its_plan_and_its_list_measure_the_same() {
 
     let known = ["--truth", &truth, "--calibration", &calibration];
     for (place, options) in [
-        &["--brackets", "auto"][..],
-        &["--grid", "equal-solid-angle", "--step", "22.5"],
+        &[
+            "--brackets",
+            "auto",
+            "--grid",
+            "equal-solid-angle",
+            "--step",
+            "22.5",
+        ][..],
         &[&known[..], &["--brackets", "0.5,4,30", "--grid", &list]].concat(),
         &[
             "--rig",

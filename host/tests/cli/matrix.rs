@@ -279,6 +279,8 @@ impl Trial<'_> {
             .map(str::to_owned)
             .to_vec();
             again.extend(["--rig".to_owned(), self.case.rig.to_owned()]);
+            // What is taken again draws other noise.
+            again.extend(self.faults());
             if self.case.world == World::Calibrated {
                 again.extend([
                     "--calibration".to_owned(),
