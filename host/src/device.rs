@@ -12,8 +12,8 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use rcg_protocol::{
-    Decoder, Event, Fault, Identity, Info, MAX_FRAME, Micros, PROTOCOL_VERSION, Program, Reply, Request, Response,
-    RunId, SCHEMA_HASH, STEPS_PER_APPEND, Seq, SessionId, Status, Step, ToDevice, ToHost, encode,
+    Decoder, Event, Fault, Identity, Info, MAX_FRAME, Micros, PROTOCOL_VERSION, Program, Reply, Request,
+    Response, RunId, SCHEMA_HASH, STEPS_PER_APPEND, Seq, SessionId, Status, Step, ToDevice, ToHost, encode,
 };
 
 use crate::link::Link;

@@ -253,7 +253,10 @@ impl Bracket {
                     width: proj_width.unwrap_or_else(|| clear_of(rigs.proj.width.min(room), cam, shortest)),
                 };
                 let end = |pulse: Pulse| pulse.at.checked_add(pulse.width).unwrap_or(pulse.at);
-                let needed = end(proj).max(end(cam)).checked_add(shortest).unwrap_or(Ticks::ZERO);
+                let needed = end(proj)
+                    .max(end(cam))
+                    .checked_add(shortest)
+                    .unwrap_or(Ticks::ZERO);
                 let step = Step {
                     proj,
                     cam,
@@ -289,8 +292,16 @@ fn check(index: usize, step: &Step, limits: Limits) -> Result<(), FiringError> {
     }
     let mut edges = vec![(Ticks::ZERO, "the start of the step"), (period, "its end")];
     let pulses = [
-        ("PROJ", step.proj, ["the leading edge of PROJ", "the trailing edge of PROJ"]),
-        ("CAM", step.cam, ["the leading edge of CAM", "the trailing edge of CAM"]),
+        (
+            "PROJ",
+            step.proj,
+            ["the leading edge of PROJ", "the trailing edge of PROJ"],
+        ),
+        (
+            "CAM",
+            step.cam,
+            ["the leading edge of CAM", "the trailing edge of CAM"],
+        ),
     ];
     for (pulse, Pulse { at, width }, names) in pulses {
         if width == Ticks::ZERO {

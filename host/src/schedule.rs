@@ -283,7 +283,12 @@ mod tests {
             ]
         };
         let worlds = (
-            (span(1e-9, 20.0), span(1e-7, 20.0), span(1e-9, 5.0), span(1e-9, 20.0)),
+            (
+                span(1e-9, 20.0),
+                span(1e-7, 20.0),
+                span(1e-9, 5.0),
+                span(1e-9, 20.0),
+            ),
             proptest::collection::vec(1e-6..20.0_f64, 1..6),
             any::<bool>(),
             prop_oneof![Just(125_000_000_u32), Just(200_000_000), Just(150_000_000)],
@@ -320,7 +325,10 @@ mod tests {
         rig.camera.readout_s = 30.0;
         for exposures_s in [&[60.0][..], &[1.0, 60.0]] {
             let refused = Timing::series(&rig, exposures_s).unwrap_err().to_string();
-            assert!(refused.starts_with("rig rcg-1: expected steps of at most 120 s"), "{refused}");
+            assert!(
+                refused.starts_with("rig rcg-1: expected steps of at most 120 s"),
+                "{refused}"
+            );
         }
     }
 

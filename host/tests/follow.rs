@@ -2,15 +2,15 @@
 
 use std::time::Duration;
 
+use proptest::prelude::*;
 use rcg::device::{Device, DeviceError, Patience};
 use rcg::link::{Link, LinkError, MemoryLink, memory_pair};
-use proptest::prelude::*;
 use rcg::rig::Rig;
 use rcg::virtual_rig::VirtualController;
 use rcg_protocol::{
-    Decoder, Event, Extent, Fault, Identity, Info, MAX_FRAME, Micros, PROTOCOL_VERSION, Pace, Program, Pulse, Reply,
-    Request, Response, SCHEMA_HASH, SessionId, Start, State, Status, Step, StepFlags, StepId, StepRecord, Ticks,
-    ToDevice, ToHost, encode,
+    Decoder, Event, Extent, Fault, Identity, Info, MAX_FRAME, Micros, PROTOCOL_VERSION, Pace, Program, Pulse,
+    Reply, Request, Response, SCHEMA_HASH, SessionId, Start, State, Status, Step, StepFlags, StepId,
+    StepRecord, Ticks, ToDevice, ToHost, encode,
 };
 
 const RUN: u32 = 7;
@@ -210,18 +210,31 @@ proptest! {
 
 #[test]
 fn a_sync_that_does_not_come_in_time_is_a_fault_at_the_start_and_at_a_step() {
-    for (start, pace) in [(Start::OnSync, Pace::FreeRunning), (Start::AtOnce, Pace::EachOnSync)] {
+    for (start, pace) in [
+        (Start::OnSync, Pace::FreeRunning),
+        (Start::AtOnce, Pace::EachOnSync),
+    ] {
         let mut rig = Rig::load("rcg-1").expect("a preset");
         rig.projector.min_period_s = 5.0;
         let link = VirtualController::alone(&rig);
         let mut device = Device::connect(link, 1, Patience::default()).expect("it answers");
-        let step = Step { proj: Pulse::new(0, 10), cam: Pulse::new(20, 100), period: Ticks(1000) };
-        for (timeout_us, state) in [(1_000_000, State::Fault), (6_000_000, State::Done), (0, State::Done)] {
+        let step = Step {
+            proj: Pulse::new(0, 10),
+            cam: Pulse::new(20, 100),
+            period: Ticks(1000),
+        };
+        for (timeout_us, state) in [
+            (1_000_000, State::Fault),
+            (6_000_000, State::Done),
+            (0, State::Done),
+        ] {
             let program = Program {
                 sync_timeout: Micros(timeout_us),
                 ..program(1, Micros::DEFAULT_DEAD_MAN, start, pace)
             };
-            let ending = device.play(&program, &[step], |_| Ok::<(), DeviceError>(())).expect("it ends");
+            let ending = device
+                .play(&program, &[step], |_| Ok::<(), DeviceError>(()))
+                .expect("it ends");
             assert_eq!(ending.state, state, "{start:?} {pace:?} {timeout_us} us");
             let missing = (state == State::Fault).then_some(Fault::SyncTimeout { step: StepId(0) });
             assert_eq!(ending.fault, missing);

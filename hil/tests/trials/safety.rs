@@ -4,11 +4,11 @@ use std::time::Duration;
 
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
+use rcg::device::DeviceError;
 use rcg_hil::bench::{Bench, Outcome};
 use rcg_hil::figures::Limit;
 use rcg_hil::image::Image;
 use rcg_hil::trace::{self, Edge};
-use rcg::device::DeviceError;
 use rcg_protocol::{Extent, Fault, Micros, Program, Pulse, State, Step, Ticks};
 
 use crate::runs::{Result, check_edges, fire, follow, free_run_at_first_edge, load, take_edges};

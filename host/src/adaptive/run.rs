@@ -174,8 +174,7 @@ pub fn measure(
         },
     )?;
     let facts = Map::from_iter([("adaptive".to_owned(), json!(adapted))]);
-    let measurement =
-        Measurement::found_with(out, scaled.clone(), plan, None, facts)?.holding(lock);
+    let measurement = Measurement::found_with(out, scaled.clone(), plan, None, facts)?.holding(lock);
     journal.close()?;
     Ok((measurement, adapted))
 }

@@ -12,8 +12,8 @@ use rayon::prelude::*;
 
 use super::correction::Correction;
 use super::edges::Edges;
-use super::radiometry::{Radiometry, Work};
 use super::off_sample::OffSample;
+use super::radiometry::{Radiometry, Work};
 use super::{AssembleError, chunk_rows, seen};
 use crate::calibrate::Applied;
 use crate::disk::Disk;

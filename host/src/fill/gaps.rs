@@ -35,7 +35,14 @@ pub(super) fn fill(
         .map(|cell| (!above(brdf.disk().direction(cell))).then_some(Unmeasurable::BelowHorizon))
         .collect();
     let text = "reciprocal, interpolated across the wire, modelled as ggx with lambert base, in this order";
-    let writer = writer_like(brdf, brdf.grid(), path, &incident, &outgoing, facts(text, &[], captures))?;
+    let writer = writer_like(
+        brdf,
+        brdf.grid(),
+        path,
+        &incident,
+        &outgoing,
+        facts(text, &[], captures),
+    )?;
     progress.begin("fill", brdf.chunks(), "chunks");
     for chunk in 0..brdf.chunks() {
         let mut image = Chunk::read(brdf, chunk)?;

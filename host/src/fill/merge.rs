@@ -247,7 +247,9 @@ fn merged_chunk(
             return;
         }
         for channel in 0..channels {
-            let weight = (f64::from(sigma[channel]) * scale).max(LEAST_SIGMA.into()).powi(-2);
+            let weight = (f64::from(sigma[channel]) * scale)
+                .max(LEAST_SIGMA.into())
+                .powi(-2);
             sums[sample * channels + channel] += weight * scale * f64::from(f[channel]);
             weights[sample * channels + channel] += weight;
             roots[sample * channels + channel] += weight.sqrt();

@@ -32,8 +32,8 @@ use serde_json::{Map, Value, json};
 
 pub use merge::Alignment;
 
-use crate::brdf::{Brdf, BrdfError, evidence};
 use crate::assemble::{coordinates, interpolation_errors, list_attributes};
+use crate::brdf::{Brdf, BrdfError, evidence};
 use crate::direction::from_angles;
 use crate::fit::{Fit, FitError};
 use crate::incident::IncidentSet;

@@ -1,8 +1,8 @@
 //! Times, brackets, and what cannot be fired.
 
+use proptest::collection;
 use proptest::option::of;
 use proptest::prelude::*;
-use proptest::collection;
 use rcg_firmware::pulse::WordFormat;
 use rcg_protocol::Polarity;
 
@@ -157,7 +157,10 @@ fn refusals_name_the_pulse_and_by_how_much() {
     };
     // The rig settles for longer than this period; what was not given makes room.
     let steps = bracket("500us", "", "", "2ms").unwrap();
-    assert_eq!((steps[0].cam.at.0, steps[0].period.0), (250_000 - 62_500 - 3, 250_000));
+    assert_eq!(
+        (steps[0].cam.at.0, steps[0].period.0),
+        (250_000 - 62_500 - 3, 250_000)
+    );
     for (refused, parts) in [
         (
             bracket("3ms", "", "", "2ms"),
@@ -167,17 +170,33 @@ fn refusals_name_the_pulse_and_by_how_much() {
             bracket("1ms", "1.5ms", "", "2ms"),
             &["CAM", "begins at 1.5 ms", "500 us too long"],
         ),
-        (bracket("1us", "", "3ms", "2ms"), &["PROJ", "lasts 3 ms", "1 ms too long"]),
-        (bracket("3ns", "", "", ""), &["--exposure", "24 ns (3 ticks)", "found 3 ns", "0 ticks of 8 ns"]),
+        (
+            bracket("1us", "", "3ms", "2ms"),
+            &["PROJ", "lasts 3 ms", "1 ms too long"],
+        ),
+        (
+            bracket("3ns", "", "", ""),
+            &["--exposure", "24 ns (3 ticks)", "found 3 ns", "0 ticks of 8 ns"],
+        ),
         (bracket("1us", "3ns", "", ""), &["--cam-at", "found 3 ns"]),
         (bracket("1us", "", "0.1ns", ""), &["--proj-width", "found 0.1 ns"]),
         (bracket("1us", "", "", "1ns"), &["--period", "found 1 ns"]),
         (
             bracket("10ns", "", "", ""),
-            &["the leading edge of CAM", "the trailing edge of CAM", "found 8 ns (1 ticks)"],
+            &[
+                "the leading edge of CAM",
+                "the trailing edge of CAM",
+                "found 8 ns (1 ticks)",
+            ],
         ),
-        (bracket("", "", "", "121s"), &["a period of", "120 s", "found 121 s"]),
-        (bracket("61s", "", "", ""), &["exposure time in ms", "60000", "found 61000"]),
+        (
+            bracket("", "", "", "121s"),
+            &["a period of", "120 s", "found 121 s"],
+        ),
+        (
+            bracket("61s", "", "", ""),
+            &["exposure time in ms", "60000", "found 61000"],
+        ),
     ] {
         let sentence = refused.unwrap_err().to_string();
         for part in parts {

@@ -133,7 +133,12 @@ impl VirtualController {
 
     /// The time-out of SYNC, if it is over when an edge has been awaited for so long.
     fn sync_lost(&self, awaited: Ticks) -> Option<Ticks> {
-        let timeout = self.session.sequencer().program()?.sync_timeout.to_ticks(CLOCK_HZ);
+        let timeout = self
+            .session
+            .sequencer()
+            .program()?
+            .sync_timeout
+            .to_ticks(CLOCK_HZ);
         (timeout > Ticks::ZERO && awaited > timeout).then_some(timeout)
     }
 

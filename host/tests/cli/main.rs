@@ -35,9 +35,9 @@ mod grids;
 mod identity;
 #[cfg(unix)]
 mod killed;
+mod locks;
 #[cfg(unix)]
 mod matrix;
-mod locks;
 mod multiplexed;
 mod no_data;
 mod outputs;

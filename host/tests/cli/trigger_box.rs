@@ -180,7 +180,15 @@ fn a_bracket_is_fired_as_a_table_or_as_a_stream_and_recorded_step_by_step() {
 #[test]
 fn a_run_that_ends_with_a_fault_says_how_far_it_came_in_one_object() {
     // The projector of RCG-1 has its vsync every 16.7 ms.
-    let arguments = ["controller", "run", "--port", "sim", "--each-on-sync", "--sync-timeout", "1ms"];
+    let arguments = [
+        "controller",
+        "run",
+        "--port",
+        "sim",
+        "--each-on-sync",
+        "--sync-timeout",
+        "1ms",
+    ];
     let reason = "no SYNC edge came";
     run(&arguments, "").complains(1, &["sim", "expected 100 steps", reason]);
     let outcome = run(&[&arguments[..], &["--json"]].concat(), "");
@@ -211,12 +219,21 @@ fn steps_longer_than_the_dead_man_time_are_waited_for() {
 #[test]
 fn times_that_round_to_nothing_or_do_not_fit_are_refused_by_name() {
     for (arguments, parts) in [
-        (&["--exposure", "3ns"][..], &["--exposure", "24 ns (3 ticks)", "found 3 ns"][..]),
-        (&["--exposure", "8ns"], &["leading edge of CAM", "trailing edge of CAM", "(1 ticks)"]),
+        (
+            &["--exposure", "3ns"][..],
+            &["--exposure", "24 ns (3 ticks)", "found 3 ns"][..],
+        ),
+        (
+            &["--exposure", "8ns"],
+            &["leading edge of CAM", "trailing edge of CAM", "(1 ticks)"],
+        ),
         (&["--cam-at", "1ns"], &["--cam-at", "found 1 ns"]),
         (&["--proj-width", "3.9ns"], &["--proj-width", "found 3.9 ns"]),
         (&["--period", "1ns"], &["--period", "found 1 ns"]),
-        (&["--sync-timeout", "400ns"], &["--sync-timeout", "0.001 ms", "found 400 ns"]),
+        (
+            &["--sync-timeout", "400ns"],
+            &["--sync-timeout", "0.001 ms", "found 400 ns"],
+        ),
         (&["--dead-man", "1ms"], &["--dead-man", "20 ms", "found 0.001 s"]),
         (
             &["--exposure", "3ms", "--period", "2ms"],
@@ -224,9 +241,17 @@ fn times_that_round_to_nothing_or_do_not_fit_are_refused_by_name() {
         ),
         (
             &["--exposure", "1us,3ms", "--cam-at", "1ms", "--period", "2ms"],
-            &["step 1", "CAM pulse", "begins at 1 ms and lasts 3 ms", "2 ms too long"],
+            &[
+                "step 1",
+                "CAM pulse",
+                "begins at 1 ms and lasts 3 ms",
+                "2 ms too long",
+            ],
         ),
-        (&["--period", "2ms", "--proj-width", "1s"], &["PROJ pulse", "998 ms too long"]),
+        (
+            &["--period", "2ms", "--proj-width", "1s"],
+            &["PROJ pulse", "998 ms too long"],
+        ),
         (&["--period", "121s"], &["step 0", "120 s", "found 121 s"]),
     ] {
         let all = [&["controller", "run", "--port", "sim"], arguments].concat();

@@ -11,8 +11,8 @@ use serde_json::json;
 use crate::Done;
 use crate::numbers::directions_of;
 use crate::output::Output;
-use crate::request::image_size;
 use crate::request::CalibrationArgs;
+use crate::request::image_size;
 
 /// Directions on stdin to camera and projector pixels.
 ///

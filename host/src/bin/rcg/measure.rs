@@ -70,9 +70,7 @@ fn resumed(args: &Args, rig: &Rig, setup: &Setup, begun: Option<&Begun>) -> Resu
             )));
         }
         (_, false) => match &args.replay {
-            Some(path) => args
-                .request
-                .request(Some(&Plan::of_rig(path, rig)?.replayed()))?,
+            Some(path) => args.request.request(Some(&Plan::of_rig(path, rig)?.replayed()))?,
             None => args.request.request(Some(held))?,
         },
     };

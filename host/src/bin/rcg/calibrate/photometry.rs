@@ -7,8 +7,8 @@ use rcg::calibrate::photometry::{Photometry, Request, Views, calibrate, capture}
 use rcg::measurement::write_whole;
 use rcg::progress::Progress as _;
 use rcg::rig::{Rig, Tilt};
-use rcg::store::Lock;
 use rcg::sample::parse;
+use rcg::store::Lock;
 
 use crate::Done;
 use crate::failure::Failure;

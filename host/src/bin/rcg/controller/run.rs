@@ -131,7 +131,12 @@ impl Args {
                 strobe_active_low: low(Line::Strobe),
             },
             sync_timeout: micros("sync-timeout", self.sync_timeout, Micros(1), Micros(0))?,
-            dead_man: micros("dead-man", self.dead_man, SHORTEST_DEAD_MAN, Micros::DEFAULT_DEAD_MAN)?,
+            dead_man: micros(
+                "dead-man",
+                self.dead_man,
+                SHORTEST_DEAD_MAN,
+                Micros::DEFAULT_DEAD_MAN,
+            )?,
         })
     }
 }
