@@ -181,7 +181,8 @@ fn standards_and_views_that_cannot_tell_are_refused_before_they_cost_a_capture()
     let dir = folder.path().join("calibration");
     let alike = ["two standards whose reflectances differ", "--second-standard"];
     let again = ["differ from each other", "again", "--tilts"];
-    let exposure = ["a longest exposure time from 0.016 to 60000 ms", "--exposure-ms"];
+    let no_time = ["--exposure-ms", "expected a number of milliseconds"];
+    let too_short = ["a longest exposure time from 0.016 to 60000 ms", "--exposure-ms"];
     let cases: [(&[&str], &[&str]); 12] = [
         (
             &["--standard", "lambert:0.98", "--second-standard", "lambert:0.98"],
@@ -205,10 +206,10 @@ fn standards_and_views_that_cannot_tell_are_refused_before_they_cost_a_capture()
         (&["--tilts", "20:30,20:30"], &again),
         (&["--tilts", "20:30,20:-330:360"], &again),
         (&["--tilts", "0:0"], &again),
-        (&["--exposure-ms", "0"], &exposure),
-        (&["--exposure-ms", "nan"], &exposure),
-        (&["--exposure-ms", "0.001"], &exposure),
-        (&["--exposure-ms", "1e9"], &exposure),
+        (&["--exposure-ms", "0"], &no_time),
+        (&["--exposure-ms", "nan"], &no_time),
+        (&["--exposure-ms", "0.001"], &too_short),
+        (&["--exposure-ms", "1e9"], &no_time),
     ];
     for (rest, parts) in cases {
         refuses(&calibrate(&dir, rest), "", 2, parts);

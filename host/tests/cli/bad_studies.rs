@@ -155,7 +155,7 @@ fn a_page_that_cannot_be_made_is_refused_and_leaves_nothing() {
         &[&paper[..], &["--image-size", "4"]].concat(),
         "",
         2,
-        &["image-size", "8 to 4096", "found 4"],
+        &["image-size", "8 to 4096", "found `4`"],
     );
     assert!(!out.exists());
     std::fs::write(scratch.path().join("thesis.tex"), "all of it").unwrap();
