@@ -73,7 +73,7 @@ pub fn read(path: &Path) -> Result<String, TextError> {
     String::from_utf8(bytes).map_err(|error| {
         let before = &error.as_bytes()[..error.utf8_error().valid_up_to()];
         TextError::Bytes {
-            line: Some(1 + before.iter().filter(|&&byte| byte == b'\n').count()),
+            line: Some(before.split(|&byte| byte == b'\n').count()),
         }
     })
 }

@@ -51,6 +51,7 @@ mod tests {
 
     #[test]
     fn records_that_contradict_the_plan_are_named() {
+        type Edit = fn(&mut ExposureRecord);
         let patterns = [Exposure::Black, Exposure::Incident(7)];
         let times_s = [0.01, 0.1];
         let record = |exposure: usize| ExposureRecord {
@@ -61,14 +62,14 @@ mod tests {
         let sound: Vec<ExposureRecord> = (0..4).map(record).collect();
         assert_eq!(check(0, &sound, &patterns, &times_s), Ok(()));
         assert_eq!(check(2, &sound[2..], &patterns, &times_s), Ok(()));
-        let edits: [(&str, fn(&mut ExposureRecord)); 6] = [
+        let edits: [(&str, Edit); 6] = [
             ("incident", |record| record.incident = 6),
             ("exposure_s", |record| record.exposure_s *= 2.0),
             ("exposure_s", |record| record.exposure_s = f64::NAN),
             ("lit_irradiance", |record| record.lit_irradiance = f64::NAN),
             ("lit_irradiance", |record| record.lit_irradiance = -1.0),
             ("lit_solid_angle_sr", |record| {
-                record.lit_solid_angle_sr = f64::INFINITY
+                record.lit_solid_angle_sr = f64::INFINITY;
             }),
         ];
         for (field, edit) in edits {

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use sha2::{Digest as _, Sha256};
 
 use super::{Brdf, BrdfError};
+use crate::measurement::hex;
 use crate::provenance::Provenance;
 use crate::store::StoreError;
 
@@ -60,9 +61,7 @@ pub(crate) fn captures(brdf: &Brdf) -> Result<Vec<String>, StoreError> {
             sum.update(part);
         }
     }
-    Ok(vec![
-        sum.finalize().iter().map(|byte| format!("{byte:02x}")).collect(),
-    ])
+    Ok(vec![hex(&sum.finalize())])
 }
 
 /// Whether no capture stands behind both files.

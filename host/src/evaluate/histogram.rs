@@ -157,7 +157,9 @@ mod tests {
 
     fn of(values: &[f64]) -> Quantiles {
         let mut histogram = LogHistogram::new();
-        values.iter().for_each(|value| histogram.add(*value));
+        for value in values {
+            histogram.add(*value);
+        }
         histogram.quantiles()
     }
 

@@ -81,7 +81,8 @@ fn figures(brdf: &Brdf, reference: &dyn Sample) -> (Value, String) {
     let text = lines
         .iter()
         .map(|(what, figure)| format!("{what} {figure}\n"))
-        .collect();
+        .collect::<Vec<_>>()
+        .concat();
     (serde_json::to_value(&found).unwrap(), text)
 }
 

@@ -205,7 +205,7 @@ impl ZarrArray {
             spec.element.name().to_owned(),
             header.data_type.clone(),
         )?;
-        expect("dimension_names", listed(&spec.dims), listed(&header.dims))?;
+        expect("dimension_names", listed(spec.dims), listed(&header.dims))?;
         expect(
             "chunk_grid.configuration.chunk_shape",
             by(&spec.chunk_shape()),

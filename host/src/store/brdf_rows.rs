@@ -36,8 +36,8 @@ pub struct BrdfRows {
 }
 
 /// A standard uncertainty in sr⁻¹ as it is stored; one that is not known is useless.
+#[allow(clippy::manual_clamp)] // NaN.min(x) is x, which clamp would not give
 pub(crate) fn stored_sigma(sigma: f32) -> f16 {
-    // NaN.min(x) is x.
     f16::from_f32(sigma.min(USELESS_SIGMA).max(LEAST_SIGMA))
 }
 
@@ -106,40 +106,24 @@ impl BrdfRows {
             .zip(&self.provenance)
             .enumerate()
             .find(|(_, ((f, sigma), provenance))| wrong(f, sigma, **provenance))?;
-        Some(if *provenance == Provenance::Missing.code() {
-            match f.iter().find(|f| !f.is_nan()) {
-                Some(f) => (
-                    sample,
-                    "f",
-                    "NaN, because its provenance is missing",
-                    f.to_string(),
-                ),
-                None => {
-                    let sigma = sigma.iter().find(|sigma| !sigma.is_nan());
-                    let found = sigma.map_or_else(String::new, f16::to_string);
-                    (sample, "sigma", "NaN, because its provenance is missing", found)
-                }
-            }
+        let is_missing = *provenance == Provenance::Missing.code();
+        let expected = if is_missing {
+            ["NaN, because its provenance is missing"; 2]
         } else {
-            match f.iter().find(|f| !f.is_finite()) {
-                Some(f) => (
-                    sample,
-                    "f",
-                    "a finite number, because its provenance is not missing",
-                    f.to_string(),
-                ),
-                None => {
-                    let sigma = sigma.iter().find(|sigma| !is_sigma(**sigma));
-                    let found = sigma.map_or_else(String::new, f16::to_string);
-                    (
-                        sample,
-                        "sigma",
-                        "a finite number above 0, because its provenance is not missing",
-                        found,
-                    )
-                }
-            }
-        })
+            [
+                "a finite number, because its provenance is not missing",
+                "a finite number above 0, because its provenance is not missing",
+            ]
+        };
+        let is_wrong = |is_nan: bool, is_good: bool| if is_missing { !is_nan } else { !is_good };
+        if let Some(f) = f.iter().find(|f| is_wrong(f.is_nan(), f.is_finite())) {
+            return Some((sample, "f", expected[0], f.to_string()));
+        }
+        let sigma = sigma
+            .iter()
+            .find(|sigma| is_wrong(sigma.is_nan(), is_sigma(**sigma)));
+        let found = sigma.map_or_else(String::new, f16::to_string);
+        Some((sample, "sigma", expected[1], found))
     }
 }
 
@@ -179,7 +163,7 @@ mod tests {
 
     /// A half float made with care or without.
     fn stored_or_raw(sigma: f32) -> f16 {
-        if sigma.to_bits() % 2 == 0 {
+        if sigma.to_bits().is_multiple_of(2) {
             stored_sigma(sigma)
         } else {
             f16::from_f32(sigma)
@@ -241,13 +225,14 @@ mod tests {
 
     #[test]
     fn every_contradiction_is_named() {
+        type Edit = fn(&mut BrdfRows);
         let whole = BrdfRows {
             f: vec![0.2, -0.1, f32::NAN, f32::NAN],
             sigma: vec![f16::ONE, f16::ONE, f16::NAN, f16::NAN],
             provenance: vec![1, 0],
         };
         assert_eq!(whole.contradiction(), None);
-        let edits: [(&str, fn(&mut BrdfRows)); 8] = [
+        let edits: [(&str, Edit); 8] = [
             ("f", |rows| rows.f[1] = f32::NAN),
             ("f", |rows| rows.f[0] = f32::INFINITY),
             ("f", |rows| rows.f[3] = 0.0),

@@ -111,7 +111,7 @@ pub(super) fn check(
         names.push(array.name);
         if array.shape.is_empty() || array.shape.len() != array.dims.len() {
             return wrong(
-                format!("one length for each of {}", listed(&array.dims)),
+                format!("one length for each of {}", listed(array.dims)),
                 by(&array.shape),
             );
         }

@@ -238,7 +238,8 @@ fn whatever_it_is_taken_with_its_plan_and_its_list_measure_the_same() {
     run(&photometry, "").done();
     let lines: String = (0..20)
         .map(|at| format!("{} {}\n", 15.0 + 3.5 * f64::from(at), f64::from(at * 137 % 360)))
-        .collect();
+        .collect::<Vec<_>>()
+        .concat();
     fs::write(&list, lines).unwrap();
 
     let known = ["--truth", &truth, "--calibration", &calibration];

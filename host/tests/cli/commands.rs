@@ -125,8 +125,7 @@ impl Scene {
         let measured = text(&measured).to_owned();
         let tiny = "--step 30 --image-size 8";
         let lines: Vec<String> = match words.join(" ").as_str() {
-            "measure" => vec![format!("--out {dir} {tiny} --exposure-ms 4")],
-            "plan" => vec![format!("--out {dir} {tiny} --exposure-ms 4")],
+            "measure" | "plan" => vec![format!("--out {dir} {tiny} --exposure-ms 4")],
             "patterns" => vec![format!("--out {dir} --step 45")],
             "capture" => vec![planned],
             "assemble" => vec![measured],
@@ -195,12 +194,10 @@ fn every_command_has_a_use() {
     let commands = described();
     assert!(commands.len() > 20, "{commands:?}");
     for command in &commands {
-        for option in ["--rig"] {
-            assert!(
-                command.options.iter().any(|found| found.name == option),
-                "{command:?}"
-            );
-        }
+        assert!(
+            command.options.iter().any(|found| found.name == "--rig"),
+            "{command:?}"
+        );
         let out = scene.path("out");
         for used in scene.uses(&command.words, &out) {
             // Files have a folder, directories make theirs.

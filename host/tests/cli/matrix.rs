@@ -56,7 +56,8 @@ impl Lab {
                     137.5 * f64::from(at) % 360.0
                 )
             })
-            .collect();
+            .collect::<Vec<_>>()
+            .concat();
         fs::write(folder.join("directions.txt"), list).unwrap();
         Self { folder }
     }
@@ -320,7 +321,7 @@ impl Trial<'_> {
         let outcome = self.run(&both);
         if outcome.code != Some(0) {
             outcome.complains(2, &["other", "samples that", "has too, found"]);
-            said = ", without overlap".to_owned();
+            ", without overlap".clone_into(&mut said);
         }
         for file in ["alone.zarr", "both.zarr"] {
             let path = self.out(file);

@@ -203,7 +203,8 @@ fn a_file_of_version_1_says_the_same() {
     let brdf = out.join("brdf.zarr");
     let lines: String = (0..400)
         .map(|k| format!("{} {} {} {}\n", (k * 7) % 90, k * 31, (k * 13) % 90, k * 17))
-        .collect();
+        .collect::<Vec<_>>()
+        .concat();
     let answers = || {
         let values = run(&["value", text(&brdf)], &lines).done().to_owned();
         let picture = scratch.path().join("sphere.png");

@@ -8,7 +8,9 @@ use std::process::Stdio;
 use crate::command::{quick, quick_measurement, rcg, refuses, run, text};
 
 /// Kinds of files of text, and the use of a command that reads one.
-fn readers(folder: &Path) -> Vec<(&'static str, Vec<u8>, Box<dyn Fn(&Path) -> Vec<String>>)> {
+type Command = Box<dyn Fn(&Path) -> Vec<String>>;
+
+fn readers(folder: &Path) -> Vec<(&'static str, Vec<u8>, Command)> {
     let measured = folder.join("measured");
     quick_measurement(&measured);
     let truth = folder.join("truth.toml");

@@ -131,7 +131,7 @@ fn every_source_ends_at_the_horizon_and_nowhere_before() {
                 assert_eq!(answer, "- below horizon", "{source} {pair:?}");
             } else if let Some(reason) = answer.strip_prefix("- ") {
                 // Only an instrument may have no value here, and it says why.
-                let is_measured = source.ends_with(".zarr");
+                let is_measured = source.contains(".zarr");
                 assert!(
                     is_measured && reason != "below horizon",
                     "{source} {pair:?}: {reason}"
@@ -140,7 +140,7 @@ fn every_source_ends_at_the_horizon_and_nowhere_before() {
                 let mut words = answer.split(' ').map(|word| word.parse::<f64>().expect(&answer));
                 let is_number = words.all(|f| f.is_finite() && f > 0.0);
                 assert!(
-                    is_number || source.ends_with(".zarr"),
+                    is_number || source.contains(".zarr"),
                     "{source} {pair:?}: {answer}"
                 );
                 answered += 1;

@@ -160,9 +160,10 @@ fn every_array_declares_what_stands_for_no_data() {
 
 #[test]
 fn rows_that_contradict_themselves_are_neither_written_nor_read() {
+    type Edit = fn(&mut BrdfRows);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("brdf.zarr");
-    let edits: [(&str, fn(&mut BrdfRows)); 5] = [
+    let edits: [(&str, Edit); 5] = [
         (F, |rows| rows.f[0] = 0.0),
         (F, |rows| rows.f[4] = f32::NAN),
         (SIGMA, |rows| rows.sigma[1] = f16::ZERO),

@@ -24,6 +24,7 @@ pub(super) enum Via {
 
 /// One way to measure.
 #[derive(Clone, Copy, Debug)]
+#[allow(clippy::struct_excessive_bools)] // each is an option
 pub(super) struct Case {
     pub(super) rig: &'static str,
     /// A model, or `FILE` for a measured file.

@@ -59,21 +59,21 @@ pub(super) fn scores(path: &Path, sample: &dyn Sample, kinds: &[Provenance]) -> 
                     continue;
                 };
                 let truth = sample.f(wi, wo);
-                for channel in 0..channels {
+                for (channel, truth) in truth.into_iter().enumerate().take(channels) {
                     let f = f64::from(rows.f[at * channels + channel]);
                     let sigma = rows.sigma[at * channels + channel].to_f64();
-                    let error = (f - truth[channel]).abs();
+                    let error = (f - truth).abs();
                     // f32 and f16 keep seven and three digits.
-                    let score = error / (sigma * 1.001 + 1e-6 * truth[channel]);
+                    let score = error / (sigma * 1.001 + 1e-6 * truth);
                     assert!(
                         score.is_finite(),
                         "{}: f {f}, σ {sigma}, truth {}",
                         path.display(),
-                        truth[channel]
+                        truth
                     );
                     within += usize::from(score <= 2.0);
                     worst = worst.max(score);
-                    errors.push(error / truth[channel].max(1e-9));
+                    errors.push(error / truth.max(1e-9));
                 }
             }
         }
