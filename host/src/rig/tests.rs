@@ -251,7 +251,7 @@ fn every_mistake_has_its_sentence() {
         (
             "[512.0, 384.0]",
             "[512.0, nan]",
-            "projector.lens.centre_px: expected numbers from -1000000 to 1000000 pixels, found [512.0, NaN]",
+            "projector.lens.centre_px: expected numbers from -1000000 to 1000000 pixels, found 512, NaN",
         ),
         (
             "b_m = 0.250",
