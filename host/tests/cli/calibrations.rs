@@ -248,6 +248,7 @@ fn every_preset_can_be_calibrated_and_measures_what_is_there() {
             error < 2.0 * stated && stated < 0.03,
             "{preset}: {error} {stated}"
         );
-        assert!(of("against_reference.relative_error.p99") < 0.1, "{preset}");
+        // Pixels of 10° at the borders of what is seen.
+        assert!(of("against_reference.relative_error.p99") < 0.15, "{preset}");
     }
 }

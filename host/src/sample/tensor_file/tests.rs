@@ -128,7 +128,7 @@ fn refuses_claims_that_the_file_cannot_hold() {
     assert_eq!(patched(12, 2), "x.bsdf, version: expected 1.0, found 2.0");
     assert_eq!(
         patched(20, 0xff),
-        "x.bsdf, field number 0: expected a name in UTF-8, found bytes [ff]"
+        "x.bsdf, field number 0: expected a name in UTF-8, found bytes ff"
     );
     assert_eq!(
         patched(23, 12),
