@@ -202,7 +202,15 @@ fn a_file_of_version_1_says_the_same() {
     run(&quick(&out), "").done();
     let brdf = out.join("brdf.zarr");
     let lines: String = (0..400)
-        .map(|k| format!("{} {} {} {}\n", (k * 7) % 90, k * 31, (k * 13) % 90, k * 17))
+        .map(|k| {
+            format!(
+                "{} {} {} {}\n",
+                (k * 7) % 90,
+                k * 31 % 360,
+                (k * 13) % 90,
+                k * 17 % 360
+            )
+        })
         .collect::<Vec<_>>()
         .concat();
     let answers = || {
