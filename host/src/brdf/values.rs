@@ -60,7 +60,10 @@ impl Brdf {
     /// # Errors
     /// [`StoreError`].
     pub(crate) fn learn(&self) -> Result<Option<Errors>, StoreError> {
-        learn(&Seen(self))
+        learn(&Seen {
+            brdf: self,
+            pick: values,
+        })
     }
 
     /// f in sr⁻¹ for pairs of unit vectors (incident, outgoing) by direct interpolation of what was measured itself, not
@@ -79,10 +82,17 @@ impl Brdf {
     fn seen(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Option<[f32; 3]>>, StoreError> {
         let blend = Blend::new(Interpolation::Direct, None);
         above_the_horizon(pairs, |above| {
-            Ok(look_up(&Seen(self), &blend, above)?
-                .iter()
-                .map(Lookup::value)
-                .collect())
+            Ok(look_up(
+                &Seen {
+                    brdf: self,
+                    pick: values,
+                },
+                &blend,
+                above,
+            )?
+            .iter()
+            .map(Lookup::value)
+            .collect())
         })
     }
 
@@ -158,20 +168,36 @@ fn only_seen(mut provenance: Vec<u8>) -> Vec<u8> {
     provenance
 }
 
-/// A file without what was filled in.
-struct Seen<'a>(&'a Brdf);
+/// What `pick` takes from the rows of a file, without what was filled in.
+struct Seen<'a> {
+    brdf: &'a Brdf,
+    /// From rows to values [cell, channel] and provenance.
+    pick: fn(BrdfRows) -> (Vec<f32>, Vec<u8>),
+}
+
+/// The values themselves.
+fn values(rows: BrdfRows) -> (Vec<f32>, Vec<u8>) {
+    (rows.f, rows.provenance)
+}
+
+/// The standard uncertainties in place of the values: linear interpolation of them is that of fully correlated errors, the
+/// largest it can be.
+fn sigmas(rows: BrdfRows) -> (Vec<f32>, Vec<u8>) {
+    let sigmas = rows.sigma.iter().map(|sigma| sigma.to_f32()).collect();
+    (sigmas, rows.provenance)
+}
 
 impl Captures for Seen<'_> {
     fn set(&self) -> &IncidentSet {
-        &self.0.grid
+        &self.brdf.grid
     }
 
     fn cells(&self) -> &Cells {
-        &self.0.cells
+        &self.brdf.cells
     }
 
     fn is_captured(&self, row: usize) -> bool {
-        self.0.is_captured(row)
+        self.brdf.is_captured(row)
     }
 
     fn scan(
@@ -179,38 +205,11 @@ impl Captures for Seen<'_> {
         wanted: &[bool],
         each: &mut dyn FnMut(Range<usize>, ImageOf<'_>),
     ) -> Result<(), StoreError> {
-        self.0
-            .scan_rows(wanted, &|rows| (rows.f, only_seen(rows.provenance)), each)
-    }
-}
-
-/// The standard uncertainties of a file without what was filled in, in place of its values: linear interpolation of them is that of fully correlated
-/// errors, the largest it can be.
-struct Sigmas<'a>(&'a Brdf);
-
-impl Captures for Sigmas<'_> {
-    fn set(&self) -> &IncidentSet {
-        &self.0.grid
-    }
-
-    fn cells(&self) -> &Cells {
-        &self.0.cells
-    }
-
-    fn is_captured(&self, row: usize) -> bool {
-        self.0.is_captured(row)
-    }
-
-    fn scan(
-        &self,
-        wanted: &[bool],
-        each: &mut dyn FnMut(Range<usize>, ImageOf<'_>),
-    ) -> Result<(), StoreError> {
-        let sigmas = |rows: BrdfRows| {
-            let sigma = rows.sigma.iter().map(|sigma| sigma.to_f32()).collect();
-            (sigma, only_seen(rows.provenance))
+        let pick = |rows: BrdfRows| {
+            let (values, provenance) = (self.pick)(rows);
+            (values, only_seen(provenance))
         };
-        self.0.scan_rows(wanted, &sigmas, each)
+        self.brdf.scan_rows(wanted, &pick, each)
     }
 }
 
@@ -227,8 +226,22 @@ impl Brdf {
     ) -> Result<Vec<Option<[[f32; 3]; 2]>>, StoreError> {
         let blend = Blend::new(Interpolation::Direct, None);
         above_the_horizon(pairs, |above| {
-            let values = look_up(&Seen(self), &blend, above)?;
-            let sigmas = look_up(&Sigmas(self), &blend, above)?;
+            let values = look_up(
+                &Seen {
+                    brdf: self,
+                    pick: values,
+                },
+                &blend,
+                above,
+            )?;
+            let sigmas = look_up(
+                &Seen {
+                    brdf: self,
+                    pick: sigmas,
+                },
+                &blend,
+                above,
+            )?;
             let both = values.iter().zip(&sigmas);
             Ok(both
                 .zip(above)
