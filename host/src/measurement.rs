@@ -451,14 +451,7 @@ impl Measurement {
     ) -> Result<Segment, MeasurementError> {
         let lit = self.lit_sets(maker, patterns);
         let timings = self.plan.timings();
-        take_segment(
-            instrument,
-            &timings,
-            patterns,
-            &lit,
-            &mut Tally::default(),
-            progress,
-        )
+        take_segment(instrument, &timings, patterns, &lit, progress)
     }
 
     fn lit_sets(&self, maker: &PatternMaker, patterns: &[Exposure]) -> Vec<Option<LitSet>> {

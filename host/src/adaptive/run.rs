@@ -13,7 +13,7 @@ use super::start::{beginning, grid, in_degrees, listed};
 use super::{BATCH, Goal, Stop};
 use crate::assemble::{FrameAssembler, certainly_lit};
 use crate::calibrate::{Applied, Calibration};
-use crate::capture::{Instrument, Tally};
+use crate::capture::Instrument;
 use crate::disk::Disk;
 use crate::incident::{DirectionList, Grid, IncidentSet};
 use crate::measure::{MeasureError, planned};
@@ -148,14 +148,12 @@ pub fn measure(
     } else {
         Journal::create(out, &asked, &scaled, applied.as_ref(), segments, clock_hz)?
     };
-    let mut tally = Tally::default();
     let (directions_deg, adapted) = fixed.run(
         &journal,
         first,
         segments.captures,
         goal,
         &mut instrument,
-        &mut tally,
         progress,
     )?;
 
@@ -276,21 +274,13 @@ impl Loop<'_> {
         most: usize,
         goal: Goal,
         instrument: &mut Instrument,
-        tally: &mut Tally,
         progress: &dyn Progress,
     ) -> Result<(Vec<[f64; 2]>, Adapted), AdaptiveError> {
         let mut stored = journal.frames.whole_segments()?;
         let dark = BLACK_EXPOSURES / self.patterns;
         for segment in stored..dark {
             let black = vec![Exposure::Black; self.patterns];
-            self.capture(
-                journal,
-                segment,
-                &black,
-                &vec![None; self.patterns],
-                instrument,
-                tally,
-            )?;
+            self.capture(journal, segment, &black, &vec![None; self.patterns], instrument)?;
         }
         stored = stored.max(dark);
         let black = (0..dark)
@@ -333,7 +323,7 @@ impl Loop<'_> {
                         .clone()
                         .map(|index| self.maker.lit_set(set.direction(index)).ok())
                         .collect();
-                    self.capture(journal, segment, &exposures, &lit, instrument, tally)?;
+                    self.capture(journal, segment, &exposures, &lit, instrument)?;
                     stored = segment + 1;
                 }
                 let stored = journal.frames.read_segment(segment)?;
@@ -388,7 +378,6 @@ impl Loop<'_> {
         exposures: &[Exposure],
         lit: &[Option<LitSet>],
         instrument: &mut Instrument,
-        tally: &mut Tally,
     ) -> Result<(), AdaptiveError> {
         // Black patterns that look alike have noise of their own wherever they are captured.
         let part = if exposures.contains(&Exposure::Black) {
@@ -397,7 +386,7 @@ impl Loop<'_> {
             0
         };
         instrument.camera.begin_part(part);
-        let taken = take_segment(instrument, &self.timings, exposures, lit, tally, &mut |_| {})?;
+        let taken = take_segment(instrument, &self.timings, exposures, lit, &mut |_| {})?;
         Ok(journal.frames.write_segment(segment, &taken)?)
     }
 }

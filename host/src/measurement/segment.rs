@@ -7,23 +7,20 @@ use crate::plan::Exposure;
 use crate::schedule::Timing;
 use crate::store::{ExposureRecord, Segment};
 
-/// Takes one segment: the exposures of `timings` with each pattern of `lit`, with their records and their tally, which is
-/// added to `tally` too.
+/// Takes one segment: the exposures of `timings` with each pattern of `lit`, with their records and their tally.
 pub(crate) fn take_segment(
     instrument: &mut Instrument,
     timings: &[Timing],
     patterns: &[Exposure],
     lit: &[Option<LitSet>],
-    tally: &mut Tally,
     progress: &mut dyn FnMut(usize),
 ) -> Result<Segment, MeasurementError> {
-    let mut own = Tally::default();
-    let captured = instrument.take_lit(lit, timings, &mut own, progress)?;
-    tally.add(&own);
+    let mut tally = Tally::default();
+    let captured = instrument.take_lit(lit, timings, &mut tally, progress)?;
     let mut segment = Segment {
         frames: Vec::new(),
         records: Vec::with_capacity(captured.len()),
-        tally: own,
+        tally,
     };
     let length: usize = captured.iter().map(|shot| shot.dn.len()).sum();
     segment.frames.reserve_exact(length);
