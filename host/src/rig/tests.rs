@@ -386,7 +386,7 @@ fn every_mistake_has_its_sentence() {
         (
             "[0.0, 0.0, 0.0]       # optional: metres, optical",
             "[0.0, 0.0, 0.5] # ",
-            "camera.lens.offset_m: expected an optical centre inside the mirror's ellipsoid, found [0.0, 0.0, 0.5] metres",
+            "camera.lens.offset_m: expected an optical centre inside the mirror's ellipsoid, found 0, 0, 0.5 metres",
         ),
         (
             "[0.0, 0.0, 0.0]   # optional: degrees",
