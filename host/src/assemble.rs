@@ -47,6 +47,7 @@ mod luminance;
 mod merge;
 mod off_sample;
 mod radiometry;
+mod shape;
 
 use coordinates::attributes;
 pub(crate) use coordinates::{coordinates, interpolation_errors, list_attributes};
@@ -166,24 +167,16 @@ pub fn assemble(
         chunk: CHUNK,
     };
     let cut_relative2 = edges.light_relative2(rig, plan, directions);
-    let correction = Correction::new(
-        rig,
-        plan,
-        directions,
-        applied,
-        disk,
-        &resampling.pixel_sr,
-        &cut_relative2,
-    )
-    .map_err(|reason| AssembleError::Mismatch {
-        path: raw_path.with_file_name(Applied::FILE).display().to_string(),
-        reason,
-    })?;
+    let correction = Correction::new(rig, plan, directions, applied, disk, &resampling, &cut_relative2)
+        .map_err(|reason| AssembleError::Mismatch {
+            path: raw_path.with_file_name(Applied::FILE).display().to_string(),
+            reason,
+        })?;
     let writer = BrdfWriter::create(
         target,
         brdf_layout,
         &coordinates(grid, &reasons, disk, &resampling.reasons, &resampling.pixel_sr),
-        attributes(rig, plan),
+        attributes(rig, plan, applied),
         true,
     )?;
 
@@ -300,15 +293,12 @@ pub fn assemble(
     Ok(total)
 }
 
-/// How the camera pixels of `rig` that no edge may hide become cells of `disk`.
+/// How the camera pixels of `rig` that see nothing but the sample become cells of `disk`.
 fn seen(rig: &Rig, edges: &Edges, off_sample: &OffSample<'_>, disk: Disk) -> Resampling {
-    let mut resampling = Resampling::new(&View::camera(rig), disk);
-    let hidden = edges.hidden_pixels(rig);
-    resampling
-        .taps
-        .retain(|taps| !taps.pixel.iter().any(|pixel| hidden[*pixel as usize]));
-    off_sample.cut(&mut resampling, rig);
-    resampling
+    let camera = View::camera(rig);
+    let mut cut = edges.cut_pixels(&camera);
+    off_sample.cut_pixels(&mut cut, &camera);
+    Resampling::new(&camera, &cut, disk)
 }
 
 /// Fills the rows of one chunk: `places` says in which segment and where each incident direction was captured.

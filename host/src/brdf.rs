@@ -24,6 +24,9 @@ mod values;
 
 pub use known::KnownBrdf;
 
+/// Attribute of `brdf.zarr` for what [`Brdf::uncalibrated`] tells.
+pub(crate) const UNCALIBRATED: &str = "uncalibrated";
+
 /// Array of the errors by which interpolation is chosen, [region, branch], relative to white.
 pub(crate) const ERRORS: &str = "interpolation_error";
 
@@ -223,6 +226,14 @@ impl Brdf {
     #[must_use]
     pub fn attributes(&self) -> &serde_json::Map<String, serde_json::Value> {
         self.reader.attributes()
+    }
+
+    /// What was taken as the rig file has it, for want of a calibration: directions, light and throughput. It has no part in
+    /// the uncertainty. `None` if the file does not say.
+    #[must_use]
+    pub fn uncalibrated(&self) -> Option<Vec<String>> {
+        let stated = self.attributes().get(UNCALIBRATED)?;
+        serde_json::from_value(stated.clone()).ok()
     }
 
     /// Diameter in degrees of the cone that one pattern lit.

@@ -58,6 +58,9 @@ pub struct Evaluation {
     /// Median of sigma/f over what was measured of those, all channels; the instrument's own opinion of its noise. Where f
     /// is 0 or less it counts as above all others.
     pub median_relative_sigma: Quantile,
+    /// What has no part in that uncertainty, for want of a calibration: directions, light and throughput. `None` if the file
+    /// does not say.
+    pub uncalibrated: Option<Vec<String>>,
     /// |f(a,b) − f(b,a)| / mean over random pairs with θ ≤ 70° that were measured both ways, median.
     pub reciprocity_residual_median: Option<f64>,
     /// Pairs that went into it.
@@ -215,6 +218,7 @@ pub fn evaluate(
         measured_samples: total.measured,
         coverage: share(total.pairs(), pairs),
         median_relative_sigma: seen.sigma.median(),
+        uncalibrated: brdf.uncalibrated(),
         reciprocity_residual_median: reciprocity.median,
         reciprocity_pairs: reciprocity.pairs,
         reciprocity_share: reciprocity.share,

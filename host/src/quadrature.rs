@@ -12,12 +12,14 @@ use crate::sample::Outgoing;
 /// Light (s₁, s₂) goes with the places (+, s₁s₂) and (−, −s₁s₂).
 const PLACES: [[usize; 2]; 4] = [[0, 3], [1, 2], [1, 2], [0, 3]];
 
-/// Mean of f in sr⁻¹ over the four `lobes`, one per direction of light, and the four outgoing directions `places`.
-pub(crate) fn mean_f(lobes: &[Box<dyn Outgoing + '_>; 4], places: &[DVec3; 4]) -> [f64; 3] {
+/// Mean of f in sr⁻¹ over the four `lobes`, one per direction of light, and the four outgoing directions `places`. Places
+/// that see nothing (`None`) count as dark.
+pub(crate) fn mean_f(lobes: &[Box<dyn Outgoing + '_>; 4], places: &[Option<DVec3>; 4]) -> [f64; 3] {
     let mut sum = [0.0; 3];
     for (lobe, pair) in lobes.iter().zip(PLACES) {
         for place in pair {
-            let f = lobe.f(places[place]);
+            let Some(wo) = places[place] else { continue };
+            let f = lobe.f(wo);
             sum = [sum[0] + f[0], sum[1] + f[1], sum[2] + f[2]];
         }
     }

@@ -245,8 +245,12 @@ pub fn evaluation_lines(evaluation: &Evaluation) -> Vec<(&'static str, String)> 
         (
             "noise",
             format!(
-                "median standard uncertainty {}",
-                quantile(evaluation.median_relative_sigma)
+                "median standard uncertainty {}{}",
+                quantile(evaluation.median_relative_sigma),
+                match evaluation.uncalibrated.as_deref() {
+                    None | Some([]) => String::new(),
+                    Some(all) => format!("; of noise and blur, not of {}: not calibrated", all.join(", ")),
+                }
             ),
         ),
         (

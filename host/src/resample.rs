@@ -2,8 +2,9 @@
 //!
 //! # Design
 //! Each cell of the disk is interpolated linearly between the four pixels around its direction. Pixels that do
-//! not see the sample take no part; where they would carry more than half of the weight the cell has no value,
-//! but their reason.
+//! not see the sample with all of their area take no part; where they would carry more than half of the weight the cell
+//! has no value, but their reason. Where they carry less, the others look beside the cell's direction, by an angle that
+//! is known and enters the uncertainty.
 
 use glam::DVec3;
 
@@ -31,18 +32,27 @@ pub(crate) struct Resampling {
     pub(crate) reasons: Vec<Option<Unmeasurable>>,
     /// Per cell, the solid angle in sr of the camera pixel there; NaN where there is none.
     pub(crate) pixel_sr: Vec<f64>,
+    /// Per cell, the mean direction of its pixels (unit); where there are none, its own, or `None` beyond the horizon.
+    pub(crate) looks: Vec<Option<DVec3>>,
 }
 
 impl Resampling {
-    pub(crate) fn new(camera: &View, disk: Disk) -> Self {
+    /// From the pixels of `camera`; those take no part for which `cut` has a reason.
+    pub(crate) fn new(camera: &View, cut: &[Option<Unmeasurable>], disk: Disk) -> Self {
         let map = DirectionMap::of(camera);
         let mut taps = Vec::new();
         let mut pixel_sr = vec![f64::NAN; disk.len()];
+        let mut looks: Vec<Option<DVec3>> = (0..disk.len()).map(|cell| disk.direction(cell)).collect();
         let reasons = (0..disk.len())
             .map(|cell| {
                 let w = disk.direction(cell).ok_or(Unmeasurable::BelowHorizon);
-                match w.and_then(|w| tap(camera, &map, w)) {
+                match w.and_then(|w| tap(camera, &map, cut, w)) {
                     Ok((pixel, weight, sr)) => {
+                        let part = |(pixel, weight): (u32, f32)| {
+                            Some(f64::from(weight) * map.directions[pixel as usize].ok()?)
+                        };
+                        let mean: DVec3 = pixel.into_iter().zip(weight).filter_map(part).sum();
+                        looks[cell] = Some(mean.normalize());
                         taps.push(Taps {
                             cell: cell as u32,
                             pixel,
@@ -59,21 +69,40 @@ impl Resampling {
             taps,
             reasons,
             pixel_sr,
+            looks,
         }
+    }
+
+    /// Without the cells of `disk` whose pixels look beside them.
+    pub(crate) fn centred(mut self, disk: Disk) -> Self {
+        let (looks, pixel_sr) = (&self.looks, &self.pixel_sr);
+        self.taps.retain(|taps| {
+            let cell = taps.cell as usize;
+            let both = looks[cell].zip(disk.direction(cell));
+            both.is_some_and(|(look, w)| look.angle_between(w) < CENTRED * pixel_sr[cell].sqrt())
+        });
+        self
     }
 }
 
-/// The pixels around direction `w` that see the sample, with weights that sum to 1, and the solid angle of the
-/// nearest in sr.
-fn tap(camera: &View, map: &DirectionMap, w: DVec3) -> Result<([u32; 4], [f32; 4], f64), Unmeasurable> {
+/// A cell is centred if its pixels look less than this share of a pixel beside it.
+pub(crate) const CENTRED: f64 = 0.1;
+
+/// The pixels around direction `w` that take part, with weights that sum to 1, and the solid angle of the nearest in sr.
+fn tap(
+    camera: &View,
+    map: &DirectionMap,
+    cut: &[Option<Unmeasurable>],
+    w: DVec3,
+) -> Result<([u32; 4], [f32; 4], f64), Unmeasurable> {
     let around = bilinear(camera.pixel(w)?, map.width_px, map.height_px);
     let mut seen = 0.0;
     let mut blind = (0.0, Unmeasurable::OutsideImage);
     for (pixel, weight) in around {
-        match map.directions[pixel] {
-            Ok(_) => seen += weight,
-            Err(reason) if weight >= blind.0 => blind = (weight, reason),
-            Err(_) => {}
+        match cut[pixel] {
+            None => seen += weight,
+            Some(reason) if weight >= blind.0 => blind = (weight, reason),
+            Some(_) => {}
         }
     }
     if seen < 0.5 {
@@ -83,7 +112,7 @@ fn tap(camera: &View, map: &DirectionMap, w: DVec3) -> Result<([u32; 4], [f32; 4
             reason => reason,
         });
     }
-    let is_seen = |pixel: usize| map.directions[pixel].is_ok();
+    let is_seen = |pixel: usize| cut[pixel].is_none();
     let heaviest = around
         .iter()
         .filter(|tap| is_seen(tap.0))
@@ -112,20 +141,13 @@ mod tests {
         for preset in ["rcg-1", "rcg-2"] {
             let rig = Rig::load(preset).unwrap().with_image_size(96).unwrap();
             let camera = View::camera(&rig);
-            let map = DirectionMap::of(&camera);
             let disk = Disk::new(64);
-            let resampling = Resampling::new(&camera, disk);
+            let resampling = Resampling::new(&camera, &camera.cut_pixels(0.0), disk);
             for taps in &resampling.taps {
                 assert!((taps.weight.iter().sum::<f32>() - 1.0).abs() < 1e-5);
-                let mean: DVec3 = taps
-                    .pixel
-                    .iter()
-                    .zip(taps.weight)
-                    .map(|(&pixel, weight)| map.directions[pixel as usize].unwrap() * f64::from(weight))
-                    .sum();
                 let w = disk.direction(taps.cell as usize).unwrap();
                 // At the rim of the hole only half of the pixels may see: they stand up to a pixel away.
-                let error = angle_between(mean.normalize(), w);
+                let error = angle_between(resampling.looks[taps.cell as usize].unwrap(), w);
                 assert!(
                     error < resampling.pixel_sr[taps.cell as usize].sqrt(),
                     "{preset}: {w} {error}"
@@ -138,7 +160,8 @@ mod tests {
     fn every_cell_has_taps_or_a_reason() {
         let rig = Rig::load("rcg-1").unwrap().with_image_size(96).unwrap();
         let disk = Disk::new(96);
-        let resampling = Resampling::new(&View::camera(&rig), disk);
+        let camera = View::camera(&rig);
+        let resampling = Resampling::new(&camera, &camera.cut_pixels(0.0), disk);
         let with_reason = resampling.reasons.iter().flatten().count();
         assert_eq!(resampling.taps.len() + with_reason, disk.len());
         let at = |theta_deg: f64| {

@@ -71,7 +71,6 @@ fn measured(dir: &Path, calibration: &Calibration, request: plan::Request) -> (M
 }
 
 #[test]
-#[ignore = "pixels that the horizon cuts are beyond their uncertainty still: up to 29 sigma at theta above 83 degrees"]
 fn what_the_standard_did_not_fill_is_off_sample_and_the_rest_is_right() {
     let spec = "ggx:f0=0.4,ax=0.5,ay=0.6,rd=0.3";
     let sample = rcg::sample::parse(spec).unwrap();
@@ -152,6 +151,16 @@ fn what_the_standard_did_not_fill_is_off_sample_and_the_rest_is_right() {
                     count += 1;
                     within += u32::from(score.abs() <= 2.0);
                     worst = worst.max(score.abs());
+                    if score.abs() > 5.0 {
+                        eprintln!(
+                            "BAD {preset} tilt {tilt:?} row {row} wi {:?} cell {},{} wo {:?} look f {found} true {f} sigma {} score {score}",
+                            brdf.grid().angles_deg(row),
+                            cell / 32,
+                            cell % 32,
+                            [wo.z.acos().to_degrees(), wo.y.atan2(wo.x).to_degrees()],
+                            rows.sigma[channels * at].to_f64()
+                        );
+                    }
                 }
             }
         }
@@ -160,9 +169,9 @@ fn what_the_standard_did_not_fill_is_off_sample_and_the_rest_is_right() {
     println!(
         "{share:.4} of {count} within k = 2, the farthest {worst:.1} σ; off: {off_cells} cells, {off_lights} lights"
     );
-    assert!(off_cells > 100 && off_lights > 10, "{off_cells} {off_lights}");
+    assert!(off_cells > 100 && off_lights > 2, "{off_cells} {off_lights}");
     assert!(count > 100_000, "{count}");
-    assert!(share > 0.93 && worst < 8.0, "{share} {worst}");
+    assert!(share > 0.93 && worst < 6.0, "{share} {worst}");
 }
 
 #[test]

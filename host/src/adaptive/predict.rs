@@ -124,7 +124,8 @@ pub(super) fn mse(
     cells: &[(usize, DVec3)],
 ) -> Option<f64> {
     let shown = |f: f64| (f * w.z).clamp(0.0, 1.0);
-    let (mut direct, mut half, mut count) = (0.0, 0.0, 0_u32);
+    // Where only one of the rules has its cells it is the only one that can be used, which says nothing of the other.
+    let (mut both, mut direct_alone) = ([0.0; 3], [0.0; 2]);
     for &(cell, wo) in cells {
         let truth = f64::from(image.f[cell]);
         if truth.is_nan() {
@@ -133,12 +134,22 @@ pub(super) fn mse(
         let Some(a) = predicted(Rule::Direct, w, wo, parts, disk) else {
             continue;
         };
-        let b = predicted(Rule::HalfVector, w, wo, parts, disk).unwrap_or(a);
-        direct += (shown(a) - shown(truth)).powi(2);
-        half += (shown(b) - shown(truth)).powi(2);
-        count += 1;
+        let direct = (shown(a) - shown(truth)).powi(2);
+        if let Some(b) = predicted(Rule::HalfVector, w, wo, parts, disk) {
+            both[0] += direct;
+            both[1] += (shown(b) - shown(truth)).powi(2);
+            both[2] += 1.0;
+        } else {
+            direct_alone[0] += direct;
+            direct_alone[1] += 1.0;
+        }
     }
-    (count > 0).then(|| f64::min(direct, half) / f64::from(count))
+    let [direct, half, count] = both;
+    if count > 0.0 {
+        return Some(f64::min(direct, half) / count);
+    }
+    let [direct, count] = direct_alone;
+    (count > 0.0).then(|| direct / count)
 }
 
 /// f for incident direction `w` and outgoing direction `wo`, in sr⁻¹.
@@ -158,14 +169,14 @@ fn predicted(rule: Rule, w: DVec3, wo: DVec3, parts: &[Part], disk: Disk) -> Opt
     (total > 0.5).then(|| sum / total)
 }
 
+/// The bilinear mean of the cells around `wo`; `None` where one of them has no value.
 fn look_up(image: &Image, wo: DVec3, disk: Disk) -> Option<f64> {
-    let (mut sum, mut total) = (0.0, 0.0);
-    for (cell, weight) in disk.neighbours(wo)? {
-        let f = f64::from(image.f[cell]);
-        if !f.is_nan() {
-            sum += weight * f;
-            total += weight;
-        }
-    }
-    (total > 0.5).then(|| sum / total)
+    disk.neighbours(wo)?
+        .into_iter()
+        .filter(|(_, weight)| *weight > 0.0)
+        .map(|(cell, weight)| {
+            let f = f64::from(image.f[cell]);
+            (!f.is_nan()).then_some(weight * f)
+        })
+        .sum()
 }

@@ -2,7 +2,8 @@
 
 use serde_json::{Map, Value, json};
 
-use crate::brdf::ERRORS;
+use crate::brdf::{ERRORS, UNCALIBRATED};
+use crate::calibrate::Applied;
 use crate::disk::Disk;
 use crate::incident::{Grid, IncidentSet};
 use crate::interpolation::{BRANCHES, Errors, REGIONS};
@@ -130,7 +131,12 @@ pub(crate) fn list_attributes() -> Map<String, Value> {
 }
 
 /// The attributes of `brdf.zarr`.
-pub(super) fn attributes(rig: &Rig, plan: &Plan) -> Map<String, Value> {
+pub(super) fn attributes(rig: &Rig, plan: &Plan, applied: &Applied) -> Map<String, Value> {
+    let is_known = applied.direction_deg.iter().all(|deg| *deg > 0.0);
+    let unknown = [
+        (!is_known).then_some("directions"),
+        applied.photometry.is_none().then_some("light and throughput"),
+    ];
     let incident = match plan.request.grid {
         Grid::ThetaPhi { .. } => {
             "theta = (ring + 1/2) step, phi = sector step, index = ring * (360/step) + sector"
@@ -149,6 +155,7 @@ pub(super) fn attributes(rig: &Rig, plan: &Plan) -> Map<String, Value> {
         "rig": rig.name,
         "spot_deg": plan.spot_deg,
         "exposure_s": plan.exposure_s,
+        UNCALIBRATED: unknown.iter().flatten().collect::<Vec<_>>(),
         "source": concat!("rcg ", env!("CARGO_PKG_VERSION")),
     });
     match attributes {

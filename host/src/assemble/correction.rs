@@ -13,18 +13,14 @@
 //!      the pixels that see and light, which grows where the standard was not seen;
 //!    - edges: what the uncertainty of an edge makes of a spot that it cuts (`edges`);
 //!    - interreflection: that of r, and a quarter of the correction for its simple model;
-//!    - directions: the slope of f over the outgoing directions times the uncertainty of the directions. The slope over the
-//!      incident ones is taken to be as steep, which holds where f depends on the half vector;
-//!    - interpolation and blur: light and pixels average f over the spot and over what bilinear interpolation takes in,
-//!      which shifts it by half the sum of its second derivatives times the variances of both.
-//!
-//! Slopes and second derivatives come from the neighbours on the disk, less twice what noise alone makes of them.
+//!    - directions, interpolation and blur: what they make of an image that is not even (`shape`).
 //!
 //! # Tradeoffs
 //! What is systematic (fields, directions) is correlated from sample to sample; the file has one number per sample.
 
 use glam::{DVec2, DVec3};
 
+use super::shape::{ByShape, Shape};
 use crate::calibrate::Applied;
 use crate::calibrate::photometry::{Interreflection, Photometry};
 use crate::disk::Disk;
@@ -32,19 +28,13 @@ use crate::optics::View;
 use crate::pattern::PatternMaker;
 use crate::plan::{Directions, Plan};
 use crate::provenance::Provenance;
-use crate::quadrature::{interpolated_pixel_rad, spot_rad};
+use crate::quadrature::spot_rad;
+use crate::resample::Resampling;
 use crate::rig::Rig;
 use crate::store::{BrdfRows, stored_sigma};
 
 /// Share of the correction for interreflection that its model may be wrong by (k = 1).
 const INTERREFLECTION_MODEL: f64 = 0.25;
-
-/// Squares of slopes and second derivatives count by what they have beyond so many times their variance by noise: two
-/// standard deviations, so that noise hardly ever passes for them.
-const CLEAR: f32 = 4.0;
-
-/// Angles from a cell to its neighbours, radians: left, right, above, below; `None` where there is none.
-type Steps = [Option<f32>; 4];
 
 /// What is done to every image.
 pub(super) struct Correction {
@@ -62,15 +52,11 @@ pub(super) struct Correction {
     interreflection: Option<Interreflection>,
     /// cosθ times solid angle of each cell, 0 beyond the horizon.
     cosine_sr: Vec<f32>,
-    steps: Vec<Steps>,
-    /// Variance of the directions along each axis, radians².
-    direction_variance: f32,
-    /// Half the variance of the blur along each axis of each cell, radians².
-    half_blur: Vec<f32>,
+    shape: Shape,
 }
 
 impl Correction {
-    /// For images of `rig` that `plan` made, whose cells see the solid angles `pixel_sr`; edges make `cut_relative2` of the
+    /// For images of `rig` that `plan` made, resampled by `resampling`; edges make `cut_relative2` of the
     /// relative variance of the light of each incident direction. Or what is wrong with `applied`.
     pub(super) fn new(
         rig: &Rig,
@@ -78,7 +64,7 @@ impl Correction {
         directions: &Directions,
         applied: &Applied,
         disk: Disk,
-        pixel_sr: &[f64],
+        resampling: &Resampling,
         cut_relative2: &[f32],
     ) -> Result<Self, String> {
         let channels = rig.camera.channels as usize;
@@ -99,7 +85,6 @@ impl Correction {
         for (variance, cut) in row_relative2.iter_mut().zip(cut_relative2) {
             *variance += cut;
         }
-        let light_variance = spot_rad(plan.spot_deg).powi(2);
         let [camera_deg, projector_deg] = applied.direction_deg;
         Ok(Self {
             size: disk.size(),
@@ -119,14 +104,18 @@ impl Correction {
                         .map_or(0.0, |w| (w.z * disk.cell_sr()) as f32)
                 })
                 .collect(),
-            steps: steps(disk),
-            // The stated angle is that of both axes together.
-            direction_variance: (camera_deg.to_radians().powi(2) + projector_deg.to_radians().powi(2)) as f32
-                / 2.0,
-            half_blur: pixel_sr
-                .iter()
-                .map(|sr| (0.5 * (light_variance + interpolated_pixel_rad(*sr).powi(2))) as f32)
-                .collect(),
+            shape: Shape::new(
+                &View::camera(rig),
+                disk,
+                resampling,
+                channels,
+                spot_rad(plan.spot_deg).powi(2),
+                // The stated angle is that of both axes together.
+                f64::midpoint(
+                    camera_deg.to_radians().powi(2),
+                    projector_deg.to_radians().powi(2),
+                ),
+            ),
         })
     }
 
@@ -139,6 +128,7 @@ impl Correction {
     pub(super) fn apply(&self, first: usize, rows: &mut BrdfRows) {
         let (cells, values) = (self.size * self.size, self.cells.len());
         let mut sigma = vec![0.0; values];
+        let mut by_shape = ByShape::default();
         let images = rows
             .f
             .chunks_exact_mut(values)
@@ -160,14 +150,14 @@ impl Correction {
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
                     f[cell * self.channels + channel] -= back.0;
                 }
+                self.shape
+                    .uncertainties(f, &sigma, &measured, channel, &mut by_shape);
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
+                    let at = cell * self.channels + channel;
                     let relative2 = self.relative2 + self.row_relative2[index] + self.cell_relative2[cell];
-                    let systematic = relative2.sqrt() * f[cell * self.channels + channel];
-                    let total = self
-                        .uncertainty(f, &sigma, &measured, cell, channel)
-                        .hypot(systematic)
-                        .hypot(back.1);
-                    half_sigma[cell * self.channels + channel] = stored_sigma(total);
+                    let systematic = relative2.sqrt() * f[at];
+                    let total = sigma[at].hypot(by_shape[cell]).hypot(systematic).hypot(back.1);
+                    half_sigma[at] = stored_sigma(total);
                 }
             }
         }
@@ -196,61 +186,6 @@ impl Correction {
         let back = found.share * per_share;
         let uncertainty = (found.standard_uncertainty * per_share).hypot(INTERREFLECTION_MODEL * back);
         (back as f32, uncertainty as f32)
-    }
-
-    /// Standard uncertainty of one value by noise, directions, interpolation and blur, in sr⁻¹.
-    fn uncertainty(
-        &self,
-        f: &[f32],
-        sigma: &[f32],
-        measured: &dyn Fn(usize) -> bool,
-        cell: usize,
-        channel: usize,
-    ) -> f32 {
-        let at = |cell: usize| {
-            (
-                f[cell * self.channels + channel],
-                sigma[cell * self.channels + channel],
-            )
-        };
-        let (value, noise) = at(cell);
-        let neighbours = [
-            cell.wrapping_sub(1),
-            cell + 1,
-            cell.wrapping_sub(self.size),
-            cell + self.size,
-        ];
-        let (mut slope2, mut bend, mut bend_noise2) = (0.0_f32, 0.0_f32, 0.0_f32);
-        for axis in 0..2 {
-            let side = |side: usize| {
-                let step = self.steps[cell][2 * axis + side]?;
-                let neighbour = neighbours[2 * axis + side];
-                measured(neighbour).then(|| (at(neighbour), step))
-            };
-            let two = match (side(0), side(1)) {
-                (Some(a), Some(b)) => Some((a, b)),
-                // At an edge one side stands for both.
-                (Some((a, step)), None) | (None, Some((a, step))) => {
-                    let noise2 = a.1 * a.1 + noise * noise;
-                    slope2 += ((a.0 - value).powi(2) - CLEAR * noise2).max(0.0) / (step * step);
-                    None
-                }
-                (None, None) => None,
-            };
-            if let Some((((low, low_noise), before), ((high, high_noise), after))) = two {
-                let width = before + after;
-                let noise2 = low_noise * low_noise + high_noise * high_noise;
-                slope2 += ((high - low).powi(2) - CLEAR * noise2).max(0.0) / (width * width);
-                let square = before * after;
-                bend += (low + high - 2.0 * value) / square;
-                bend_noise2 += (noise2 + 4.0 * noise * noise) / (square * square);
-            }
-        }
-        let bend2 = (bend * bend - CLEAR * bend_noise2).max(0.0);
-        (noise * noise
-            + slope2 * self.direction_variance
-            + bend2 * self.half_blur[cell] * self.half_blur[cell])
-            .sqrt()
     }
 }
 
@@ -313,23 +248,4 @@ fn place(view: &View, at: DVec2) -> [f64; 2] {
         half(at.x, view.pinhole().width_px()),
         half(at.y, view.pinhole().height_px()),
     ]
-}
-
-/// Angles from each cell of the disk to its neighbours.
-fn steps(disk: Disk) -> Vec<Steps> {
-    let size = disk.size();
-    let between = |a: usize, b: usize| -> Option<f32> {
-        Some(disk.direction(a)?.angle_between(disk.direction(b)?) as f32)
-    };
-    (0..disk.len())
-        .map(|cell| {
-            let (x, y) = (cell % size, cell / size);
-            [
-                (x > 0).then(|| between(cell, cell - 1)).flatten(),
-                (x + 1 < size).then(|| between(cell, cell + 1)).flatten(),
-                (y > 0).then(|| between(cell, cell - size)).flatten(),
-                (y + 1 < size).then(|| between(cell, cell + size)).flatten(),
-            ]
-        })
-        .collect()
 }

@@ -9,7 +9,7 @@
 
 use glam::DVec3;
 
-use crate::optics::View;
+use crate::optics::{Unmeasurable, View};
 use crate::plan::{Directions, Plan};
 use crate::rig::Rig;
 
@@ -36,14 +36,9 @@ impl Edges {
             .map_or(true, |at| self.may_hide(nearest_rad(projector, at.x, at.y)))
     }
 
-    /// For each pixel of the camera of `rig`, row by row, whether an edge may hide it.
-    pub(super) fn hidden_pixels(&self, rig: &Rig) -> Vec<bool> {
-        let camera = View::camera(rig);
-        let (width, height) = (camera.pinhole().width_px(), camera.pinhole().height_px());
-        let centres = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
-        centres
-            .map(|(x, y)| self.may_hide(nearest_rad(&camera, f64::from(x) + 0.5, f64::from(y) + 0.5)))
-            .collect()
+    /// For each pixel of the `camera`, row by row, why a part of it may not see the sample; `None` where all of it does.
+    pub(super) fn cut_pixels(&self, camera: &View) -> Vec<Option<Unmeasurable>> {
+        camera.cut_pixels(CLEAR * self.edge_rad)
     }
 
     /// For each incident direction of `directions`, the relative variance of its light by edges; infinite where they may
@@ -98,17 +93,11 @@ mod tests {
         assert!((distance_deg(27.2) - 0.2).abs() < 1e-6 && (distance_deg(28.5) - 1.5).abs() < 1e-6);
 
         let camera = View::camera(&rig.with_image_size(96).unwrap());
+        let whole = Edges::new(0.0).cut_pixels(&camera);
         let count = |edge_deg: f64| {
-            let hidden = Edges::new(edge_deg).hidden_pixels(&rig.with_image_size(96).unwrap());
-            let seen = |index: &usize| {
-                camera
-                    .direction((index % 96) as f64 + 0.5, (index / 96) as f64 + 0.5)
-                    .is_ok()
-            };
-            (0..hidden.len())
-                .filter(|index| hidden[*index])
-                .filter(seen)
-                .count()
+            let hidden = Edges::new(edge_deg).cut_pixels(&camera);
+            let seen = |at: &usize| whole[*at].is_none() && hidden[*at].is_some();
+            (0..hidden.len()).filter(seen).count()
         };
         // Pixels are some 1.8° wide: of those that see the sample few are within 0.3° of an edge, more within 1.2°.
         let (few, more) = (count(0.1), count(0.4));

@@ -2,7 +2,8 @@
 //!
 //! # Design
 //! Frames become f in the same steps as in [`assemble`](super::assemble()): exposures are merged, pixels that an edge may hide
-//! left out, light and throughput taken as calibration found them. Only the uncertainty stays that of noise, which is what
+//! left out, light and throughput taken as calibration found them. Cells whose pixels look beside them are left out too:
+//! they would pass for poor interpolation. Only the uncertainty stays that of noise, which is what
 //! more captures cannot help.
 
 use std::collections::BTreeMap;
@@ -72,7 +73,7 @@ impl<'a> FrameAssembler<'a> {
                 .into_iter()
                 .map(|exposure_s| Radiometry::new(rig, camera, black, exposure_s, format.len()))
                 .collect::<Result<_, _>>()?,
-            resampling: seen(rig, &Edges::new(applied.edge_deg), &off_sample, disk),
+            resampling: seen(rig, &Edges::new(applied.edge_deg), &off_sample, disk).centred(disk),
             correction: None,
             channels: format.channels,
             rig,
@@ -95,7 +96,7 @@ impl<'a> FrameAssembler<'a> {
                 directions,
                 self.applied,
                 self.disk,
-                &self.resampling.pixel_sr,
+                &self.resampling,
                 &uncut,
             )?;
             self.correction = Some(correction);

@@ -10,10 +10,8 @@ use glam::DVec3;
 use super::AssembleError;
 use crate::calibrate::Applied;
 use crate::calibrate::photometry::Sight;
-use crate::optics::Unmeasurable;
+use crate::optics::{Unmeasurable, View};
 use crate::plan::{Directions, Plan};
-use crate::resample::Resampling;
-use crate::rig::Rig;
 
 /// Camera pixels and incident directions that are on the sample.
 pub(super) struct OffSample<'a> {
@@ -39,19 +37,14 @@ impl<'a> OffSample<'a> {
         })
     }
 
-    /// Takes off `resampling` what looks past the sample.
-    pub(super) fn cut(&self, resampling: &mut Resampling, rig: &Rig) {
+    /// Adds to the reasons `cut` of the pixels of `camera` those that look past the sample.
+    pub(super) fn cut_pixels(&self, cut: &mut [Option<Unmeasurable>], camera: &View) {
         let Some(sight) = self.sight else { return };
-        let format = rig.frame_format();
-        let on_sample = sight.pixels(format.width_px, format.height_px);
-        let reasons = &mut resampling.reasons;
-        resampling.taps.retain(|taps| {
-            let is_on = taps.pixel.iter().all(|pixel| on_sample[*pixel as usize]);
-            if !is_on {
-                reasons[taps.cell as usize] = Some(Unmeasurable::OffSample);
-            }
-            is_on
-        });
+        let (width_px, height_px) = (camera.pinhole().width_px(), camera.pinhole().height_px());
+        let on_sample = sight.pixels(width_px as usize, height_px as usize);
+        for (reason, _) in cut.iter_mut().zip(on_sample).filter(|(_, on)| !on) {
+            reason.get_or_insert(Unmeasurable::OffSample);
+        }
     }
 
     /// Whether light from `w` misses the sample.

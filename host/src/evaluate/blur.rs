@@ -35,7 +35,7 @@ pub(super) fn blur(brdf: &Brdf, sample: &dyn Sample, floor: &Floor, cells: &[Opt
                     continue;
                 };
                 let places = around(wo, interpolated_pixel_rad(brdf.pixel_sr(cell)));
-                let mean = mean_f(&lobes, &places);
+                let mean = mean_f(&lobes, &places.map(Some));
                 let truth = channel_values(sharp.f(wo), channels);
                 for (channel, (blurred, truth)) in channel_values(mean, channels).zip(truth).enumerate() {
                     if let Some(error) = floor.error(blurred, truth, channel) {

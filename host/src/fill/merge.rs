@@ -12,6 +12,7 @@
 //! have one number for both, so [`COMMON`] of each variance is taken to be shared: with weights w = 1/σ² the variance is
 //! (1 − common)/Σw + common·(Σwσ/Σw)².
 
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::Path;
 
@@ -20,10 +21,11 @@ use half::f16;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
+use serde_json::json;
 
 use super::union::Union;
 use super::{FillError, facts, finish, writer_like};
-use crate::brdf::Brdf;
+use crate::brdf::{Brdf, UNCALIBRATED};
 use crate::direction::from_angles;
 use crate::linear_fit::least_squares;
 use crate::optics::Unmeasurable;
@@ -98,14 +100,14 @@ pub(super) fn merge(
         .iter()
         .map(|other| other.path().display().to_string())
         .collect();
-    let writer = writer_like(
-        base,
-        &union.set,
-        path,
-        &incident,
-        &outgoing,
-        facts("merged", &names, &[]),
-    )?;
+    let mut facts = facts("merged", &names, &[]);
+    let uncalibrated: BTreeSet<String> = all
+        .iter()
+        .filter_map(|brdf| brdf.uncalibrated())
+        .flatten()
+        .collect();
+    facts.insert(UNCALIBRATED.to_owned(), json!(uncalibrated));
+    let writer = writer_like(base, &union.set, path, &incident, &outgoing, facts)?;
     let length = base.chunk_range(0).len();
     let chunks = union.set.len().div_ceil(length);
     // Nothing goes where the merged file says that there can be nothing.

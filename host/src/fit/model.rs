@@ -58,7 +58,7 @@ impl Model {
     pub(super) fn parts(self, alpha: [f64; 2], seen: &Observation) -> [f64; 2] {
         let mean = |strength| {
             let sample = self.sample(alpha, 0.0, strength);
-            mean_f(&seen.light.map(|wi| sample.incident(wi)), &seen.places)[0]
+            mean_f(&seen.light.map(|wi| sample.incident(wi)), &seen.places.map(Some))[0]
         };
         let none = match self {
             Self::Ward => 0.0,

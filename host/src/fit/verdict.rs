@@ -116,8 +116,8 @@ impl Fit {
             self.warnings.insert(
                 0,
                 format!(
-                    "the fitted {:?} model does not describe the samples, its parameters are not to be relied on: {}",
-                    self.model,
+                    "the fitted {} model does not describe the samples, its parameters are not to be relied on: {}",
+                    self.model.name(),
                     against.join("; ")
                 ),
             );

@@ -19,6 +19,7 @@
 //! first pixel at 0.5. Directions are unit vectors in the sample frame that point away from the surface.
 
 mod ellipsoid;
+mod footprint;
 mod frame;
 mod inverse;
 mod map;

@@ -25,7 +25,7 @@ pub struct View {
     pub(super) ellipsoid: Ellipsoid,
     pub(super) pinhole: Pinhole,
     frame: SampleFrame,
-    wire: Option<WireStrip>,
+    pub(super) wire: Option<WireStrip>,
     /// Optical centre, mirror frame, metres.
     pub(super) centre_m: DVec3,
     /// Whether the optical centre is exactly at F2.
@@ -134,14 +134,17 @@ impl View {
     /// How far the ray of the position (`u_px`, `v_px`) passes the edges of hole, rim and wire, seen from F1, radians;
     /// positive on the side that sees the sample. `None` where there is no ray or no such edge.
     pub fn edge_distances_rad(&self, u_px: f64, v_px: f64) -> [Option<f64>; 3] {
-        let Some(found) = self.reflect_pixel(DVec2::new(u_px, v_px)) else {
-            return [None; 3];
-        };
-        let from_f1 = found.mirror_m - self.ellipsoid.f1();
+        self.reflect_pixel(DVec2::new(u_px, v_px))
+            .map_or([None; 3], |found| self.edge_distances_of(&found))
+    }
+
+    /// How far a ray passes the edges of hole, rim and wire, as [`View::edge_distances_rad`] says.
+    pub(super) fn edge_distances_of(&self, reflection: &Reflection) -> [Option<f64>; 3] {
+        let from_f1 = reflection.mirror_m - self.ellipsoid.f1();
         let w = from_f1.normalize();
         [
             self.ellipsoid.hole_distance_rad(w),
-            Some(self.ellipsoid.rim_distance_m(found.mirror_m) / from_f1.length()),
+            Some(self.ellipsoid.rim_distance_m(reflection.mirror_m) / from_f1.length()),
             self.wire.and_then(|wire| wire.distance_rad(w)),
         ]
     }

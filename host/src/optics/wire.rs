@@ -37,6 +37,11 @@ impl WireStrip {
         (w_m.dot(self.along) > 0.0).then_some(beside_rad)
     }
 
+    /// On which side of the wire's plane the vector `m` from F1 (mirror frame) points; `None` on the side without a wire.
+    pub(super) fn is_left(&self, m: DVec3) -> Option<bool> {
+        (m.dot(self.along) > 0.0).then(|| m.dot(self.across) > 0.0)
+    }
+
     /// Whether the wire hides the unit direction `w_m` at F1 (mirror frame).
     pub fn hides(&self, w_m: DVec3) -> bool {
         w_m.dot(self.along) > 0.0 && w_m.dot(self.across).abs() <= self.half_width

@@ -391,17 +391,17 @@ fn every_mistake_has_its_sentence() {
         (
             "[0.0, 0.0, 0.0]   # optional: degrees",
             "[0.0, 0.0, 400] # ",
-            "camera.lens.rotation_deg: expected numbers from -180 to 180 degrees, found [0.0, 0.0, 400.0]",
+            "camera.lens.rotation_deg: expected numbers from -180 to 180 degrees, found 0, 0, 400",
         ),
         (
             "[0.0, 0.0, 0.0, 0.0, 0.0]  # optional",
             "[-20, 0, 0, 0, 0] # ",
-            "camera.lens.distortion: expected a distortion that can be undone everywhere in the image, found [-20.0, 0.0, 0.0, 0.0, 0.0]",
+            "camera.lens.distortion: expected a distortion that can be undone everywhere in the image, found -20, 0, 0, 0, 0",
         ),
         (
             "[0.0, 0.0, 0.0, 0.0, 0.0]  # optional",
             "[inf, 0, 0, 0, 0] # ",
-            "camera.lens.distortion: expected numbers from -1000 to 1000 (no unit), found [inf, 0.0, 0.0, 0.0, 0.0]",
+            "camera.lens.distortion: expected numbers from -1000 to 1000 (no unit), found inf, 0, 0, 0, 0",
         ),
     ] {
         assert_eq!(sentence(&[(from, to)]), format!("lab/my.toml: {expected}"));

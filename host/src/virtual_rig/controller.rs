@@ -113,7 +113,8 @@ impl VirtualController {
         let Some(reader) = self.primed.take() else { return };
         let (mut started, mut phase) = (self.now, Phase::Ahead);
         if start == Start::OnSync {
-            let edge = self.stage.lock().next_sync(self.now);
+            // An edge at this very tick is over before the engine waits for it.
+            let edge = self.stage.lock().next_sync(self.now + Ticks(1));
             match self.sync_lost(edge - self.now) {
                 Some(timeout) => phase = Phase::SyncLost(timeout),
                 None => started = edge + Ticks(SYNC_LATENCY),
@@ -275,7 +276,9 @@ impl Link for VirtualController {
     }
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, LinkError> {
-        let deadline = self.now + Ticks((timeout.as_secs_f64() * f64::from(CLOCK_HZ)).round() as u64);
+        // Rounded up: time goes on in every wait, however short, or who waits for the rest of a tick waits for ever.
+        let wait = Ticks((timeout.as_secs_f64() * f64::from(CLOCK_HZ)).ceil() as u64);
+        let deadline = self.now + wait;
         while self.to_host.is_empty() && self.now < deadline {
             self.advance(deadline);
             self.session.poll(self.now);

@@ -2,7 +2,7 @@
 //!
 //! # Design
 //! Finite light and finite pixels blur a sharp lobe, and the virtual rig shows that: f is averaged over four
-//! directions of light and four places within the pixel.
+//! directions of light and four places within the pixel. Of a pixel that an edge cuts, the places behind it are dark.
 //!
 //! To the light of the pattern comes that of the black projector pixels, and what the mirror throws back onto the sample:
 //! of the light that leaves the sample a share returns from all directions alike, so that the sample shows it with its
@@ -30,8 +30,11 @@ const BLOCK_PX: usize = 64;
 /// A camera pixel that sees the sample.
 struct Pixel {
     index: usize,
-    /// Directions within it, in the order ++, +−, −+, −− (first along u, then along v).
-    directions: [DVec3; 4],
+    /// Directions within it, in the order ++, +−, −+, −− (first along u, then along v); `None` where none is seen.
+    directions: [Option<DVec3>; 4],
+    /// One of them, and the share of the pixel that sees.
+    one: DVec3,
+    seen: f64,
     throughput: f64,
 }
 
@@ -65,11 +68,14 @@ impl Scene {
                     (index % format.width_px) as f64 + 0.5,
                     (index / format.width_px) as f64 + 0.5,
                 );
-                let centre = view.direction(u, v).ok()?;
-                let at = |du: f64, dv: f64| view.direction(u + du * GAUSS, v + dv * GAUSS).unwrap_or(centre);
+                let at = |du: f64, dv: f64| view.direction(u + du * GAUSS, v + dv * GAUSS).ok();
+                let directions = [at(1.0, 1.0), at(1.0, -1.0), at(-1.0, 1.0), at(-1.0, -1.0)];
+                let seen = directions.iter().flatten();
                 Some(Pixel {
                     index,
-                    directions: [at(1.0, 1.0), at(1.0, -1.0), at(-1.0, 1.0), at(-1.0, -1.0)],
+                    one: *seen.clone().next()?,
+                    seen: seen.count() as f64 / 4.0,
+                    directions,
                     throughput: throughput[index],
                 })
             })
@@ -166,9 +172,9 @@ impl Scene {
     fn f(&self, light: &Light, mean: [f64; 3], pixel: &Pixel) -> [f64; 3] {
         let mut f = mean;
         if let Some(interreflection) = &self.interreflection {
-            let back = interreflection.f(light.nodes[0], pixel.directions[0]);
+            let back = interreflection.f(light.nodes[0], pixel.one);
             for (f, back) in f.iter_mut().zip(back) {
-                *f += back;
+                *f += pixel.seen * back;
             }
         }
         f.map(|f| f * pixel.throughput)

@@ -3,8 +3,11 @@
 use std::fs;
 use std::path::Path;
 
+use rcg::provenance::Provenance;
+
 use crate::answers::number;
 use crate::command::{refuses, run, text};
+use crate::judge::scores;
 use crate::tensor_file::{bytes, material};
 
 /// A rig that strays from its file, and where its calibration goes.
@@ -248,7 +251,12 @@ fn every_preset_can_be_calibrated_and_measures_what_is_there() {
             error < 2.0 * stated && stated < 0.03,
             "{preset}: {error} {stated}"
         );
-        // Pixels of 10° at the borders of what is seen.
-        assert!(of("against_reference.relative_error.p99") < 0.15, "{preset}");
+        let brdf = folder.path().join("measured/brdf.zarr");
+        let sample = rcg::sample::parse("lambert:0.5").unwrap();
+        let found = scores(&brdf, sample.as_ref(), &[Provenance::Measured]);
+        assert!(
+            found.count > 3000 && found.within_2 > 0.93 && found.worst < 6.0,
+            "{preset}: {found}"
+        );
     }
 }

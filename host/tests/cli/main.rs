@@ -33,6 +33,7 @@ mod faults_on_purpose;
 mod fits;
 mod grids;
 mod identity;
+mod judge;
 #[cfg(unix)]
 mod killed;
 mod locks;

@@ -7,7 +7,6 @@
 //! `RCG_PAIR=feature=value,feature=value` tries one.
 
 mod features;
-mod judge;
 
 use std::fmt::Write as _;
 use std::fs;
@@ -22,10 +21,10 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rcg::provenance::Provenance;
 
 use crate::command::{rcg, run, text};
+use crate::judge::{Scores, scores};
 use crate::tensor_file::{bytes, material};
 use crate::tree::{count, files};
 use features::{Case, FILE, LIST, Value, Via, World, name, pairs};
-use judge::{Scores, scores};
 
 /// Pairs that a run of the tests draws.
 const DRAWN: usize = 40;

@@ -259,7 +259,7 @@ fn times_that_round_to_nothing_or_do_not_fit_are_refused_by_name() {
     }
     // What was not given makes room for what was.
     let done = controller(&["run", "--steps", "10", "--period", "2ms", "--exposure", "500us"]);
-    assert_eq!(number(&done, "strobes"), 10.0);
+    assert_eq!(number(&done, "records"), 10.0);
     assert_eq!(number(&done, "period_ticks"), 250_000.0);
     let done = controller(&["run", "--steps", "10", "--cam-at", "1s"]);
     assert_eq!(number(&done, "strobes"), 10.0);

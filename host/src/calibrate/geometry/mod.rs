@@ -227,7 +227,7 @@ impl Geometry {
     }
 
     /// Standard uncertainty (k = 1) of where the edges of hole, rim and wire are, degrees: that of the angle of theirs that
-    /// is known worst; 0 if the camera sees no edge.
+    /// is known worst, and their own residual, which is not all chance: a pixel is coarse; 0 if the camera sees no edge.
     #[must_use]
     pub fn edge_deg(&self) -> f64 {
         if self.edges == 0 {
@@ -239,7 +239,8 @@ impl Geometry {
                 .any(|part| found.name.starts_with(part))
         };
         let angles = self.parameters.iter().filter(of_edges);
-        angles.map(|found| found.standard_uncertainty).fold(0.0, f64::max)
+        let worst_deg = angles.map(|found| found.standard_uncertainty).fold(0.0, f64::max);
+        worst_deg.hypot(self.edge_residual_deg.unwrap_or(0.0))
     }
 }
 

@@ -10,8 +10,16 @@ use crate::stripes::Stripes;
 const MATCHES: usize = 1500;
 /// Edge positions that take part, at most.
 const EDGES: usize = 2000;
-/// Share of the usual brightness of the diffuse standard that divides seen from unseen.
+/// What is brighter than this share of the usual brightness of the diffuse standard is seen.
 const SEEN: f32 = 0.4;
+
+/// A pixel that is darker than this share of those beside it is cut by an edge; one that is darker than [`DARK`] sees nothing.
+const WHOLE: f32 = 0.87;
+const DARK: f64 = 0.1;
+/// Pixels that an edge across a line may cut, and then one without light.
+const FADE: usize = 3;
+/// Pixels in which a wire may be seen as a whole.
+const NARROW: usize = 3;
 
 /// A camera position that sees a projector position in the flat mirror, both pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,7 +34,7 @@ pub(super) struct Match {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Sightings {
     pub(super) matches: Vec<Match>,
-    /// Camera positions between a pixel that sees the diffuse standard and one that does not.
+    /// Camera positions at which the diffuse standard ceases to be seen.
     pub(super) edges_px: Vec<DVec2>,
 }
 
@@ -87,19 +95,79 @@ impl Sightings {
         }
         let middle = bright.len() / 2;
         let usual = *bright.select_nth_unstable_by(middle, f32::total_cmp).1;
-        let is_seen = |pixel: usize| light[pixel] > SEEN * usual;
+        let height = light.len() / width;
         let mut found = Vec::new();
-        for pixel in 0..light.len() {
-            let right = (pixel % width + 1 < width).then_some((pixel + 1, DVec2::X));
-            let below = (pixel + width < light.len()).then_some((pixel + width, DVec2::Y));
-            for (neighbour, step) in [right, below].into_iter().flatten() {
-                if is_seen(pixel) != is_seen(neighbour) {
-                    found.push(centre(pixel, width) + 0.5 * step);
-                }
-            }
+        for y in 0..height {
+            let along = edges_along(&light[y * width..][..width], usual);
+            found.extend(along.into_iter().map(|x| DVec2::new(x, y as f64 + 0.5)));
+        }
+        for x in 0..width {
+            let column: Vec<f32> = light[x..].iter().step_by(width).copied().collect();
+            let along = edges_along(&column, usual);
+            found.extend(along.into_iter().map(|y| DVec2::new(x as f64 + 0.5, y)));
         }
         self.edges_px = thinned(&found, EDGES);
     }
+}
+
+/// Where light ends along one line of pixels of which `usual` is the usual brightness: positions in pixels, to a part of a
+/// pixel.
+///
+/// A pixel that an edge cuts is as bright as the share of it that sees the standard, of the whole pixel beside it. What lies
+/// between two whole pixels and is narrow (a wire) is as wide as its shares of darkness together, around their centroid.
+fn edges_along(line: &[f32], usual: f32) -> Vec<f64> {
+    let is_whole: Vec<bool> = (0..line.len())
+        .map(|at| {
+            let around = at.saturating_sub(2)..(at + 3).min(line.len());
+            let highest = line[around].iter().copied().fold(0.0, f32::max);
+            line[at] > SEEN * usual && line[at] > WHOLE * highest
+        })
+        .collect();
+    let mut found = Vec::new();
+    let mut at = 0;
+    while at < line.len() {
+        let first = at;
+        while at < line.len() && is_whole[at] == is_whole[first] {
+            at += 1;
+        }
+        if is_whole[first] {
+            continue;
+        }
+        let dark = &line[first..at];
+        let share = |value: f32, whole: f32| f64::from(value / whole).clamp(0.0, 1.0);
+        let [before, after] = [first.checked_sub(1), Some(at)].map(|beside| line.get(beside?).copied());
+        if let (Some(before), Some(after), true) = (before, after, dark.len() <= NARROW) {
+            let whole = f32::midpoint(before, after);
+            let missing = dark.iter().map(|&value| 1.0 - share(value, whole));
+            let width: f64 = missing.clone().sum();
+            let moment: f64 = missing
+                .enumerate()
+                .map(|(place, part)| part * (place as f64 + 0.5))
+                .sum();
+            let centre = first as f64 + moment / width;
+            found.extend([centre - width / 2.0, centre + width / 2.0]);
+            continue;
+        }
+        // What is left of the light, up to where there is none.
+        let fade = |pixels: &mut dyn Iterator<Item = &f32>, whole: f32| {
+            let mut left = 0.0;
+            for &value in pixels.take(FADE) {
+                let share = share(value, whole);
+                if share < DARK {
+                    return Some(left + share);
+                }
+                left += share;
+            }
+            None
+        };
+        if let Some(left) = before.and_then(|whole| fade(&mut dark.iter(), whole)) {
+            found.push(first as f64 + left);
+        }
+        if let Some(left) = after.and_then(|whole| fade(&mut dark.iter().rev(), whole)) {
+            found.push(at as f64 - left);
+        }
+    }
+    found
 }
 
 /// Position of a pixel's centre.
@@ -121,4 +189,41 @@ fn brightness(frame: &[u16], channels: usize) -> Vec<f32> {
     pixels
         .map(|dn| dn.iter().map(|&dn| f32::from(dn)).sum::<f32>() / channels as f32)
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Pixels of a line that is lit but from `from` to `to`, with a brightness that changes along it.
+    fn line(from: f64, to: f64) -> Vec<f32> {
+        (0..40)
+            .map(|at| {
+                let (low, high) = (f64::from(at), f64::from(at) + 1.0);
+                let hidden = (to.min(high) - from.max(low)).max(0.0);
+                ((1.0 - hidden) * (1000.0 + 10.0 * low)) as f32
+            })
+            .collect()
+    }
+
+    #[test]
+    fn edges_are_found_to_a_part_of_a_pixel_and_wires_that_are_narrower_than_one() {
+        for start in 0..10 {
+            let from = 12.0 + 0.1 * f64::from(start);
+            for width in [0.3, 0.6, 1.0, 1.7, 3.1, 8.0, 12.4] {
+                let found = edges_along(&line(from, from + width), 1000.0);
+                assert_eq!(found.len(), 2, "{from} {width}: {found:?}");
+                let middle = f64::midpoint(found[0], found[1]) - from - width / 2.0;
+                assert!(middle.abs() < 0.2, "{from} {width}: {found:?}");
+                assert!(
+                    (found[1] - found[0] - width).abs() < 0.2,
+                    "{from} {width}: {found:?}"
+                );
+            }
+        }
+        assert!(edges_along(&line(0.0, 0.0), 1000.0).is_empty());
+        // Dark up to the border: one edge.
+        let found = edges_along(&line(25.3, 50.0), 1000.0);
+        assert!(found.len() == 1 && (found[0] - 25.3).abs() < 0.05, "{found:?}");
+    }
 }

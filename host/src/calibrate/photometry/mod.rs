@@ -53,6 +53,7 @@ use crate::direction::from_degrees;
 use crate::rig::{Rig, Tilt};
 use crate::sample::{Sample, albedo};
 use crate::store::Segment;
+use crate::text::by;
 
 /// Name of the file with what was found.
 pub const PHOTOMETRY: &str = "photometry.json";
@@ -134,26 +135,26 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     let shows = views.segments();
     let format = rig.frame_format();
     let layout = raw.layout();
-    let expected = (
+    let expected = [
         shows.len() * SEGMENT,
         SEGMENT,
         format.height_px,
         format.width_px,
         format.channels,
-    );
-    let found = (
+    ];
+    let found = [
         layout.exposures,
         layout.segment,
         layout.height,
         layout.width,
         layout.channels,
-    );
+    ];
     if expected != found {
         return Err(CalibrateError::Content {
             path: dir.join(capture::RAW).display().to_string(),
-            field: "exposures, segment, rows, columns, channels".to_owned(),
-            expected: format!("{expected:?} as {VIEWS} says"),
-            found: format!("{found:?}"),
+            field: "exposures × segment × rows × columns × channels".to_owned(),
+            expected: format!("{} as {VIEWS} says", by(&expected)),
+            found: by(&found),
         });
     }
     let segments: Vec<Segment> = (0..raw.segments())

@@ -18,7 +18,7 @@ use super::lights;
 use super::share::Judged;
 use crate::calibrate::CalibrateError;
 use crate::linear_fit::least_squares;
-use crate::optics::{DirectionMap, View};
+use crate::optics::{DirectionMap, Unmeasurable, View};
 use crate::sample::Sample;
 
 /// Pairs that take part, about.
@@ -52,7 +52,7 @@ pub(super) struct Seen<'a> {
     pub(super) size_px: (usize, usize),
     /// Pixels that take part: index, place in the image (−1 to 1) and direction.
     pub(super) pixels: Vec<(usize, [f64; 2], DVec3)>,
-    /// All pixels that see the sample by the rig, and whether an edge of the mirror or the wire is beside them.
+    /// All pixels that by the rig see the sample up to their own edges, and whether an edge of the mirror or the wire is beside them.
     pub(super) all_pixels: Vec<(usize, [f64; 2], DVec3, bool)>,
     /// Of each place: centre of the lit pixels in the projector's image (−1 to 1) and Σ cosθ·Δω, if it takes part.
     lit: Vec<Option<([f64; 2], f64)>>,
@@ -74,12 +74,18 @@ pub(super) struct Fields {
     pub(super) residual: f64,
 }
 
+/// Whether the sample's horizon or border is the reason.
+fn is_of_sample(reason: Unmeasurable) -> bool {
+    matches!(reason, Unmeasurable::BelowHorizon | Unmeasurable::OffSample)
+}
+
 impl<'a> Seen<'a> {
     /// Of the stand of index `stand`, where nothing was seen yet.
     pub(super) fn new(views: &'a Views, stand: usize) -> Result<Self, CalibrateError> {
         let rig = &views.rig_of(stand)?;
         let stand = &views.stands[stand];
-        let map = DirectionMap::of(&View::camera(rig));
+        let camera = View::camera(rig);
+        let map = DirectionMap::of(&camera);
         let half = |at: f64, size: usize| 2.0 * at / size as f64 - 1.0;
         let (width, height) = (map.width_px, map.height_px);
         let is_inner = |index: usize| {
@@ -89,14 +95,15 @@ impl<'a> Seen<'a> {
                 && (y - 2..=y + 2).all(|y| (x - 2..=x + 2).all(|x| map.direction(x, y).is_ok()))
         };
         let is_at_edge = |index: usize| {
-            use crate::optics::Unmeasurable::{BelowHorizon, OffSample};
             let (x, y) = (index % width, index / width);
-            let ends = |reason| !matches!(reason, BelowHorizon | OffSample);
+            let ends = |reason| !is_of_sample(reason);
             (y.saturating_sub(1)..=y + 1)
                 .any(|y| (x.saturating_sub(1)..=x + 1).any(|x| map.direction(x, y).is_err_and(ends)))
         };
+        let cut = camera.cut_pixels(0.0);
         let all_pixels: Vec<(usize, [f64; 2], DVec3, bool)> = map
             .measurable()
+            .filter(|(index, ..)| !cut[*index].is_some_and(is_of_sample))
             .map(|(index, w, _)| {
                 let at = [
                     half((index % width) as f64 + 0.5, width),

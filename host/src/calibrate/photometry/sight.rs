@@ -5,8 +5,8 @@
 //! the standard, and there will be none of a sample. What was seen is kept as a picture of the camera's image and one of
 //! the incident directions, one character for each ([`SEEN`], [`UNSEEN`], [`EDGE`], [`BLIND`]), stand by stand.
 //!
-//! A pixel of a measurement, of whatever size, counts as on the sample if none of the pixels of the picture at it or beside
-//! it is dark; an incident direction, if none of the corners of its cell is, nor, where nothing is said of a corner, one
+//! A pixel of a measurement, of whatever size, counts as on the sample if the standard was seen all over it, edges of the
+//! mirror aside, and none of the pixels of the picture beside it is dark; an incident direction, if none of the corners of its cell is, nor, where nothing is said of a corner, one
 //! beside them. So what lies between light and darkness, and
 //! may be on the sample in part, is left out.
 
@@ -87,20 +87,30 @@ impl Sight {
         let beside = |index: usize, size: usize, of: usize| {
             let scale = of as f64 / size as f64;
             let low = (index as f64 * scale - 1.5).ceil().max(0.0) as usize;
-            let high = ((index + 1) as f64 * scale + 0.5).floor().max(0.0) as usize;
+            let high = ((index + 1) as f64 * scale + 0.5).floor() as usize;
             low..(high + 1).min(of)
+        };
+        // Those that it covers, wholly or in part. Of a pixel of the picture that counts as seen a part may be dark still,
+        // which could be all of a finer pixel: that one needs those beside it too.
+        let own = |index: usize, size: usize, of: usize| {
+            if of < size {
+                return beside(index, size, of);
+            }
+            index * of / size..((index + 1) * of).div_ceil(size)
         };
         (0..width_px * height_px)
             .map(|index| {
-                let within = beside(index / width_px, height_px, rows.len());
-                let mut around =
-                    within.flat_map(|row| rows[row][beside(index % width_px, width_px, columns)].iter());
-                let mut known = false;
-                let clear = around.all(|one| {
-                    known |= matches!(*one, SEEN | EDGE);
-                    *one != UNSEEN
+                let (x, y) = (index % width_px, index / width_px);
+                let clear = beside(y, height_px, rows.len()).all(|row| {
+                    let mut around = beside(x, width_px, columns);
+                    around.all(|column| rows[row][column] != UNSEEN)
                 });
-                clear && known
+                let columns = own(x, width_px, columns);
+                clear
+                    && own(y, height_px, rows.len()).all(|row| {
+                        let mut all = rows[row][columns.clone()].iter();
+                        all.all(|one| matches!(*one, SEEN | EDGE))
+                    })
             })
             .collect()
     }

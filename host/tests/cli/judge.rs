@@ -8,19 +8,19 @@ use rcg::provenance::Provenance;
 use rcg::sample::Sample;
 
 /// Samples count up to this polar angle, degrees: nearer to the horizon lobes are narrower than these coarse pixels.
-const JUDGED_DEG: f64 = 70.0;
+const JUDGED_DEG: f64 = 80.0;
 
 /// How far samples are from the truth in units of their standard uncertainties.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Scores {
+pub(crate) struct Scores {
     /// Samples that were compared.
-    pub(super) count: usize,
+    pub(crate) count: usize,
     /// Share of them within two standard uncertainties.
-    pub(super) within_2: f64,
+    pub(crate) within_2: f64,
     /// The largest.
-    pub(super) worst: f64,
+    pub(crate) worst: f64,
     /// Median of |f − truth|/truth.
-    pub(super) median_error: f64,
+    pub(crate) median_error: f64,
 }
 
 impl fmt::Display for Scores {
@@ -37,7 +37,7 @@ impl fmt::Display for Scores {
 }
 
 /// The samples of the file at `path` whose provenance is one of `kinds`, against `sample`.
-pub(super) fn scores(path: &Path, sample: &dyn Sample, kinds: &[Provenance]) -> Scores {
+pub(crate) fn scores(path: &Path, sample: &dyn Sample, kinds: &[Provenance]) -> Scores {
     let brdf = Brdf::open(path).expect("what was measured can be read");
     let least = JUDGED_DEG.to_radians().cos();
     let (cells, channels) = (brdf.disk().len(), brdf.channels());

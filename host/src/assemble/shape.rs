@@ -1,0 +1,336 @@
+//! What an image that is not even makes of the uncertainty of its values.
+//!
+//! # Design
+//! Slopes and second differences come from the neighbours of each cell, as far as they are beyond what noise makes of
+//! them. They count as follows.
+//!
+//! - **Directions**: the slope of f over the outgoing directions times the uncertainty of the directions, and times the
+//!   angle by which the pixels of a cell look beside it. The slope over the incident ones is taken to be as steep, which
+//!   holds where f depends on the half vector.
+//! - **Interpolation and blur**: light and pixels average f over the spot and over what bilinear interpolation takes in.
+//!   Of a lobe that has the variance v along an axis where it is seen, of which the blur is V, the peak is lower than it
+//!   should be by the factor √((v − V)/v) (a Gaussian lobe; for one that is wide it is the well-known half of second
+//!   derivative times variance). How wide it is seen the second difference over the value tells,
+//!   f″/f = −2 (1 − exp(−d²/2v)) over a distance d; so lobes count that are hardly wider than a pixel, where the second derivative
+//!   alone would state too little. Where a pixel is wider than a cell, d is as wide: between the same pixels the image is
+//!   straight. Both axes of the disk are taken for themselves, and what couples them is added.
+//!
+//! Curvature goes through zero on the flanks of a lobe and may lie between two cells: each cell takes the most of those
+//! a pixel around it.
+
+use glam::{DVec2, DVec3};
+
+use crate::disk::Disk;
+use crate::optics::View;
+use crate::resample::{CENTRED, Resampling};
+
+/// Squares of slopes count by what they have beyond so many times their variance by noise: two standard deviations, so that
+/// noise hardly ever passes for them.
+const CLEAR: f32 = 4.0;
+/// The same of second differences, of which the most of nine cells counts.
+const BENT: f32 = 9.0;
+/// A lobe counts as at least so much wider than the blur, as a share of its variance: what is narrower has no true width.
+const NARROWEST: f32 = 0.02;
+/// A pixel may be wider than so many cells by this.
+const WHOLE: f32 = 0.2;
+/// Neighbouring cells count as at least this share of their distance apart, even if they look at the same pixel.
+const LEAST_STEP: f64 = 0.5;
+/// Cells to each side of which the steepest counts where a cell looks beside itself: those next to it share its pixels.
+const REACH: usize = 2;
+
+/// Angles from a cell to its neighbours, radians: left, right, above, below; `None` where there is none.
+type Steps = [Option<f32>; 4];
+
+/// What is the same for all images.
+pub(super) struct Shape {
+    size: usize,
+    channels: usize,
+    steps: Vec<Steps>,
+    /// Variance of the directions along each axis, radians².
+    direction_variance: f32,
+    /// Square of the angle by which each cell's pixels look beside it, radians², 0 if they are all around it.
+    beside2: Vec<f32>,
+    /// How many cells a pixel is wide there along columns and rows.
+    apart: Vec<[usize; 2]>,
+    /// Variances of the blur of each cell along columns and rows, and their covariance, in cells².
+    blur: Vec<[f32; 3]>,
+}
+
+/// Room for the numbers of one image.
+#[derive(Default)]
+pub(super) struct ByShape {
+    slope2: Vec<f32>,
+    /// What blur took, in sr⁻¹.
+    blurred: Vec<f32>,
+    total: Vec<f32>,
+}
+
+impl std::ops::Index<usize> for ByShape {
+    type Output = f32;
+
+    /// Standard uncertainty of the cell `at`, sr⁻¹.
+    fn index(&self, at: usize) -> &f32 {
+        &self.total[at]
+    }
+}
+
+impl Shape {
+    /// Of images of `camera` on `disk`, resampled by `resampling`; light has `light_variance` along each axis, and directions are known to
+    /// `direction_variance`, both in radians².
+    pub(super) fn new(
+        camera: &View,
+        disk: Disk,
+        resampling: &Resampling,
+        channels: usize,
+        light_variance: f64,
+        direction_variance: f64,
+    ) -> Self {
+        let mut blur = vec![[0.0; 3]; disk.len()];
+        for taps in &resampling.taps {
+            let cell = taps.cell as usize;
+            if let Some(found) = disk
+                .direction(cell)
+                .and_then(|w| blur_of(camera, disk, w, light_variance))
+            {
+                blur[cell] = found;
+            }
+        }
+        Self {
+            size: disk.size(),
+            channels,
+            steps: steps(disk, &resampling.looks),
+            direction_variance: direction_variance as f32,
+            beside2: beside2(disk, resampling),
+            // Of the variance of blur a pixel's is a quarter of the square of its width.
+            apart: blur
+                .iter()
+                .map(|[columns, rows, _]| {
+                    [columns, rows].map(|variance| ((2.0 * variance.sqrt() - WHOLE).ceil() as usize).max(1))
+                })
+                .collect(),
+            blur,
+        }
+    }
+
+    /// Fills `by` with the standard uncertainties by shape of one channel of the image `f` (sr⁻¹, [cell, channel]), which
+    /// has `noise` (k = 1).
+    pub(super) fn uncertainties(
+        &self,
+        f: &[f32],
+        noise: &[f32],
+        measured: &dyn Fn(usize) -> bool,
+        channel: usize,
+        by: &mut ByShape,
+    ) {
+        let cells = self.size * self.size;
+        for room in [&mut by.slope2, &mut by.blurred, &mut by.total] {
+            room.clear();
+            room.resize(cells, 0.0);
+        }
+        let at = |cell: usize| {
+            let place = cell * self.channels + channel;
+            measured(cell).then(|| (f[place], noise[place]))
+        };
+        for cell in 0..cells {
+            if let Some(value) = at(cell) {
+                by.slope2[cell] = self.slope2(cell, value, &at);
+                by.blurred[cell] = self.blurred(cell, value, &at);
+            }
+        }
+        for cell in (0..cells).filter(|cell| measured(*cell)) {
+            let most = |of: &[f32], reach: usize| {
+                let (x, y) = (cell % self.size, cell / self.size);
+                let around = |at: usize| at.saturating_sub(reach)..(at + reach + 1).min(self.size);
+                around(y)
+                    .map(|y| {
+                        let row = &of[y * self.size..][around(x)];
+                        row.iter().copied().fold(0.0, f32::max)
+                    })
+                    .fold(0.0, f32::max)
+            };
+            let mut slope2 = by.slope2[cell];
+            if self.beside2[cell] > 0.0 {
+                slope2 = most(&by.slope2, REACH);
+            }
+            let [columns, rows] = self.apart[cell];
+            let by_direction2 = slope2 * (self.direction_variance + self.beside2[cell]);
+            by.total[cell] = by_direction2.sqrt().hypot(most(&by.blurred, columns.max(rows)));
+        }
+    }
+
+    /// The cell so many cells `apart` on one side (0 or 1) of `cell` along an axis (0 columns, 1 rows).
+    fn neighbour(&self, cell: usize, axis: usize, side: usize, apart: usize) -> Option<usize> {
+        let (place, step) = [(cell % self.size, 1), (cell / self.size, self.size)][axis];
+        if side == 0 {
+            (place >= apart).then(|| cell - apart * step)
+        } else {
+            (place + apart < self.size).then(|| cell + apart * step)
+        }
+    }
+
+    /// Square of the slope at `cell`, sr⁻²/rad².
+    fn slope2(
+        &self,
+        cell: usize,
+        (value, noise): (f32, f32),
+        at: &dyn Fn(usize) -> Option<(f32, f32)>,
+    ) -> f32 {
+        (0..2)
+            .map(|axis| {
+                let side = |side: usize| {
+                    let step = self.steps[cell][2 * axis + side]?;
+                    Some((at(self.neighbour(cell, axis, side, 1)?)?, step))
+                };
+                let (difference, noise2, width) = match (side(0), side(1)) {
+                    (Some((low, before)), Some((high, after))) => {
+                        (high.0 - low.0, low.1 * low.1 + high.1 * high.1, before + after)
+                    }
+                    // At an edge one side stands for both.
+                    (Some((one, step)), None) | (None, Some((one, step))) => {
+                        (one.0 - value, one.1 * one.1 + noise * noise, step)
+                    }
+                    (None, None) => return 0.0,
+                };
+                (difference * difference - CLEAR * noise2).max(0.0) / (width * width)
+            })
+            .sum()
+    }
+
+    /// By how much blur has changed the value of `cell`, about, sr⁻¹.
+    fn blurred(
+        &self,
+        cell: usize,
+        (value, noise): (f32, f32),
+        at: &dyn Fn(usize) -> Option<(f32, f32)>,
+    ) -> f32 {
+        let [columns, rows, both] = self.blur[cell];
+        let beyond = |difference: f32, noise2: f32| (difference * difference - BENT * noise2).max(0.0).sqrt();
+        let (mut factor, mut highest) = (1.0_f32, 0.0_f32);
+        for (axis, variance) in [columns, rows].into_iter().enumerate() {
+            let both_sides = |apart: usize| {
+                let side = |side: usize| at(self.neighbour(cell, axis, side, apart)?);
+                Some((side(0)?, side(1)?, apart))
+            };
+            let widest = (1..=self.apart[cell][axis]).rev().find_map(both_sides);
+            let Some((low, high, apart)) = widest else {
+                continue;
+            };
+            let noise2 = low.1 * low.1 + high.1 * high.1 + 4.0 * noise * noise;
+            let bend = beyond(low.0 + high.0 - 2.0 * value, noise2);
+            if bend > 0.0 {
+                let peak = value.abs().max(low.0.abs()).max(high.0.abs());
+                highest = highest.max(peak);
+                factor *= 1.0 + lost(bend / peak, apart as f32, variance);
+            }
+        }
+        let corner = |across: usize, along: usize| {
+            let beside = self.neighbour(cell, 0, across, self.apart[cell][0])?;
+            at(self.neighbour(beside, 1, along, self.apart[cell][1])?)
+        };
+        let mut coupled = 0.0;
+        if let (Some(a), Some(b), Some(c), Some(d)) = (corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1))
+        {
+            let noise2 = a.1 * a.1 + b.1 * b.1 + c.1 * c.1 + d.1 * d.1;
+            let area = self.apart[cell][0] * self.apart[cell][1];
+            coupled = both.abs() * beyond(a.0 + d.0 - b.0 - c.0, noise2) / (4.0 * area as f32);
+        }
+        highest * (factor - 1.0) + coupled
+    }
+}
+
+/// What blur of `variance` has taken of a lobe along one axis, as a share of what is left of it; `bend` is its second
+/// difference over the distance `apart`, over its value; in cells.
+fn lost(bend: f32, apart: f32, variance: f32) -> f32 {
+    // The second difference of a Gaussian of variance v at its peak is −2 (1 − exp(−d²/2v)) of its height.
+    let seen = -0.5 * apart * apart / (1.0 - (0.5 * bend).min(0.999)).ln();
+    let own = (seen - variance).max(NARROWEST * seen);
+    (seen / own).sqrt() - 1.0
+}
+
+/// Variances of the blur around `w` along columns and rows of `disk`, and their covariance, in cells²; `None` where the
+/// image has no place for it.
+fn blur_of(camera: &View, disk: Disk, w: DVec3, light_variance: f64) -> Option<[f32; 3]> {
+    /// Radians over which the disk is straight.
+    const SMALL: f64 = 1e-4;
+    let half = disk.size() as f64 / 2.0;
+    // As `Disk::position`, beyond the horizon too.
+    let place = |w: DVec3| half * w.truncate() / (1.0 + w.z).sqrt();
+    let at = camera.pixel(w).ok()?;
+    let along = |step: DVec2| {
+        let (after, before) = (at + 0.5 * step, at - 0.5 * step);
+        Some(place(camera.sight(after.x, after.y)?) - place(camera.sight(before.x, before.y)?))
+    };
+    let (a, b) = w.any_orthonormal_pair();
+    let light = |t: DVec3| (place((w + SMALL * t).normalize()) - place(w)) / SMALL;
+    let parts = [
+        // A square pixel has 1/12, and interpolation between two adds 1/6.
+        (along(DVec2::X)?, 0.25),
+        (along(DVec2::Y)?, 0.25),
+        (light(a), light_variance),
+        (light(b), light_variance),
+    ];
+    let sum =
+        |of: &dyn Fn(DVec2) -> f64| parts.iter().map(|(d, variance)| variance * of(*d)).sum::<f64>() as f32;
+    Some([sum(&|d| d.x * d.x), sum(&|d| d.y * d.y), sum(&|d| d.x * d.y)])
+}
+
+/// Angles from where each cell of the disk looks to where its neighbours look.
+fn steps(disk: Disk, looks: &[Option<DVec3>]) -> Vec<Steps> {
+    let size = disk.size();
+    let between = |a: usize, b: usize| -> Option<f32> {
+        let cells_rad = disk.direction(a)?.angle_between(disk.direction(b)?);
+        Some(looks[a]?.angle_between(looks[b]?).max(LEAST_STEP * cells_rad) as f32)
+    };
+    (0..disk.len())
+        .map(|cell| {
+            let (x, y) = (cell % size, cell / size);
+            [
+                (x > 0).then(|| between(cell, cell - 1)).flatten(),
+                (x + 1 < size).then(|| between(cell, cell + 1)).flatten(),
+                (y > 0).then(|| between(cell, cell - size)).flatten(),
+                (y + 1 < size).then(|| between(cell, cell + size)).flatten(),
+            ]
+        })
+        .collect()
+}
+
+/// Square of the angle between each cell's direction and where it looks, radians², which may be along the slope; 0 if it
+/// is centred.
+fn beside2(disk: Disk, resampling: &Resampling) -> Vec<f32> {
+    (0..disk.len())
+        .map(|cell| {
+            let both = disk.direction(cell).zip(resampling.looks[cell]);
+            let angle = both.map_or(0.0, |(w, look)| w.angle_between(look));
+            if angle > CENTRED * resampling.pixel_sr[cell].sqrt() {
+                (angle * angle) as f32
+            } else {
+                0.0
+            }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_gaussian_lobe_has_lost_is_found_however_narrow_it_is() {
+        for (variance, apart) in [(0.1_f32, 1.0_f32), (0.25, 1.0), (0.6, 2.0), (2.0, 3.0)] {
+            for own in [0.05_f32, 0.2, 1.0, 5.0, 50.0] {
+                let seen = own + variance;
+                let bend = 2.0 * (1.0 - (-0.5 * apart * apart / seen).exp());
+                let truth = (seen / own).sqrt() - 1.0;
+                let found = lost(bend, apart, variance);
+                assert!(
+                    (found / truth - 1.0).abs() < 0.02,
+                    "{variance} {own}: {found} {truth}"
+                );
+            }
+        }
+        // A wide lobe: half of second derivative times variance.
+        assert!((lost(1e-3, 1.0, 0.25) / (0.5 * 1e-3 * 0.25) - 1.0).abs() < 0.01);
+        // What is narrower than light and pixel could be any height.
+        assert!(lost(2.0, 1.0, 0.25) > 5.0);
+    }
+}
