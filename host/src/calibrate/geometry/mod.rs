@@ -44,6 +44,7 @@ use crate::direction::from_degrees;
 use crate::measurement::write_whole;
 use crate::optics::View;
 use crate::rig::Rig;
+use crate::schedule::SHORTEST_EXPOSURE_S;
 use crate::virtual_rig::FlatMirror;
 
 /// Name of the file with what was found.
@@ -308,11 +309,14 @@ fn undetermined(parameters: &[Parameter], devices: [&Uncertainty; 2]) -> String 
 }
 
 impl Views {
-    /// The flat mirror of each view.
+    /// The flat mirror of each view: on the virtual rig, of black glass.
     fn mirrors(&self) -> Vec<FlatMirror> {
+        // Behind a neutral filter where its image would fill more than a quarter of the well in the shortest exposures.
+        let electrons = self.rig.projector.irradiance * self.rig.sensitivity_e() * 2.0 * SHORTEST_EXPOSURE_S;
+        let reflectance = capture::REFLECTANCE.min(self.rig.camera.full_well_e / 4.0 / electrons);
         let of = |&[tilt_deg, azimuth_deg]: &[f64; 2]| FlatMirror {
             normal: from_degrees(tilt_deg, azimuth_deg),
-            reflectance: capture::REFLECTANCE,
+            reflectance,
         };
         self.tilts.iter().map(of).collect()
     }

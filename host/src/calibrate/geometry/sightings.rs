@@ -214,7 +214,9 @@ mod tests {
                 let found = edges_along(&line(from, from + width), 1000.0);
                 assert_eq!(found.len(), 2, "{from} {width}: {found:?}");
                 let middle = f64::midpoint(found[0], found[1]) - from - width / 2.0;
-                assert!(middle.abs() < 0.2, "{from} {width}: {found:?}");
+                // Where in a pixel a wire is that is narrower nobody knows.
+                let unknown = 0.51 * (1.0 - width);
+                assert!(middle.abs() < unknown.max(0.2), "{from} {width}: {found:?}");
                 assert!(
                     (found[1] - found[0] - width).abs() < 0.2,
                     "{from} {width}: {found:?}"
