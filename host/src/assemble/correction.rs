@@ -128,7 +128,7 @@ impl Correction {
     pub(super) fn apply(&self, first: usize, rows: &mut BrdfRows) {
         let (cells, values) = (self.size * self.size, self.cells.len());
         let mut sigma = vec![0.0; values];
-        let mut by_shape = ByShape::default();
+        let mut room = ByShape::default();
         let images = rows
             .f
             .chunks_exact_mut(values)
@@ -150,8 +150,7 @@ impl Correction {
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
                     f[cell * self.channels + channel] -= back.0;
                 }
-                self.shape
-                    .uncertainties(f, &sigma, &measured, channel, &mut by_shape);
+                let by_shape = self.shape.uncertainties(f, &sigma, &measured, channel, &mut room);
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
                     let at = cell * self.channels + channel;
                     let relative2 = self.relative2 + self.row_relative2[index] + self.cell_relative2[cell];

@@ -65,18 +65,9 @@ pub(super) struct ByShape {
     total: Vec<f32>,
 }
 
-impl std::ops::Index<usize> for ByShape {
-    type Output = f32;
-
-    /// Standard uncertainty of the cell `at`, sr⁻¹.
-    fn index(&self, at: usize) -> &f32 {
-        &self.total[at]
-    }
-}
-
 impl Shape {
-    /// Of images of `camera` on `disk`, resampled by `resampling`; light has `light_variance` along each axis, and directions are known to
-    /// `direction_variance`, both in radians².
+    /// Of images of `camera` on `disk`, resampled by `resampling`; light has `light_variance` along each axis, and directions
+    /// are known to `direction_variance`, both in radians².
     pub(super) fn new(
         camera: &View,
         disk: Disk,
@@ -112,16 +103,16 @@ impl Shape {
         }
     }
 
-    /// Fills `by` with the standard uncertainties by shape of one channel of the image `f` (sr⁻¹, [cell, channel]), which
-    /// has `noise` (k = 1).
-    pub(super) fn uncertainties(
+    /// The standard uncertainties by shape of one channel of the image `f` (sr⁻¹, [cell, channel]), which has `noise`
+    /// (k = 1): sr⁻¹, [cell].
+    pub(super) fn uncertainties<'b>(
         &self,
         f: &[f32],
         noise: &[f32],
         measured: &dyn Fn(usize) -> bool,
         channel: usize,
-        by: &mut ByShape,
-    ) {
+        by: &'b mut ByShape,
+    ) -> &'b [f32] {
         let cells = self.size * self.size;
         for room in [&mut by.slope2, &mut by.blurred, &mut by.total] {
             room.clear();
@@ -156,6 +147,7 @@ impl Shape {
             let by_direction2 = slope2 * (self.direction_variance + self.beside2[cell]);
             by.total[cell] = by_direction2.sqrt().hypot(most(&by.blurred, columns.max(rows)));
         }
+        &by.total
     }
 
     /// The cell so many cells `apart` on one side (0 or 1) of `cell` along an axis (0 columns, 1 rows).

@@ -3,6 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use super::{Brdf, BrdfError, evidence};
+use crate::direction::is_above_horizon;
 use crate::incident::{IncidentSet, Neighbours};
 use crate::interpolation::{Cells, Image};
 use crate::sample::{Outgoing, Sample};
@@ -71,7 +72,7 @@ impl Sample for KnownBrdf {
     fn incident(&self, wi: DVec3) -> Box<dyn Outgoing + '_> {
         Box::new(Lit {
             known: self,
-            neighbours: (wi.z > 0.0).then(|| self.set.neighbours(wi)),
+            neighbours: is_above_horizon(wi).then(|| self.set.neighbours(wi)),
         })
     }
 
@@ -88,7 +89,7 @@ struct Lit<'a> {
 
 impl Outgoing for Lit<'_> {
     fn f(&self, wo: DVec3) -> [f64; 3] {
-        let Some(neighbours) = self.neighbours.as_ref().filter(|_| wo.z > 0.0) else {
+        let Some(neighbours) = self.neighbours.as_ref().filter(|_| is_above_horizon(wo)) else {
             return [0.0; 3];
         };
         let cells = self.known.cells.disk.len();

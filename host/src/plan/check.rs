@@ -2,9 +2,7 @@
 
 use super::{Plan, PlanError, SEGMENT_MAX};
 use crate::brackets::MOST;
-
-/// No step is longer: settling, delay, exposure and read-out at the ends of their ranges, rounded up.
-const LONGEST_PERIOD_S: f64 = 200.0;
+use crate::schedule::LONGEST_PERIOD_S;
 
 impl Plan {
     /// Refuses numbers that no plan of this program has; `path` is where it was read.
@@ -40,7 +38,7 @@ impl Plan {
                 timing.period_s,
                 1e-6,
                 LONGEST_PERIOD_S,
-                "1e-6 to 200 seconds",
+                "1e-6 to 120 seconds",
             ),
         ];
         for (field, found, low, high, expected) in ranges {
@@ -97,7 +95,7 @@ impl Plan {
                 (
                     !(from_s..=LONGEST_PERIOD_S).contains(&timing.period_s),
                     "period_s",
-                    "cam_at_s + cam_width_s to 200 seconds",
+                    "cam_at_s + cam_width_s to 120 seconds",
                     timing.period_s,
                 ),
             ];

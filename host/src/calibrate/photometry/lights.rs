@@ -1,8 +1,8 @@
 //! The incident directions with which the standard is lit.
 //!
 //! # Design
-//! Rings of [`SECTORS`] directions at [`RINGS_DEG`]. The last ring is where a sample that stands a little beside the focus is
-//! missed first: without it nobody would know how far towards the horizon the standard was lit.
+//! Rings of [`SECTORS`] directions at [`RINGS_DEG`]. A sample that stands a little beside the focus is missed at the last of
+//! them first; they are closer there, and what lies between a ring that is lit and one that is not is lost.
 
 use glam::DVec3;
 
@@ -11,7 +11,7 @@ use crate::optics::View;
 use crate::rig::Rig;
 
 /// θ of the rings, degrees.
-pub(super) const RINGS_DEG: [f64; 10] = [5.0, 15.0, 25.0, 35.0, 45.0, 55.0, 65.0, 75.0, 85.0, 89.0];
+pub(super) const RINGS_DEG: [f64; 11] = [5.0, 15.0, 25.0, 35.0, 45.0, 55.0, 65.0, 75.0, 80.0, 85.0, 89.0];
 /// Directions of a ring, the first at φ = 0.
 pub(super) const SECTORS: usize = 36;
 /// All directions.
@@ -83,7 +83,7 @@ mod tests {
         }
         assert_eq!(
             corners(from_degrees(87.0, 355.0)),
-            [8 * 36 + 35, 8 * 36, 9 * 36 + 35, 9 * 36]
+            [9 * 36 + 35, 9 * 36, 10 * 36 + 35, 10 * 36]
         );
     }
 }
