@@ -31,7 +31,7 @@ use crate::brackets::dark_noise_dn;
 use crate::brdf::{Brdf, BrdfError};
 use crate::calibrate::Applied;
 use crate::disk::Disk;
-use crate::optics::View;
+use crate::optics::{Unmeasurable, View};
 use crate::plan::{BLACK_EXPOSURES, Directions, Plan};
 use crate::provenance::Provenance;
 use crate::resample::Resampling;
@@ -158,7 +158,7 @@ pub fn assemble(
     let edges = Edges::new(applied.edge_deg);
     let off_sample = OffSample::new(applied, plan)?;
     let resampling = seen(rig, &edges, &off_sample, disk);
-    let reasons = off_sample.reasons(directions);
+    let reasons = unlit(rig, plan, directions, &edges, &off_sample);
     let grid = &directions.grid;
     let brdf_layout = BrdfLayout {
         incident: grid.len(),
@@ -166,11 +166,12 @@ pub fn assemble(
         channels,
         chunk: CHUNK,
     };
-    let cut_relative2 = edges.light_relative2(rig, plan, directions);
-    let correction = Correction::new(rig, plan, directions, applied, disk, &resampling, &cut_relative2)
-        .map_err(|reason| AssembleError::Mismatch {
-            path: raw_path.with_file_name(Applied::FILE).display().to_string(),
-            reason,
+    let correction =
+        Correction::new(rig, plan, directions, applied, disk, &resampling).map_err(|reason| {
+            AssembleError::Mismatch {
+                path: raw_path.with_file_name(Applied::FILE).display().to_string(),
+                reason,
+            }
         })?;
     let writer = BrdfWriter::create(
         target,
@@ -185,8 +186,7 @@ pub fn assemble(
     for segment in 0..raw.segments() {
         for (place, exposure) in raw.segment_range(segment).enumerate().step_by(brackets) {
             if let crate::plan::Exposure::Incident(index) = patterns[exposure / brackets] {
-                let is_whole = cut_relative2[index].is_finite() && reasons[index].is_none();
-                places[index] = is_whole.then_some((segment, place));
+                places[index] = reasons[index].is_none().then_some((segment, place));
             }
         }
     }
@@ -291,6 +291,26 @@ pub fn assemble(
     writer.rewrite(&interpolation_errors(errors.as_ref()))?;
     writer.finish()?;
     Ok(total)
+}
+
+/// Why each of `directions` cannot be lit for certain, as `plan` would; `None` where it can.
+fn unlit(
+    rig: &Rig,
+    plan: &Plan,
+    directions: &Directions,
+    edges: &Edges,
+    off_sample: &OffSample<'_>,
+) -> Vec<Option<Unmeasurable>> {
+    let projector = View::projector(rig);
+    let reason = |index: usize| {
+        let w = directions.grid.direction(index);
+        let cut = edges.cuts_light(&projector, plan.spot_deg, w);
+        cut.or_else(|| off_sample.is_missed(w).then_some(Unmeasurable::OffSample))
+    };
+    let by_rig = directions.reasons.iter().enumerate();
+    by_rig
+        .map(|(index, by_rig)| by_rig.or_else(|| reason(index)))
+        .collect()
 }
 
 /// How the camera pixels of `rig` that see nothing but the sample become cells of `disk`.

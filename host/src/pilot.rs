@@ -52,11 +52,15 @@ fn patterns(rig: &Rig, grid: &Grid) -> Result<Vec<Vec<u32>>, MeasurementError> {
         .collect())
 }
 
-/// Places in `indices` (of directions) of about [`PILOT_DIRECTIONS`] that are spread over those that are judged.
+/// Places in `indices` (of directions) of about [`PILOT_DIRECTIONS`] that are spread over those that are judged, or over all
+/// if none is.
 pub(crate) fn spread(directions: &Directions, indices: &[usize]) -> Vec<usize> {
-    let judged: Vec<usize> = (0..indices.len())
+    let mut judged: Vec<usize> = (0..indices.len())
         .filter(|&at| is_judged(directions.grid.direction(indices[at])))
         .collect();
+    if judged.is_empty() {
+        judged = (0..indices.len()).collect();
+    }
     // An odd stride, so that halves and quarters of a turn do not come back ring after ring.
     let every = (judged.len() / PILOT_DIRECTIONS).max(1) | 1;
     judged.into_iter().step_by(every).collect()

@@ -11,7 +11,6 @@
 //! 3. the standard uncertainty: to the noise come, as independent contributions,
 //!    - standard and fields: the relative uncertainties that photometry states, those of the fields by their covariance at
 //!      the pixels that see and light, which grows where the standard was not seen;
-//!    - edges: what the uncertainty of an edge makes of a spot that it cuts (`edges`);
 //!    - interreflection: that of r, and a quarter of the correction for its simple model;
 //!    - directions, interpolation and blur: what they make of an image that is not even (`shape`).
 //!
@@ -56,8 +55,7 @@ pub(super) struct Correction {
 }
 
 impl Correction {
-    /// For images of `rig` that `plan` made, resampled by `resampling`; edges make `cut_relative2` of the
-    /// relative variance of the light of each incident direction. Or what is wrong with `applied`.
+    /// For images of `rig` that `plan` made, resampled by `resampling`. Or what is wrong with `applied`.
     pub(super) fn new(
         rig: &Rig,
         plan: &Plan,
@@ -65,7 +63,6 @@ impl Correction {
         applied: &Applied,
         disk: Disk,
         resampling: &Resampling,
-        cut_relative2: &[f32],
     ) -> Result<Self, String> {
         let channels = rig.camera.channels as usize;
         let (mut cells, mut rows) = (vec![1.0; disk.len() * channels], vec![1.0; directions.grid.len()]);
@@ -81,9 +78,6 @@ impl Correction {
             (cells, cell_relative2) = throughput(rig, photometry, disk);
             (rows, row_relative2) = light(rig, plan, directions, photometry);
             relative = photometry.standard_uncertainty.hypot(photometry.field_residual);
-        }
-        for (variance, cut) in row_relative2.iter_mut().zip(cut_relative2) {
-            *variance += cut;
         }
         let [camera_deg, projector_deg] = applied.direction_deg;
         Ok(Self {

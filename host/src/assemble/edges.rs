@@ -1,17 +1,13 @@
 //! What an edge of hole, rim or wire may cut, when calibration knows where the edges are only so well.
 //!
 //! # Design
-//! By the rig file a pixel whose centre is clear of an edge is whole. A calibrated edge is known to a standard uncertainty u.
-//! What is closer to it than [`CLEAR`]·u may be dark in truth, and nothing is assembled of it: neither camera pixels, nor
-//! spots with such a centre. Of a spot that an edge crosses farther out, a shift of the edge by u changes the lit area by
-//! chord × u: relative to the area of the spot of diameter D, (4/π)·(u/D)·√(1 − (2d/D)²) for an edge at distance d from its
-//! centre, which goes into the standard uncertainty of that incident direction.
+//! A calibrated edge is known to a standard uncertainty u. What is closer to it than [`CLEAR`]·u may be dark in truth, and
+//! nothing is assembled of it: neither camera pixels, nor spots of light, any part of which is that close. By the rig file
+//! alone (u = 0) edges are where they are, and the light of a spot is that of its pixels that are not behind one.
 
 use glam::DVec3;
 
 use crate::optics::{Unmeasurable, View};
-use crate::plan::{Directions, Plan};
-use crate::rig::Rig;
 
 /// So many standard uncertainties from an edge there is light.
 const CLEAR: f64 = 3.0;
@@ -29,68 +25,53 @@ impl Edges {
         }
     }
 
-    /// Whether an edge may hide the spot of light from `w`, or the `projector` does not reach it.
-    pub(super) fn may_hide_light(&self, projector: &View, w: DVec3) -> bool {
-        projector
-            .pixel(w)
-            .map_or(true, |at| self.may_hide(nearest_rad(projector, at.x, at.y)))
+    /// Which edge may hide a part of the spot of `spot_deg` degrees from `w`, if any may.
+    pub(super) fn cuts_light(&self, projector: &View, spot_deg: f64, w: DVec3) -> Option<Unmeasurable> {
+        if self.edge_rad <= 0.0 {
+            return None;
+        }
+        let at = projector.pixel(w).ok()?;
+        let clearance_rad = spot_deg.to_radians() / 2.0 + CLEAR * self.edge_rad;
+        let reasons = [
+            Unmeasurable::Hole,
+            Unmeasurable::BeyondRim,
+            Unmeasurable::Occluded,
+        ];
+        let mut near = projector.edge_distances_rad(at.x, at.y).into_iter().zip(reasons);
+        near.find_map(|(rad, reason)| rad.is_some_and(|rad| rad.abs() < clearance_rad).then_some(reason))
     }
 
     /// For each pixel of the `camera`, row by row, why a part of it may not see the sample; `None` where all of it does.
     pub(super) fn cut_pixels(&self, camera: &View) -> Vec<Option<Unmeasurable>> {
         camera.cut_pixels(CLEAR * self.edge_rad)
     }
-
-    /// For each incident direction of `directions`, the relative variance of its light by edges; infinite where they may
-    /// hide it.
-    pub(super) fn light_relative2(&self, rig: &Rig, plan: &Plan, directions: &Directions) -> Vec<f32> {
-        let projector = View::projector(rig);
-        let spot_rad = plan.spot_deg.to_radians();
-        let relative2 = |w: DVec3| {
-            let Ok(at) = projector.pixel(w) else { return 0.0 };
-            let nearest_rad = nearest_rad(&projector, at.x, at.y);
-            if self.may_hide(nearest_rad) {
-                return f32::INFINITY;
-            }
-            let half_chord2 = 1.0 - (2.0 * nearest_rad / spot_rad).powi(2);
-            let per_spot = 4.0 / std::f64::consts::PI * self.edge_rad / spot_rad;
-            (per_spot * per_spot * half_chord2.max(0.0)) as f32
-        };
-        (0..directions.grid.len())
-            .map(|index| relative2(directions.grid.direction(index)))
-            .collect()
-    }
-
-    fn may_hide(&self, nearest_rad: f64) -> bool {
-        nearest_rad < CLEAR * self.edge_rad
-    }
-}
-
-/// Distance of a position to the nearest edge, radians; infinite without edges.
-fn nearest_rad(view: &View, u_px: f64, v_px: f64) -> f64 {
-    let distances = view.edge_distances_rad(u_px, v_px);
-    distances
-        .into_iter()
-        .flatten()
-        .map(f64::abs)
-        .fold(f64::INFINITY, f64::min)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::direction::from_degrees;
+    use crate::rig::Rig;
 
     #[test]
-    fn what_is_near_an_edge_is_left_out_and_what_it_may_cut_is_uncertain() {
+    fn what_an_edge_may_cut_is_left_out() {
         let rig = Rig::load("rcg-1").unwrap();
         let view = View::projector(&rig);
-        let distance_deg = |theta_deg: f64| {
-            let at = view.pixel(from_degrees(theta_deg, 45.0)).unwrap();
-            nearest_rad(&view, at.x, at.y).to_degrees()
-        };
-        // The hole ends at 27°.
-        assert!((distance_deg(27.2) - 0.2).abs() < 1e-6 && (distance_deg(28.5) - 1.5).abs() < 1e-6);
+        // The hole ends at 27°, and half a spot is 0.5° wide.
+        for (theta_deg, edge_deg, is_cut) in [
+            (27.2, 0.0, false),
+            (27.6, 0.1, true),
+            (27.9, 0.1, false),
+            (28.5, 0.3, false),
+            (28.5, 0.4, true),
+        ] {
+            let found = Edges::new(edge_deg).cuts_light(&view, 1.0, from_degrees(theta_deg, 45.0));
+            assert_eq!(
+                found,
+                is_cut.then_some(Unmeasurable::Hole),
+                "{theta_deg} {edge_deg}"
+            );
+        }
 
         let camera = View::camera(&rig.with_image_size(96).unwrap());
         let whole = Edges::new(0.0).cut_pixels(&camera);

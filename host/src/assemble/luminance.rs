@@ -49,7 +49,11 @@ pub(crate) fn certainly_lit<'a>(
 ) -> Result<impl Fn(DVec3) -> bool + use<'a>, AssembleError> {
     let (projector, edges) = (View::projector(rig), Edges::new(applied.edge_deg));
     let off_sample = OffSample::new(applied, plan)?;
-    Ok(move |w| !edges.may_hide_light(&projector, w) && !off_sample.is_missed(w))
+    let spot_deg = plan.spot_deg;
+    Ok(move |w| {
+        let is_whole = projector.pixel(w).is_ok() && edges.cuts_light(&projector, spot_deg, w).is_none();
+        is_whole && !off_sample.is_missed(w)
+    })
 }
 
 impl<'a> FrameAssembler<'a> {
@@ -88,8 +92,6 @@ impl<'a> FrameAssembler<'a> {
     /// What is wrong if the calibration does not fit the camera.
     pub(crate) fn expect(&mut self, plan: &Plan, directions: &Directions) -> Result<(), String> {
         if self.applied.photometry.is_some() {
-            // Edges cut the uncertainty only, and that has no part here.
-            let uncut = vec![0.0; directions.grid.len()];
             let correction = Correction::new(
                 self.rig,
                 plan,
@@ -97,7 +99,6 @@ impl<'a> FrameAssembler<'a> {
                 self.applied,
                 self.disk,
                 &self.resampling,
-                &uncut,
             )?;
             self.correction = Some(correction);
         }

@@ -11,7 +11,7 @@ use super::AssembleError;
 use crate::calibrate::Applied;
 use crate::calibrate::photometry::Sight;
 use crate::optics::{Unmeasurable, View};
-use crate::plan::{Directions, Plan};
+use crate::plan::Plan;
 
 /// Camera pixels and incident directions that are on the sample.
 pub(super) struct OffSample<'a> {
@@ -50,16 +50,5 @@ impl<'a> OffSample<'a> {
     /// Whether light from `w` misses the sample.
     pub(super) fn is_missed(&self, w: DVec3) -> bool {
         self.sight.is_some_and(|sight| !sight.is_lit(w))
-    }
-
-    /// Why each of `directions` cannot be lit, those that miss the sample among them.
-    pub(super) fn reasons(&self, directions: &Directions) -> Vec<Option<Unmeasurable>> {
-        let misses = |index: usize| self.is_missed(directions.grid.direction(index));
-        directions
-            .reasons
-            .iter()
-            .enumerate()
-            .map(|(index, reason)| reason.or_else(|| misses(index).then_some(Unmeasurable::OffSample)))
-            .collect()
     }
 }

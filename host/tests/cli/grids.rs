@@ -95,6 +95,18 @@ fn every_kind_of_grid_is_measured_evaluated_and_looked_up_with_like_errors() {
 }
 
 #[test]
+fn a_list_of_grazing_directions_alone_gets_its_exposure_from_them() {
+    let scratch = tempfile::tempdir().unwrap();
+    let list = scratch.path().join("list.txt");
+    fs::write(&list, "81 0\n82 120\n83 240\n").unwrap();
+    for brackets in ["1", "auto"] {
+        let plan = ["plan", "--json", "--grid", text(&list), "--image-size", "16"];
+        let found = run(&[&plan[..], &["--brackets", brackets]].concat(), "").object();
+        assert_eq!(found["incident_directions"], 3, "{brackets}: {found}");
+    }
+}
+
+#[test]
 fn a_list_is_kept_in_the_plan_and_resumed_without_its_file() {
     let scratch = tempfile::tempdir().unwrap();
     let list = scratch.path().join("list.txt");

@@ -5,8 +5,7 @@
 //! the standard, and there will be none of a sample. What was seen is kept as a picture of the camera's image and one of
 //! the incident directions, one character for each ([`SEEN`], [`UNSEEN`], [`EDGE`], [`BLIND`]), stand by stand.
 //!
-//! A pixel of a measurement, of whatever size, counts as on the sample if the standard was seen all over it, edges of the
-//! mirror aside, and none of the pixels of the picture beside it is dark; an incident direction, if none of the corners of its cell is, nor, where nothing is said of a corner, one
+//! A pixel of a measurement, of whatever size, counts as on the sample if the standard was seen all over it, and none of the pixels of the picture beside it is dark; an incident direction, if none of the corners of its cell is, nor, where nothing is said of a corner, one
 //! beside them. So what lies between light and darkness, and
 //! may be on the sample in part, is left out.
 
@@ -24,6 +23,9 @@ pub(super) const UNSEEN: u8 = b'.';
 pub(super) const EDGE: u8 = b'|';
 /// By the rig nothing is seen there.
 pub(super) const BLIND: u8 = b' ';
+
+/// In cells that reach beyond this θ, in degrees, the standard has to have been lit at each corner.
+const STRICT_DEG: f64 = 80.0;
 
 /// What was seen of the standard as it stood.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -109,7 +111,7 @@ impl Sight {
                 clear
                     && own(y, height_px, rows.len()).all(|row| {
                         let mut all = rows[row][columns.clone()].iter();
-                        all.all(|one| matches!(*one, SEEN | EDGE))
+                        all.all(|one| *one == SEEN)
                     })
             })
             .collect()
@@ -119,9 +121,15 @@ impl Sight {
     #[must_use]
     pub fn is_lit(&self, w: DVec3) -> bool {
         let at = |index: usize| self.incident[index / SECTORS].as_bytes()[index % SECTORS];
-        let corners = corners(w).map(at);
+        let cell = corners(w);
+        let corners = cell.map(at);
         if corners.iter().all(|one| *one == SEEN) {
             return true;
+        }
+        // Towards the horizon the sample is missed first, and nobody says where.
+        let outermost = cell.into_iter().map(|corner| RINGS_DEG[corner / SECTORS]);
+        if outermost.fold(0.0, f64::max) > STRICT_DEG {
+            return false;
         }
         // For a corner at which nothing is said those beside the cell speak.
         let beside: Vec<u8> = around(w).into_iter().map(at).collect();
