@@ -102,7 +102,7 @@ fn a_list_of_grazing_directions_alone_gets_its_exposure_from_them() {
     for brackets in ["1", "auto"] {
         let plan = ["plan", "--json", "--grid", text(&list), "--image-size", "16"];
         let found = run(&[&plan[..], &["--brackets", brackets]].concat(), "").object();
-        assert_eq!(found["incident_directions"], 3, "{brackets}: {found}");
+        assert_eq!(found["directions"], 3, "{brackets}: {found}");
     }
 }
 
