@@ -24,6 +24,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::mpsc::sync_channel;
 
+use glam::DVec3;
 use half::f16;
 use rayon::prelude::*;
 
@@ -158,8 +159,22 @@ pub fn assemble(
     let edges = Edges::new(applied.edge_deg);
     let off_sample = OffSample::new(applied, plan)?;
     let resampling = seen(rig, &edges, &off_sample, disk);
-    let reasons = unlit(rig, plan, directions, &edges, &off_sample);
     let grid = &directions.grid;
+    let projector = View::projector(rig);
+    let by_rig = directions.reasons.iter().enumerate();
+    let reasons: Vec<Option<Unmeasurable>> = by_rig
+        .map(|(index, by_rig)| {
+            by_rig.or_else(|| {
+                unlit(
+                    &projector,
+                    plan.spot_deg,
+                    &edges,
+                    &off_sample,
+                    grid.direction(index),
+                )
+            })
+        })
+        .collect();
     let brdf_layout = BrdfLayout {
         incident: grid.len(),
         grid: disk.size(),
@@ -293,24 +308,18 @@ pub fn assemble(
     Ok(total)
 }
 
-/// Why each of `directions` cannot be lit for certain, as `plan` would; `None` where it can.
+/// Why a spot of `spot_deg` degrees from `w`, which the `projector` has by the rig file, may not light the sample as a whole;
+/// `None` if it does for certain.
 fn unlit(
-    rig: &Rig,
-    plan: &Plan,
-    directions: &Directions,
+    projector: &View,
+    spot_deg: f64,
     edges: &Edges,
     off_sample: &OffSample<'_>,
-) -> Vec<Option<Unmeasurable>> {
-    let projector = View::projector(rig);
-    let reason = |index: usize| {
-        let w = directions.grid.direction(index);
-        let cut = edges.cuts_light(&projector, plan.spot_deg, w);
-        cut.or_else(|| off_sample.is_missed(w).then_some(Unmeasurable::OffSample))
-    };
-    let by_rig = directions.reasons.iter().enumerate();
-    by_rig
-        .map(|(index, by_rig)| by_rig.or_else(|| reason(index)))
-        .collect()
+    w: DVec3,
+) -> Option<Unmeasurable> {
+    edges
+        .cuts_light(projector, spot_deg, w)
+        .or_else(|| off_sample.is_missed(w).then_some(Unmeasurable::OffSample))
 }
 
 /// How the camera pixels of `rig` that see nothing but the sample become cells of `disk`.

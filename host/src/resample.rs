@@ -11,6 +11,9 @@ use glam::DVec3;
 use crate::disk::{Disk, bilinear};
 use crate::optics::{DirectionMap, Unmeasurable, View};
 
+/// The pixels of a cell are all around it if they look by less than this share of a pixel beside it.
+const CENTRED: f64 = 0.1;
+
 /// How one cell of the disk is made from camera pixels. A pixel that takes no part has weight 0 and repeats one
 /// that does, so that nothing unwanted (a saturated pixel) can slip in.
 #[derive(Clone, Copy, Debug)]
@@ -34,6 +37,8 @@ pub(crate) struct Resampling {
     pub(crate) pixel_sr: Vec<f64>,
     /// Per cell, the mean direction of its pixels (unit); where there are none, its own, or `None` beyond the horizon.
     pub(crate) looks: Vec<Option<DVec3>>,
+    /// Per cell, the angle in radians by which its pixels look beside it; 0 where they are all around it.
+    pub(crate) beside_rad: Vec<f64>,
 }
 
 impl Resampling {
@@ -43,26 +48,38 @@ impl Resampling {
         let mut taps = Vec::new();
         let mut pixel_sr = vec![f64::NAN; disk.len()];
         let mut looks: Vec<Option<DVec3>> = (0..disk.len()).map(|cell| disk.direction(cell)).collect();
+        let mut beside_rad = vec![0.0; disk.len()];
         let reasons = (0..disk.len())
             .map(|cell| {
-                let w = disk.direction(cell).ok_or(Unmeasurable::BelowHorizon);
-                match w.and_then(|w| tap(camera, &map, cut, w)) {
-                    Ok((pixel, weight, sr)) => {
-                        let part = |(pixel, weight): (u32, f32)| {
-                            Some(f64::from(weight) * map.directions[pixel as usize].ok()?)
-                        };
-                        let mean: DVec3 = pixel.into_iter().zip(weight).filter_map(part).sum();
-                        looks[cell] = Some(mean.normalize());
-                        taps.push(Taps {
-                            cell: cell as u32,
-                            pixel,
-                            weight,
-                        });
-                        pixel_sr[cell] = sr;
-                        None
-                    }
-                    Err(reason) => Some(reason),
+                let found = disk
+                    .direction(cell)
+                    .ok_or(Unmeasurable::BelowHorizon)
+                    .and_then(|w| Ok((w, tap(camera, &map, cut, w)?)));
+                let (w, (pixel, weight, sr)) = match found {
+                    Ok(found) => found,
+                    Err(reason) => return Some(reason),
+                };
+                let part = |(pixel, weight): (u32, f32)| {
+                    Some(f64::from(weight) * map.directions[pixel as usize].ok()?)
+                };
+                let look = pixel
+                    .into_iter()
+                    .zip(weight)
+                    .filter_map(part)
+                    .sum::<DVec3>()
+                    .normalize();
+                let rad = look.angle_between(w);
+                if rad > CENTRED * sr.sqrt() {
+                    beside_rad[cell] = rad;
                 }
+                looks[cell] = Some(look);
+                pixel_sr[cell] = sr;
+                taps.push(Taps {
+                    cell: cell as u32,
+                    pixel,
+                    weight,
+                });
+                None
             })
             .collect();
         Self {
@@ -70,23 +87,17 @@ impl Resampling {
             reasons,
             pixel_sr,
             looks,
+            beside_rad,
         }
     }
 
-    /// Without the cells of `disk` whose pixels look beside them.
-    pub(crate) fn centred(mut self, disk: Disk) -> Self {
-        let (looks, pixel_sr) = (&self.looks, &self.pixel_sr);
-        self.taps.retain(|taps| {
-            let cell = taps.cell as usize;
-            let both = looks[cell].zip(disk.direction(cell));
-            both.is_some_and(|(look, w)| look.angle_between(w) < CENTRED * pixel_sr[cell].sqrt())
-        });
+    /// Without the cells whose pixels look beside them.
+    pub(crate) fn centred(mut self) -> Self {
+        let beside_rad = &self.beside_rad;
+        self.taps.retain(|taps| beside_rad[taps.cell as usize] <= 0.0);
         self
     }
 }
-
-/// A cell is centred if its pixels look less than this share of a pixel beside it.
-pub(crate) const CENTRED: f64 = 0.1;
 
 /// The pixels around direction `w` that take part, with weights that sum to 1, and the solid angle of the nearest in sr.
 fn tap(

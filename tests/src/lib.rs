@@ -9,6 +9,7 @@
 //! - [`books`]: the laws that hold after whatever has happened
 //! - [`bridge`]: the firmware's own logic behind a real port and real wires; the one thing in real time
 //! - [`controller`]: the firmware's own logic as a peer, with a journal of what it really did
+//! - [`measurements`]: what the whole chain measured, held against what is there
 //! - [`strangers`]: peers that are no controller of this version
 
 #![forbid(unsafe_code)]
@@ -17,6 +18,7 @@ pub mod books;
 pub mod bridge;
 pub mod controller;
 pub mod line;
+pub mod measurements;
 pub mod strangers;
 pub mod world;
 

@@ -13,10 +13,10 @@ use rcg::measurement::Measurement;
 use rcg::optics::Unmeasurable;
 use rcg::plan;
 use rcg::progress::Silent;
-use rcg::provenance::Provenance;
 use rcg::rig::Rig;
 use rcg::setup::Setup;
 use rcg::virtual_rig::{Tolerances, Truth};
+use rcg_tests::measurements::{Scored, coarse, scored};
 
 /// Of which devices stand how far off, millimetres: camera, projector, sample.
 const DRAWS: [(&str, [f64; 3]); 4] = [
@@ -25,16 +25,6 @@ const DRAWS: [(&str, [f64; 3]); 4] = [
     ("rcg-2", [0.0, 0.0, 1.0]),
     ("dmd", [2.0, 2.0, 0.5]),
 ];
-
-/// A rig of `preset` with a coarse projector.
-fn coarse(preset: &str) -> Rig {
-    let mut rig = Rig::load(preset).unwrap();
-    let lens = &mut rig.projector.lens;
-    (lens.width_px, lens.height_px) = (512, 384);
-    lens.focal_px *= 0.5;
-    lens.centre_px = lens.centre_px.map(|px| 0.5 * px);
-    rig
-}
 
 /// The rig as it really is, and as the calibration of its geometry would have it: but for the place of the sample, which no
 /// direction tells.
@@ -126,42 +116,12 @@ fn what_the_standard_did_not_fill_is_off_sample_and_the_rest_is_right() {
             off_lights += (0..brdf.grid().len())
                 .filter(|index| brdf.incident_reason(*index) == Some(Unmeasurable::OffSample))
                 .count();
-            for chunk in 0..brdf.chunks() {
-                let first = brdf.chunk_range(chunk).start;
-                let Some(rows) = brdf.chunk(chunk).unwrap() else {
-                    continue;
-                };
-                let channels = rows.f.len() / rows.provenance.len();
-                for (at, code) in rows.provenance.iter().enumerate() {
-                    if *code == Provenance::Missing.code() {
-                        continue;
-                    }
-                    let (row, cell) = (first + at / cells, at % cells);
-                    assert_eq!(brdf.outgoing_reason(cell), None);
-                    assert_eq!(brdf.incident_reason(row), None);
-                    let wo = brdf.disk().direction(cell).unwrap();
-                    let f = sample.f(brdf.grid().direction(row), wo);
-                    let f = if channels == 1 {
-                        f.iter().sum::<f64>() / 3.0
-                    } else {
-                        f[0]
-                    };
-                    let found = f64::from(rows.f[channels * at]);
-                    let score = (found - f) / rows.sigma[channels * at].to_f64();
-                    count += 1;
-                    within += u32::from(score.abs() <= 2.0);
-                    worst = worst.max(score.abs());
-                    if score.abs() > 5.0 {
-                        eprintln!(
-                            "BAD {preset} tilt {tilt:?} row {row} wi {:?} cell {},{} wo {:?} look f {found} true {f} sigma {} score {score}",
-                            brdf.grid().angles_deg(row),
-                            cell / 32,
-                            cell % 32,
-                            [wo.z.acos().to_degrees(), wo.y.atan2(wo.x).to_degrees()],
-                            rows.sigma[channels * at].to_f64()
-                        );
-                    }
-                }
+            for Scored { row, cell, score } in scored(&brdf, sample.as_ref()) {
+                assert_eq!(brdf.outgoing_reason(cell), None);
+                assert_eq!(brdf.incident_reason(row), None);
+                count += 1;
+                within += u32::from(score.abs() <= 2.0);
+                worst = worst.max(score.abs());
             }
         }
     }

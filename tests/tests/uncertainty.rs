@@ -11,10 +11,10 @@ use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::measurement::Measurement;
 use rcg::plan::Request;
 use rcg::progress::Silent;
-use rcg::provenance::Provenance;
 use rcg::rig::Rig;
 use rcg::setup::Setup;
 use rcg::virtual_rig::{Tolerances, Truth};
+use rcg_tests::measurements::{Scored, coarse, scored};
 
 const TOLERANCES: Tolerances = Tolerances {
     position_m: 5e-4,
@@ -132,43 +132,6 @@ fn calibration_brings_a_misaligned_and_uneven_rig_back() {
     );
 }
 
-/// A coarse projector makes runs quick.
-fn coarse(preset: &str) -> Rig {
-    let mut rig = Rig::load(preset).unwrap();
-    let lens = &mut rig.projector.lens;
-    (lens.width_px, lens.height_px) = (512, 384);
-    lens.focal_px *= 0.5;
-    lens.centre_px = lens.centre_px.map(|px| 0.5 * px);
-    rig
-}
-
-/// Scores of all samples of `brdf`, whose truth is `sample`, in its first channel or the mean of all.
-fn scores(brdf: &Brdf, sample: &dyn rcg::sample::Sample) -> Vec<f64> {
-    let mut scores = Vec::new();
-    let cells = brdf.disk().len();
-    for chunk in 0..brdf.chunks() {
-        let first = brdf.chunk_range(chunk).start;
-        let Some(rows) = brdf.chunk(chunk).unwrap() else {
-            continue;
-        };
-        let channels = rows.f.len() / rows.provenance.len();
-        for (at, code) in rows.provenance.iter().enumerate() {
-            if *code == Provenance::Missing.code() {
-                continue;
-            }
-            let wo = brdf.disk().direction(at % cells).unwrap();
-            let f = sample.f(brdf.grid().direction(first + at / cells), wo);
-            let truth = if channels == 1 {
-                f.iter().sum::<f64>() / 3.0
-            } else {
-                f[0]
-            };
-            scores.push((f64::from(rows.f[channels * at]) - truth) / rows.sigma[channels * at].to_f64());
-        }
-    }
-    scores
-}
-
 #[test]
 fn blur_is_a_part_of_the_uncertainty_for_lobes_and_pixels_of_any_width() {
     let folder = tempfile::tempdir().unwrap();
@@ -197,7 +160,11 @@ fn blur_is_a_part_of_the_uncertainty_for_lobes_and_pixels_of_any_width() {
             request,
         );
         let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
-        let found = scores(&brdf, rcg::sample::parse(&spec).unwrap().as_ref());
+        let sample = rcg::sample::parse(&spec).unwrap();
+        let found: Vec<f64> = scored(&brdf, sample.as_ref())
+            .iter()
+            .map(|one| one.score)
+            .collect();
         let share = within(&found);
         let worst = found.iter().fold(0.0_f64, |worst, score| worst.max(score.abs()));
         println!(
@@ -267,17 +234,10 @@ fn over_200_seeded_runs_the_interval_of_k_2_holds_the_truth() {
         let measurement = measured(&dir, Some(&calibration), &nominal, request);
         exposure_s = Some(measurement.plan.exposure_s);
         let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
-        let rows = brdf.chunk(0).unwrap().unwrap();
-        let cells = brdf.disk().len();
-        for (at, code) in rows.provenance.iter().enumerate() {
-            let Some(wo) = brdf.disk().direction(at % cells).filter(|wo| wo.z > 0.174) else {
-                continue;
-            };
-            if *code == Provenance::Missing.code() {
+        for Scored { cell, score, .. } in scored(&brdf, sample.as_ref()) {
+            if brdf.disk().direction(cell).is_none_or(|wo| wo.z <= 0.174) {
                 continue;
             }
-            let truth = sample.f(brdf.grid().direction(at / cells), wo)[0];
-            let score = (f64::from(rows.f[3 * at]) - truth) / rows.sigma[3 * at].to_f64();
             count += 1;
             within += u32::from(score.abs() <= 2.0);
             squares += score * score;

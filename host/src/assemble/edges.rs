@@ -32,13 +32,7 @@ impl Edges {
         }
         let at = projector.pixel(w).ok()?;
         let clearance_rad = spot_deg.to_radians() / 2.0 + CLEAR * self.edge_rad;
-        let reasons = [
-            Unmeasurable::Hole,
-            Unmeasurable::BeyondRim,
-            Unmeasurable::Occluded,
-        ];
-        let mut near = projector.edge_distances_rad(at.x, at.y).into_iter().zip(reasons);
-        near.find_map(|(rad, reason)| rad.is_some_and(|rad| rad.abs() < clearance_rad).then_some(reason))
+        projector.edge_within(at.x, at.y, clearance_rad)
     }
 
     /// For each pixel of the `camera`, row by row, why a part of it may not see the sample; `None` where all of it does.

@@ -15,7 +15,7 @@ use super::correction::Correction;
 use super::edges::Edges;
 use super::off_sample::OffSample;
 use super::radiometry::{Radiometry, Work};
-use super::{AssembleError, chunk_rows, seen};
+use super::{AssembleError, chunk_rows, seen, unlit};
 use crate::calibrate::Applied;
 use crate::disk::Disk;
 use crate::optics::View;
@@ -50,10 +50,7 @@ pub(crate) fn certainly_lit<'a>(
     let (projector, edges) = (View::projector(rig), Edges::new(applied.edge_deg));
     let off_sample = OffSample::new(applied, plan)?;
     let spot_deg = plan.spot_deg;
-    Ok(move |w| {
-        let is_whole = projector.pixel(w).is_ok() && edges.cuts_light(&projector, spot_deg, w).is_none();
-        is_whole && !off_sample.is_missed(w)
-    })
+    Ok(move |w| projector.pixel(w).is_ok() && unlit(&projector, spot_deg, &edges, &off_sample, w).is_none())
 }
 
 impl<'a> FrameAssembler<'a> {
@@ -77,7 +74,7 @@ impl<'a> FrameAssembler<'a> {
                 .into_iter()
                 .map(|exposure_s| Radiometry::new(rig, camera, black, exposure_s, format.len()))
                 .collect::<Result<_, _>>()?,
-            resampling: seen(rig, &Edges::new(applied.edge_deg), &off_sample, disk).centred(disk),
+            resampling: seen(rig, &Edges::new(applied.edge_deg), &off_sample, disk).centred(),
             correction: None,
             channels: format.channels,
             rig,

@@ -22,7 +22,7 @@ use glam::{DVec2, DVec3};
 
 use crate::disk::Disk;
 use crate::optics::View;
-use crate::resample::{CENTRED, Resampling};
+use crate::resample::Resampling;
 
 /// Squares of slopes count by what they have beyond so many times their variance by noise: two standard deviations, so that
 /// noise hardly ever passes for them.
@@ -91,7 +91,11 @@ impl Shape {
             channels,
             steps: steps(disk, &resampling.looks),
             direction_variance: direction_variance as f32,
-            beside2: beside2(disk, resampling),
+            beside2: resampling
+                .beside_rad
+                .iter()
+                .map(|rad| (rad * rad) as f32)
+                .collect(),
             // Of the variance of blur a pixel's is a quarter of the square of its width.
             apart: blur
                 .iter()
@@ -282,22 +286,6 @@ fn steps(disk: Disk, looks: &[Option<DVec3>]) -> Vec<Steps> {
                 (y > 0).then(|| between(cell, cell - size)).flatten(),
                 (y + 1 < size).then(|| between(cell, cell + size)).flatten(),
             ]
-        })
-        .collect()
-}
-
-/// Square of the angle between each cell's direction and where it looks, radians², which may be along the slope; 0 if it
-/// is centred.
-fn beside2(disk: Disk, resampling: &Resampling) -> Vec<f32> {
-    (0..disk.len())
-        .map(|cell| {
-            let both = disk.direction(cell).zip(resampling.looks[cell]);
-            let angle = both.map_or(0.0, |(w, look)| w.angle_between(look));
-            if angle > CENTRED * resampling.pixel_sr[cell].sqrt() {
-                (angle * angle) as f32
-            } else {
-                0.0
-            }
         })
         .collect()
 }

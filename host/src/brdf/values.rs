@@ -60,10 +60,7 @@ impl Brdf {
     /// # Errors
     /// [`StoreError`].
     pub(crate) fn learn(&self) -> Result<Option<Errors>, StoreError> {
-        learn(&Seen {
-            brdf: self,
-            pick: values,
-        })
+        learn(&Seen::values(self))
     }
 
     /// f in sr⁻¹ for pairs of unit vectors (incident, outgoing) by direct interpolation of what was measured itself, not
@@ -82,17 +79,10 @@ impl Brdf {
     fn seen(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Option<[f32; 3]>>, StoreError> {
         let blend = Blend::new(Interpolation::Direct, None);
         above_the_horizon(pairs, |above| {
-            Ok(look_up(
-                &Seen {
-                    brdf: self,
-                    pick: values,
-                },
-                &blend,
-                above,
-            )?
-            .iter()
-            .map(Lookup::value)
-            .collect())
+            Ok(look_up(&Seen::values(self), &blend, above)?
+                .iter()
+                .map(Lookup::value)
+                .collect())
         })
     }
 
@@ -175,16 +165,22 @@ struct Seen<'a> {
     pick: fn(BrdfRows) -> (Vec<f32>, Vec<u8>),
 }
 
-/// The values themselves.
-fn values(rows: BrdfRows) -> (Vec<f32>, Vec<u8>) {
-    (rows.f, rows.provenance)
-}
+impl<'a> Seen<'a> {
+    /// The values themselves.
+    fn values(brdf: &'a Brdf) -> Self {
+        let pick = |rows: BrdfRows| (rows.f, rows.provenance);
+        Self { brdf, pick }
+    }
 
-/// The standard uncertainties in place of the values: linear interpolation of them is that of fully correlated errors, the
-/// largest it can be.
-fn sigmas(rows: BrdfRows) -> (Vec<f32>, Vec<u8>) {
-    let sigmas = rows.sigma.iter().map(|sigma| sigma.to_f32()).collect();
-    (sigmas, rows.provenance)
+    /// The standard uncertainties in place of the values: linear interpolation of them is that of fully correlated errors, the
+    /// largest it can be.
+    fn sigmas(brdf: &'a Brdf) -> Self {
+        let pick = |rows: BrdfRows| {
+            let sigmas = rows.sigma.iter().map(|sigma| sigma.to_f32()).collect();
+            (sigmas, rows.provenance)
+        };
+        Self { brdf, pick }
+    }
 }
 
 impl Captures for Seen<'_> {
@@ -226,22 +222,8 @@ impl Brdf {
     ) -> Result<Vec<Option<[[f32; 3]; 2]>>, StoreError> {
         let blend = Blend::new(Interpolation::Direct, None);
         above_the_horizon(pairs, |above| {
-            let values = look_up(
-                &Seen {
-                    brdf: self,
-                    pick: values,
-                },
-                &blend,
-                above,
-            )?;
-            let sigmas = look_up(
-                &Seen {
-                    brdf: self,
-                    pick: sigmas,
-                },
-                &blend,
-                above,
-            )?;
+            let values = look_up(&Seen::values(self), &blend, above)?;
+            let sigmas = look_up(&Seen::sigmas(self), &blend, above)?;
             let both = values.iter().zip(&sigmas);
             Ok(both
                 .zip(above)

@@ -37,18 +37,8 @@ impl View {
             let from_f1 = reflection.mirror_m - self.ellipsoid.f1();
             let side = self.wire.and_then(|wire| wire.is_left(from_f1));
             let across = *centre_side.get_or_insert(side) != side && side.is_some();
-            let reasons = [
-                Unmeasurable::Hole,
-                Unmeasurable::BeyondRim,
-                Unmeasurable::Occluded,
-            ];
-            let distances = self.edge_distances_of(&reflection);
-            let near = distances
-                .into_iter()
-                .zip(reasons)
-                .find(|(rad, _)| rad.is_some_and(|rad| rad < clearance_rad));
-            match near {
-                Some((_, reason)) => return Err(reason),
+            match self.edge_within_of(&reflection, clearance_rad) {
+                Some(reason) => return Err(reason),
                 None if across => return Err(Unmeasurable::Occluded),
                 None => {}
             }

@@ -138,8 +138,26 @@ impl View {
             .map_or([None; 3], |found| self.edge_distances_of(&found))
     }
 
+    /// Which edge of hole, rim or wire the ray of the position (`u_px`, `v_px`) passes closer than `clearance_rad` radians, or
+    /// is behind, if any.
+    pub fn edge_within(&self, u_px: f64, v_px: f64, clearance_rad: f64) -> Option<Unmeasurable> {
+        let found = self.reflect_pixel(DVec2::new(u_px, v_px))?;
+        self.edge_within_of(&found, clearance_rad)
+    }
+
+    /// The same of a ray.
+    pub(super) fn edge_within_of(&self, reflection: &Reflection, clearance_rad: f64) -> Option<Unmeasurable> {
+        let reasons = [
+            Unmeasurable::Hole,
+            Unmeasurable::BeyondRim,
+            Unmeasurable::Occluded,
+        ];
+        let mut edges = self.edge_distances_of(reflection).into_iter().zip(reasons);
+        edges.find_map(|(rad, reason)| rad.is_some_and(|rad| rad < clearance_rad).then_some(reason))
+    }
+
     /// How far a ray passes the edges of hole, rim and wire, as [`View::edge_distances_rad`] says.
-    pub(super) fn edge_distances_of(&self, reflection: &Reflection) -> [Option<f64>; 3] {
+    fn edge_distances_of(&self, reflection: &Reflection) -> [Option<f64>; 3] {
         let from_f1 = reflection.mirror_m - self.ellipsoid.f1();
         let w = from_f1.normalize();
         [

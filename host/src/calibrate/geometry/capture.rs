@@ -197,13 +197,9 @@ fn lit_direction(rig: &Rig) -> glam::DVec3 {
         .map(|(theta_deg, phi_deg)| from_degrees(theta_deg, phi_deg))
         // Not at an edge, which the real rig may have elsewhere.
         .find(|w| {
-            projector.pixel(*w).is_ok_and(|at| {
-                let distances = projector.edge_distances_rad(at.x, at.y);
-                distances
-                    .into_iter()
-                    .flatten()
-                    .all(|rad| rad > 2.0 * SPOT_DEG.to_radians())
-            })
+            let clearance_rad = 2.0 * SPOT_DEG.to_radians();
+            let at = projector.pixel(*w);
+            at.is_ok_and(|at| projector.edge_within(at.x, at.y, clearance_rad).is_none())
         })
         .unwrap_or(glam::DVec3::Z)
 }

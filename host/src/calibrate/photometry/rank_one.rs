@@ -134,8 +134,7 @@ impl<'a> Seen<'a> {
                 }
                 let at = projector.pixel(w).ok()?;
                 // A spot that an edge cuts is as strong as the edge is where it should be.
-                let distances = projector.edge_distances_rad(at.x, at.y);
-                let is_clear = distances.into_iter().flatten().all(|rad| rad > clearance_rad);
+                let is_clear = projector.edge_within(at.x, at.y, clearance_rad).is_none();
                 let lit = maker.lit_set(w).ok().filter(|_| is_clear)?;
                 let mean = |of: &dyn Fn(usize) -> usize| {
                     let sum: f64 = lit
