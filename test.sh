@@ -76,7 +76,7 @@ fi
 
 step "tests and trials"
 rm -f target/hil-figures.txt
-cargo test --workspace --all-features
+cargo test --workspace --all-features --no-fail-fast
 
 step "passed, in $((SECONDS - began)) s"
 if [ -f target/hil-figures.txt ]; then

@@ -26,6 +26,10 @@ pub use known::KnownBrdf;
 
 /// Attribute of `brdf.zarr` for what [`Brdf::uncalibrated`] tells.
 pub(crate) const UNCALIBRATED: &str = "uncalibrated";
+/// Attribute of `brdf.zarr` for what [`Brdf::common_uncertainty`] tells.
+pub(crate) const COMMON_UNCERTAINTY: &str = "common_uncertainty";
+/// Attribute of `brdf.zarr` for what [`Brdf::direction_uncertainty_deg`] tells.
+pub(crate) const DIRECTION_UNCERTAINTY: &str = "direction_uncertainty_deg";
 
 /// Array of the errors by which interpolation is chosen, [region, branch], relative to white.
 pub(crate) const ERRORS: &str = "interpolation_error";
@@ -233,6 +237,21 @@ impl Brdf {
     #[must_use]
     pub fn uncalibrated(&self) -> Option<Vec<String>> {
         let stated = self.attributes().get(UNCALIBRATED)?;
+        serde_json::from_value(stated.clone()).ok()
+    }
+
+    /// Relative standard uncertainty (k = 1) that all values have in common, by the standard and the fields of the
+    /// calibration; it is a part of each σ, and no averaging lessens it. `None` if the file does not say.
+    #[must_use]
+    pub fn common_uncertainty(&self) -> Option<f64> {
+        self.attributes().get(COMMON_UNCERTAINTY)?.as_f64()
+    }
+
+    /// Standard uncertainty (k = 1) of the outgoing and of the incident directions, in degrees, both axes together. It is a
+    /// part of each σ, and neighbouring directions share it. `None` if the file does not say.
+    #[must_use]
+    pub fn direction_uncertainty_deg(&self) -> Option<[f64; 2]> {
+        let stated = self.attributes().get(DIRECTION_UNCERTAINTY)?;
         serde_json::from_value(stated.clone()).ok()
     }
 

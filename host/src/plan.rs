@@ -27,7 +27,7 @@ const SEGMENT_BYTES: usize = 16 << 20;
 const SEGMENT_MAX: usize = 400;
 
 /// Version of the format of `plan.toml`.
-const FORMAT: u32 = 2;
+const FORMAT: u32 = 3;
 
 /// The key of `plan.toml` that is read first.
 #[derive(Deserialize)]

@@ -6,6 +6,7 @@ use rcg::brackets::Brackets;
 use rcg::brdf::Brdf;
 use rcg::calibrate::{Calibration, Conditions, geometry, photometry};
 use rcg::evaluate::evaluate;
+use rcg::fit::{Fit, Model};
 use rcg::incident::Grid;
 use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::measurement::Measurement;
@@ -130,6 +131,71 @@ fn calibration_brings_a_misaligned_and_uneven_rig_back() {
         refused.contains("expected a calibration of rig rcg-2, found one of another rig"),
         "{refused}"
     );
+}
+
+#[test]
+fn in_drawn_worlds_values_and_fits_hold_the_truth_tilted_or_not() {
+    for draw in 0..3_u64 {
+        let uniform = |purpose: u64| uniform(2000 + 10 * draw + purpose);
+        let folder = tempfile::tempdir().unwrap();
+        let nominal = coarse(["rcg-1", "dmd", "rcg-2"][draw as usize]);
+        let tolerances = Tolerances {
+            position_m: 1e-3,
+            angle_deg: 0.6,
+            field: 0.6 * uniform(0),
+        };
+        let truth = Truth::drawn(&nominal, tolerances, draw).unwrap();
+        let truth = save(&truth, &folder.path().join("truth.toml"));
+        let calibration = calibrated(&nominal, &truth, &[TILT], &folder.path().join("calibration"));
+        let between = |low: f64, high: f64, purpose: u64| low + (high - low) * uniform(purpose);
+        let is_ward = draw % 2 == 1;
+        // The lobes are narrow enough to show where the sample's axes are.
+        let known = [
+            ("ax", between(0.12, 0.25, 1)),
+            ("ay", between(0.25, 0.5, 2)),
+            ("rd", between(0.1, 0.4, 3)),
+            (if is_ward { "rs" } else { "f0" }, between(0.1, 0.4, 4)),
+        ];
+        let numbers = known.map(|(name, value)| format!("{name}={value}")).join(",");
+        let spec = format!("{}:{numbers}", if is_ward { "ward" } else { "ggx" });
+        let request = Request {
+            grid: Grid::ThetaPhi { step_deg: 15.0 },
+            image_size: 24 + (24.0 * uniform(5)) as u32,
+            tilt: (draw != 2).then(|| TILT.parse().unwrap()),
+            noise: draw % 2 == 0,
+            ..request(&spec, &truth, draw)
+        };
+        let measurement = measured(&folder.path().join("m"), Some(&calibration), &nominal, request);
+        let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
+        let sample = rcg::sample::parse(&spec).unwrap();
+        let found: Vec<f64> = scored(&brdf, sample.as_ref())
+            .iter()
+            .map(|one| one.score)
+            .collect();
+        let share = within(&found);
+        let worst = found.iter().fold(0.0_f64, |worst, score| worst.max(score.abs()));
+        let model = if is_ward { Model::Ward } else { Model::Ggx };
+        let fit = Fit::of_brdf(model, &brdf).unwrap();
+        let scores = fit.parameters.iter().map(|parameter| {
+            let (_, truth) = known
+                .iter()
+                .find(|known| parameter.name.starts_with(known.0))
+                .unwrap();
+            (parameter.value - truth) / parameter.standard_uncertainty.unwrap()
+        });
+        let scores: Vec<f64> = scores.collect();
+        println!(
+            "{} {spec}: {share:.3} of {} within k = 2, worst {worst:.1}; fit {scores:.1?}",
+            nominal.name,
+            found.len()
+        );
+        assert!(fit.acceptable, "{:?}", fit.warnings);
+        assert!(
+            found.len() > 10_000 && share > 0.93 && worst < 7.0,
+            "{share} {worst}"
+        );
+        assert!(scores.iter().all(|score| score.abs() < 3.5), "{scores:?}");
+    }
 }
 
 #[test]

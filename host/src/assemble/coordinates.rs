@@ -2,8 +2,9 @@
 
 use serde_json::{Map, Value, json};
 
-use crate::brdf::{ERRORS, UNCALIBRATED};
+use crate::brdf::{COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, ERRORS, UNCALIBRATED};
 use crate::calibrate::Applied;
+use crate::calibrate::photometry::Photometry;
 use crate::disk::Disk;
 use crate::incident::{Grid, IncidentSet};
 use crate::interpolation::{BRANCHES, Errors, REGIONS};
@@ -156,6 +157,8 @@ pub(super) fn attributes(rig: &Rig, plan: &Plan, applied: &Applied) -> Map<Strin
         "spot_deg": plan.spot_deg,
         "exposure_s": plan.exposure_s,
         UNCALIBRATED: unknown.iter().flatten().collect::<Vec<_>>(),
+        DIRECTION_UNCERTAINTY: is_known.then_some(applied.direction_deg),
+        COMMON_UNCERTAINTY: applied.photometry.as_ref().map(Photometry::common_uncertainty),
         "source": concat!("rcg ", env!("CARGO_PKG_VERSION")),
     });
     match attributes {

@@ -77,7 +77,7 @@ impl Correction {
             }
             (cells, cell_relative2) = throughput(rig, photometry, disk);
             (rows, row_relative2) = light(rig, plan, directions, photometry);
-            relative = photometry.standard_uncertainty.hypot(photometry.field_residual);
+            relative = photometry.common_uncertainty();
         }
         let [camera_deg, projector_deg] = applied.direction_deg;
         Ok(Self {

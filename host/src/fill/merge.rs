@@ -25,7 +25,7 @@ use serde_json::json;
 
 use super::union::Union;
 use super::{FillError, facts, finish, writer_like};
-use crate::brdf::{Brdf, UNCALIBRATED};
+use crate::brdf::{Brdf, COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, UNCALIBRATED};
 use crate::direction::from_angles;
 use crate::linear_fit::least_squares;
 use crate::optics::Unmeasurable;
@@ -107,6 +107,12 @@ pub(super) fn merge(
         .flatten()
         .collect();
     facts.insert(UNCALIBRATED.to_owned(), json!(uncalibrated));
+    // The others take their scale and their turn from the first.
+    for name in [COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY] {
+        if let Some(stated) = base.attributes().get(name) {
+            facts.insert(name.to_owned(), stated.clone());
+        }
+    }
     let writer = writer_like(base, &union.set, path, &incident, &outgoing, facts)?;
     let length = base.chunk_range(0).len();
     let chunks = union.set.len().div_ceil(length);

@@ -6,13 +6,15 @@
 //! | `observations` | the samples, their lights and pixels, and their variances |
 //! | `model` | Ward and GGX as sums of a diffuse part and a lobe |
 //! | `solve` | weighted least squares by Levenberg and Marquardt |
+//! | `systematic` | errors that all samples have in common |
 //! | `verdict` | residuals, and whether they support the model |
 //!
 //! The model is averaged over the spot of light and over the pixel before it is compared: what the instrument blurs does
 //! not pass for roughness. The covariance follows from the residuals as they turned out, so that it holds too where the
-//! model is wrong by more than the noise. To it comes, fully correlated, a tenth of what the blur shifts each parameter by:
-//! how well the blur is known limits the fit of a sharp lobe. What errors of light and throughput do to all samples alike is
-//! not in it: nothing calibrates them yet.
+//! model is wrong by more than the noise, and where samples of one incident direction or of one cell of the disk share an
+//! error. To it come, fully correlated, a tenth of what the blur shifts each parameter by (how well the blur is known limits
+//! the fit of a sharp lobe), and what the uncertainty of the standard and of the directions does to all samples alike. What was not calibrated is not
+//! in it, and named.
 //!
 //! A fit is *acceptable* if it has converged to physical parameters and its residuals support the model: by χ², and by
 //! the systematic part of the residuals relative to f, which no uncertainty swallows. One that is not says why, in words,
@@ -25,6 +27,7 @@
 mod model;
 mod observations;
 mod solve;
+mod systematic;
 #[cfg(test)]
 mod tests;
 mod verdict;
@@ -138,7 +141,15 @@ impl Fit {
     /// # Errors
     /// [`FitError`].
     pub fn of_brdf(model: Model, brdf: &Brdf) -> Result<Self, FitError> {
-        Self::new(model, &Observations::of_brdf(brdf)?)
+        let mut fit = Self::new(model, &Observations::of_brdf(brdf)?)?;
+        let unknown = brdf.uncalibrated().unwrap_or_default();
+        if fit.acceptable && !unknown.is_empty() {
+            fit.warnings.push(format!(
+                "the uncertainties do not hold errors of {}: not calibrated",
+                unknown.join(", ")
+            ));
+        }
+        Ok(fit)
     }
 
     /// Fits `model` to a known sample.

@@ -1,5 +1,7 @@
 //! The samples that a model is fitted to.
 
+use std::f64::consts::FRAC_1_SQRT_2;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -28,6 +30,8 @@ pub(super) struct Observation {
     pub(super) f: [f64; 3],
     /// Variance in sr⁻² at f = 0, and its rise with f in sr⁻¹.
     pub(super) variance: [f64; 2],
+    /// The incident direction and the cell of the disk: samples that share one share its errors.
+    pub(super) shared: [u32; 2],
 }
 
 impl Observation {
@@ -41,13 +45,18 @@ impl Observation {
 pub(super) struct Observations {
     pub(super) all: Vec<Observation>,
     pub(super) channels: usize,
+    /// Relative standard uncertainty that all f have in common.
+    pub(super) common_uncertainty: f64,
+    /// Standard uncertainty in radians, of one axis, that all outgoing and all incident directions have in common.
+    pub(super) direction_rad: [f64; 2],
 }
 
 impl Observations {
     /// Samples of a measured BRDF with θ ≤ 80° both ways, spread evenly over all that have a value.
     ///
     /// Variances are those of the file, smoothed: that of a single sample follows from its own noisy value, and weights
-    /// that know the noise would favour what came out too low.
+    /// that know the noise would favour what came out too low. So they are a line over f in each image, times the mean ratio
+    /// to it of the sample's cell of the disk: cells beside an edge are worse in all images.
     pub(super) fn of_brdf(brdf: &Brdf) -> Result<Self, FitError> {
         let cells: Vec<(usize, DVec3, f64)> = (0..brdf.disk().len())
             .filter_map(|cell| {
@@ -67,7 +76,9 @@ impl Observations {
         let row = brdf.disk().len();
         // What was filled in was made from the same samples.
         let is_seen = |code: u8| Provenance::from_code(code).is_some_and(Provenance::is_seen);
-        let mut all = Vec::new();
+        let mut all: Vec<Observation> = Vec::new();
+        // Of each cell, the sums of its variances in the file and by the lines.
+        let mut of_cells = vec![[0.0; 2]; row];
         for chunk in 0..brdf.chunks() {
             let Some(rows) = brdf.chunk(chunk)? else { continue };
             for (place, index) in brdf.chunk_range(chunk).enumerate() {
@@ -80,13 +91,14 @@ impl Observations {
                     .skip(index * 7 % stride)
                     .step_by(stride)
                     .filter(|(cell, ..)| is_seen(rows.provenance[place * row + cell]))
-                    .map(|&(cell, wo, pixel)| {
-                        let at = (place * row + cell) * channels;
+                    .map(|(cell, wo, pixel)| {
+                        let at = (place * row + *cell) * channels;
                         let mut observation = Observation {
                             light: lights,
-                            places: around(wo, pixel),
+                            places: around(*wo, *pixel),
                             f: [0.0; 3],
                             variance: [0.0; 2],
+                            shared: [index as u32, *cell as u32],
                         };
                         let mut squares = [0.0; 3];
                         for (out, &f) in observation.f.iter_mut().zip(&rows.f[at..at + channels]) {
@@ -101,13 +113,33 @@ impl Observations {
                 let line = line(image.iter().flat_map(|(observation, squares)| {
                     observation.f.into_iter().zip(*squares).take(channels)
                 }));
-                for (observation, _) in &mut image {
+                for (observation, squares) in &mut image {
                     observation.variance = line;
+                    let sums = &mut of_cells[observation.shared[1] as usize];
+                    for (f, square) in observation.f.iter().zip(squares).take(channels) {
+                        sums[0] += *square;
+                        sums[1] += observation.variance_at(*f);
+                    }
                 }
                 all.extend(image.into_iter().map(|(observation, _)| observation));
             }
         }
-        Self { all, channels }.enough()
+        for observation in &mut all {
+            let [squares, lines] = of_cells[observation.shared[1] as usize];
+            // A variance of 0 in the file would be no reason for any weight.
+            let ratio = if squares > 0.0 { squares / lines } else { 1.0 };
+            observation.variance = observation.variance.map(|part| part * ratio);
+        }
+        Self {
+            all,
+            channels,
+            common_uncertainty: brdf.common_uncertainty().unwrap_or(0.0),
+            direction_rad: brdf
+                .direction_uncertainty_deg()
+                .unwrap_or_default()
+                .map(|both_deg| both_deg.to_radians() * FRAC_1_SQRT_2),
+        }
+        .enough()
     }
 
     /// Values of a known sample, each with an uncertainty of 1 %, at 500 incident and 400 outgoing directions.
@@ -124,7 +156,8 @@ impl Observations {
         let (incident, halves, outgoing) = (spread(500, 137.508), spread(200, 137.508), spread(200, 99.502));
         let all = incident
             .par_iter()
-            .flat_map_iter(|&wi| {
+            .enumerate()
+            .flat_map_iter(|(image, &wi)| {
                 let lobe = sample.incident(wi);
                 let mirrored = halves.iter().map(|&h| {
                     // Closer to the normal than the half vectors of the whole hemisphere.
@@ -134,7 +167,8 @@ impl Observations {
                 mirrored
                     .chain(outgoing.iter().copied())
                     .filter(|wo| is_judged(*wo))
-                    .map(|wo| {
+                    .enumerate()
+                    .map(|(at, wo)| {
                         let f = lobe.f(wo);
                         let mean = (f[0] + f[1] + f[2]) / 3.0;
                         Observation {
@@ -142,12 +176,19 @@ impl Observations {
                             places: [wo; 4],
                             f,
                             variance: [(KNOWN * mean).powi(2).max(1e-12), 0.0],
+                            shared: [image as u32, at as u32],
                         }
                     })
                     .collect::<Vec<_>>()
             })
             .collect();
-        Self { all, channels: 3 }.enough()
+        Self {
+            all,
+            channels: 3,
+            common_uncertainty: 0.0,
+            direction_rad: [0.0; 2],
+        }
+        .enough()
     }
 
     fn enough(self) -> Result<Self, FitError> {
@@ -181,14 +222,23 @@ impl Observations {
     /// The same with point-like lights and pixels.
     pub(super) fn sharp(&self) -> Self {
         let centre = |four: &[DVec3; 4]| [four.iter().sum::<DVec3>().normalize(); 4];
+        self.with_directions(centre, centre)
+    }
+
+    /// The same with other directions of light and places of the pixels.
+    pub(super) fn with_directions(
+        &self,
+        light: impl Fn(&[DVec3; 4]) -> [DVec3; 4],
+        places: impl Fn(&[DVec3; 4]) -> [DVec3; 4],
+    ) -> Self {
         let all = self.all.iter().map(|seen| Observation {
-            light: centre(&seen.light),
-            places: centre(&seen.places),
+            light: light(&seen.light),
+            places: places(&seen.places),
             ..*seen
         });
         Self {
             all: all.collect(),
-            channels: self.channels,
+            ..*self
         }
     }
 }

@@ -9,6 +9,8 @@
 //! strength ≥ 0 and ρd + strength ≤ 1, by more than noise can explain, the fit is made again within them: what is beyond a
 //! bound counts as at it.
 
+use std::collections::BTreeMap;
+
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Matrix2, Owned, Vector2};
 use rayon::prelude::*;
@@ -16,6 +18,7 @@ use rayon::prelude::*;
 use super::FitError;
 use super::model::{Model, WHITE, combine};
 use super::observations::Observations;
+use super::systematic;
 
 /// Share of the blur of a single sample that is not known (k = 1). Linear interpolation adds w(1−w) pixels² to the 1/12 of
 /// a pixel, where w, the place between two pixels, is any: 1/4 ± √(1/180), which is 30 %.
@@ -163,8 +166,6 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
 
 /// The best fit of `model` to `seen`, beginning at the unknowns `from`; `sharp` are the same samples without blur.
 ///
-/// The covariance is the one that holds whatever the variances are (White, Econometrica 48, 1980): residuals count as they
-/// turned out.
 pub(super) fn solve(
     model: Model,
     seen: &Observations,
@@ -239,15 +240,71 @@ pub(super) fn solve(
     });
     let residuals = problem.residuals().expect("invariant: always there");
     let chi_squared = residuals.norm_squared();
-    for (mut row, residual) in jacobian.row_iter_mut().zip(residuals.iter()) {
-        row *= *residual;
+    let mut covariance = covariance(seen, &jacobian, &residuals, &bread);
+    let weights = DVector::from_column_slice(&problem.weights);
+    let fitted = |seen: &Observations| {
+        let parts = problem.parts_at(alpha(&problem.unknowns), seen);
+        DVector::from_fn(weights.len(), |at, _| {
+            problem.f(parts[at / seen.channels], at % seen.channels)
+        })
+    };
+    for error in systematic::errors(seen, fitted) {
+        let weighed = error.component_mul(&weights);
+        let shift = &bread * jacobian.tr_mul(&weighed);
+        covariance.ger(1.0, &shift, &shift, 1.0);
     }
-    let covariance = &bread * jacobian.tr_mul(&jacobian) * &bread;
     Ok(Solution {
         unknowns: problem.unknowns,
         covariance,
         chi_squared,
         is_converged,
+    })
+}
+
+/// Covariance of the unknowns as the residuals show it: those of one sample (its channels) count together, and so do those of
+/// one incident direction and those of one cell of the disk, which share errors of light, throughput and resampling. Whatever
+/// the variances are (White, Econometrica 48, 1980); clustered both ways (Cameron, Gelbach and Miller, J. Business & Economic
+/// Statistics 29, 2011), but never below the one without clusters. `bread` is the inverse of the normal matrix.
+fn covariance(
+    seen: &Observations,
+    jacobian: &DMatrix<f64>,
+    residuals: &DVector<f64>,
+    bread: &DMatrix<f64>,
+) -> DMatrix<f64> {
+    let unknowns = jacobian.ncols();
+    let mut single = DMatrix::zeros(unknowns, unknowns);
+    let mut sums: [BTreeMap<u32, DVector<f64>>; 2] = Default::default();
+    for (sample, observation) in seen.all.iter().enumerate() {
+        let rows = sample * seen.channels..(sample + 1) * seen.channels;
+        let score = rows.fold(DVector::zeros(unknowns), |sum: DVector<f64>, at| {
+            sum + jacobian.row(at).transpose() * residuals[at]
+        });
+        single.ger(1.0, &score, &score, 1.0);
+        for (sums, shared) in sums.iter_mut().zip(observation.shared) {
+            *sums.entry(shared).or_insert_with(|| DVector::zeros(unknowns)) += &score;
+        }
+    }
+    let mut excess = &single * -2.0;
+    for sums in &sums {
+        // Few of them scatter less than many would.
+        let count = sums.len() as f64;
+        let share = count / (count - 1.0).max(1.0);
+        for sum in sums.values() {
+            excess.ger(share, sum, sum, 1.0);
+        }
+    }
+    let single = bread * single * bread;
+    let excess = bread * excess * bread;
+    // In units in which the unknowns' variances are 1, so that none hides another.
+    let unit = single
+        .diagonal()
+        .map(|square| if square > 0.0 { square.sqrt() } else { 1.0 });
+    let scaled = DMatrix::from_fn(unknowns, unknowns, |i, j| excess[(i, j)] / (unit[i] * unit[j]));
+    let mut eigen = scaled.symmetric_eigen();
+    eigen.eigenvalues.apply(|value| *value = value.max(0.0));
+    let raised = eigen.recompose();
+    DMatrix::from_fn(unknowns, unknowns, |i, j| {
+        single[(i, j)] + raised[(i, j)] * unit[i] * unit[j]
     })
 }
 

@@ -1,9 +1,11 @@
 //! A sample that the holder tilts on purpose.
 //!
 //! # Design
-//! What a rig cannot see of a sample (the hole, the wire) it sees of the same sample tilted. A tilt is against the frame
-//! that the rig has, nominal or calibrated, so that one calibration serves captures at all tilts: with T the turn that leans
-//! the mirror's axis by the tilt, the tilted sample stands in the mirror as T · S · R_z(turn), and its centre goes along.
+//! What a rig cannot see of a sample (the hole, the wire) it sees of the same sample tilted. A tilt is against the frame S
+//! that the holder gives the sample in the rig, nominal or calibrated, as the tilts of the flat mirror are that calibrate it:
+//! S · T · R_z(turn), where T leans the normal. Against the mirror's own axes it could not be stated: no calibration tells how
+//! the mirror is turned about its axis. The holder turns the sample about the sample's centre, which stays where it is. So one
+//! calibration serves captures at all tilts.
 
 use std::fmt;
 use std::str::FromStr;
@@ -28,7 +30,7 @@ const EXPECTED: &str =
 pub struct Tilt {
     /// By how much the normal leans.
     pub tilt_deg: f64,
-    /// The azimuth about the mirror's axis, from the mirror's +x towards +y, towards which it leans.
+    /// The azimuth towards which it leans, about the normal of the untilted sample, from its +x towards +y.
     pub towards_deg: f64,
     /// Turn of the sample about its own normal.
     pub turn_deg: f64,
@@ -101,12 +103,11 @@ impl Rig {
         let lean = turn(tilt.towards_deg)
             * DMat3::from_rotation_y(tilt.tilt_deg.to_radians())
             * turn(-tilt.towards_deg);
-        let frame = lean * SampleFrame::of(&self.sample).s_to_m * turn(tilt.turn_deg);
+        let frame = SampleFrame::of(&self.sample).s_to_m * lean * turn(tilt.turn_deg);
         let (roll_rad, tilt_rad, azimuth_rad) = frame.to_euler(EulerRot::XYZ);
         rig.sample.roll_deg = roll_rad.to_degrees();
         rig.sample.tilt_deg = tilt_rad.to_degrees();
         rig.sample.azimuth_deg = azimuth_rad.to_degrees();
-        rig.sample.offset_m = (lean * DVec3::from(self.sample.offset_m)).to_array();
         rig.validate()?;
         Ok(rig)
     }
@@ -161,14 +162,33 @@ mod tests {
                 (frame.z_axis - expected).length() < 1e-12,
                 "{tilt_deg} {towards_deg}"
             );
-            // The centre was above F1 and still is along the normal.
-            assert!((DVec3::from(rig.sample.offset_m) - 1e-3 * expected).length() < 1e-12);
+            // The centre stays where it was.
+            assert!((DVec3::from(rig.sample.offset_m) - 1e-3 * DVec3::Z).length() < 1e-15);
             // A turn about the normal, and nothing else, is between it and the one that is not turned.
             let unturned = SampleFrame::of(&tilted(&format!("{tilt_deg}:{towards_deg}")).sample).s_to_m;
             let turn = (unturned.transpose() * frame).x_axis;
             assert!((turn - from_degrees(90.0, 33.0)).length() < 1e-12);
         }
         assert_eq!(rig.tilted(None).unwrap(), rig);
+    }
+
+    #[test]
+    fn a_mirror_turned_about_its_axis_is_no_other_one_to_a_tilted_sample() {
+        // What no calibration can tell apart: all of the rig turned about the mirror's axis, the sample with it.
+        let rig = Rig::load("rcg-1").unwrap();
+        let mut turned = rig.clone();
+        turned.sample.azimuth_deg += 5.0;
+        turned.wire.as_mut().unwrap().azimuth_deg += 5.0;
+        let tilt = Some("40:100:20".parse().unwrap());
+        let about_axis = DMat3::from_rotation_z(5_f64.to_radians());
+        let (one, other) = (rig.tilted(tilt).unwrap(), turned.tilted(tilt).unwrap());
+        let frames = [&one, &other].map(|rig| SampleFrame::of(&rig.sample).s_to_m);
+        assert!(
+            (about_axis * frames[0] - frames[1])
+                .to_cols_array()
+                .iter()
+                .all(|part| part.abs() < 1e-12)
+        );
     }
 
     #[test]
@@ -181,7 +201,7 @@ mod tests {
         let after = SampleFrame::of(&tilted.sample).s_to_m;
         let lean = DMat3::from_rotation_y(-10_f64.to_radians());
         assert!(
-            (after - lean * before)
+            (after - before * lean)
                 .to_cols_array()
                 .iter()
                 .all(|part| part.abs() < 1e-12)

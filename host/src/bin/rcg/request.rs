@@ -74,8 +74,9 @@ pub(crate) struct RequestArgs {
     /// its choice, or these times in milliseconds [default: 1]
     #[arg(long, value_name = "auto|N|MS,MS,...", allow_hyphen_values = true)]
     brackets: Option<Brackets>,
-    /// Tilt of the sample by its holder: the normal leans by TILT towards the mirror's azimuth TOWARDS, the sample is turned
-    /// by TURN about it, degrees; for captures that `rcg fill` merges [default: none]
+    /// Tilt of the sample by its holder, about the sample's centre: the normal leans by TILT towards the azimuth TOWARDS of
+    /// the untilted sample, the sample is turned by TURN about it, degrees; for captures that `rcg fill` merges [default:
+    /// none]
     #[arg(long, value_name = "TILT:TOWARDS[:TURN]", allow_hyphen_values = true)]
     tilt: Option<Tilt>,
     /// How the virtual rig really is: a file that `rcg truth` writes [default: as the rig file says]

@@ -4,6 +4,9 @@
 //! Light and throughput are smooth and positive. ln F(x, y) = Σ c_ij P_i(x) P_j(y) over i + j ≤ the degree, x and y −1 to 1
 //! over the image; the constant is not among them, because it belongs to the scale of the whole instrument. Legendre's
 //! polynomials keep the fit well conditioned.
+//!
+//! What a series that ends misses is told by its last step: a fit with one degree less differs by it. Where the standard was
+//! seen all around that is little; beyond, where the series is continued, it soon is not.
 
 use serde::{Deserialize, Serialize};
 
@@ -23,14 +26,22 @@ pub struct SmoothField {
     centre: Vec<f64>,
     /// Covariance of the coefficients by noise, [row, column]: large for what the standard did not show.
     covariance: Vec<Vec<f64>>,
+    /// Coefficients less those of a fit with one degree less.
+    last_step: Vec<f64>,
 }
 
 impl SmoothField {
-    pub(super) fn new(coefficients: Vec<f64>, centre: Vec<f64>, covariance: Vec<Vec<f64>>) -> Self {
+    pub(super) fn new(
+        coefficients: Vec<f64>,
+        centre: Vec<f64>,
+        covariance: Vec<Vec<f64>>,
+        last_step: Vec<f64>,
+    ) -> Self {
         Self {
             coefficients,
             centre,
             covariance,
+            last_step,
         }
     }
 
@@ -39,6 +50,7 @@ impl SmoothField {
         let is_row = |row: &[f64]| row.len() == TERMS && row.iter().all(|c| c.is_finite());
         is_row(&self.coefficients)
             && is_row(&self.centre)
+            && is_row(&self.last_step)
             && self.covariance.len() == TERMS
             && self.covariance.iter().all(|row| is_row(row))
     }
@@ -49,8 +61,8 @@ impl SmoothField {
         dot(&self.coefficients, &terms(x, y)).exp()
     }
 
-    /// Relative standard uncertainty (k = 1) of the field at (`x`, `y`), −1 to 1 over the image, by noise, against its mean
-    /// over what was seen.
+    /// Relative standard uncertainty (k = 1) of the field at (`x`, `y`), −1 to 1 over the image, by noise and by the end of the
+    /// series, against its mean over what was seen.
     #[must_use]
     pub fn relative_uncertainty_at(&self, x: f64, y: f64) -> f64 {
         let mut terms = terms(x, y);
@@ -59,7 +71,7 @@ impl SmoothField {
         }
         let rows = self.covariance.iter().map(|row| dot(row, &terms));
         let variance: f64 = rows.zip(terms).map(|(row, term)| row * term).sum();
-        variance.max(0.0).sqrt()
+        variance.max(0.0).sqrt().hypot(dot(&self.last_step, &terms))
     }
 
     /// The field at every pixel centre of an image, row by row.
@@ -80,6 +92,9 @@ impl SmoothField {
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
+
+/// Of the highest degree, the places among the coefficients.
+pub(super) const HIGHEST: std::ops::Range<usize> = TERMS - DEGREE - 1..TERMS;
 
 /// All P_i(x)·P_j(y) but the constant, in the order of the coefficients.
 pub(super) fn terms(x: f64, y: f64) -> [f64; TERMS] {
@@ -127,7 +142,7 @@ mod tests {
         covariance[1][1] = 0.01_f64.powi(2);
         let mut centre = vec![0.0; TERMS];
         centre[1] = 0.2;
-        let field = SmoothField::new(coefficients, centre, covariance);
+        let field = SmoothField::new(coefficients, centre, covariance, vec![0.0; TERMS]);
         assert!((field.at(0.5, -0.7) - (0.2_f64 * 0.5).exp()).abs() < 1e-15);
         assert!((field.relative_uncertainty_at(0.5, -0.7) - 0.01 * 0.3).abs() < 1e-15);
         assert!(field.is_whole());

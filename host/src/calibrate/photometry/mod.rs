@@ -60,7 +60,7 @@ pub const PHOTOMETRY: &str = "photometry.json";
 /// What writes the files.
 const COMMAND: &str = "rcg calibrate photometry --out DIR";
 /// Version of `photometry.json`: 2 says where the standard was seen.
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 /// The reflectances of two standards that show the interreflection differ at least by this.
 const APART: f64 = 0.3;
 /// Share of saturated values in frames of the standard that is too much.
@@ -292,6 +292,13 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
 }
 
 impl Photometry {
+    /// Relative standard uncertainty (k = 1) that everything measured by it has in common: the standard's reflectance, and
+    /// what is left between the fields and the frames of the standard.
+    #[must_use]
+    pub fn common_uncertainty(&self) -> f64 {
+        self.standard_uncertainty.hypot(self.field_residual)
+    }
+
     /// Reads the photometry at `path`, which must be that of `rig` (its camera at full size).
     ///
     /// # Errors

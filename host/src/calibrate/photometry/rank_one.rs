@@ -10,10 +10,11 @@
 //! Channels share both fields and have a K each.
 
 use glam::DVec3;
+use nalgebra::{DMatrix, DVector};
 
 use super::Linear;
 use super::capture::{Stand, Views, maker};
-use super::field::{SmoothField, TERMS, terms};
+use super::field::{HIGHEST, SmoothField, TERMS, terms};
 use super::lights;
 use super::share::Judged;
 use crate::calibrate::CalibrateError;
@@ -322,10 +323,10 @@ pub(super) fn fit(seen: &[Seen]) -> Option<Fields> {
     let (found, covariance) = least_squares(unknowns, weighted.chain(pull))?;
     let (mut excess, mut count) = (0.0, 0_u32);
     let mut uncertainties = Vec::new();
-    let mut mean = nalgebra::DVector::zeros(unknowns);
+    let mut mean = DVector::zeros(unknowns);
     let total: usize = seen.iter().map(|seen| seen.pairs.len()).sum();
     for (row, pair) in pairs().step_by(total.div_ceil(2000).max(1)) {
-        let row = nalgebra::DVector::from_vec(row);
+        let row = DVector::from_vec(row);
         mean += &row;
         excess += (row.dot(&found) - pair.log).powi(2) - pair.variance;
         count += 1;
@@ -333,6 +334,7 @@ pub(super) fn fit(seen: &[Seen]) -> Option<Fields> {
     }
     uncertainties.sort_by(f64::total_cmp);
     mean /= f64::from(count.max(1));
+    let last_step = last_step(&found, &covariance, channels)?;
     let field = |first: usize| {
         let block = covariance.view((first, first), (TERMS, TERMS));
         SmoothField::new(
@@ -342,6 +344,7 @@ pub(super) fn fit(seen: &[Seen]) -> Option<Fields> {
                 .row_iter()
                 .map(|row| row.iter().copied().collect())
                 .collect(),
+            last_step.rows(first, TERMS).iter().copied().collect(),
         )
     };
     Some(Fields {
@@ -351,6 +354,18 @@ pub(super) fn fit(seen: &[Seen]) -> Option<Fields> {
         uncertainty: *uncertainties.get(uncertainties.len() / 2)?,
         residual: (excess / f64::from(count.max(1))).max(0.0).sqrt(),
     })
+}
+
+/// By how much the unknowns `found` (sensitivities of the channels, then both fields) differ from those of a fit in which the
+/// terms of the highest degree are 0.
+fn last_step(found: &DVector<f64>, covariance: &DMatrix<f64>, channels: usize) -> Option<DVector<f64>> {
+    let highest: Vec<usize> = [channels, channels + TERMS]
+        .into_iter()
+        .flat_map(|first| HIGHEST.map(move |term| first + term))
+        .collect();
+    let to_highest = covariance.select_columns(&highest);
+    let own = to_highest.select_rows(&highest).cholesky()?;
+    Some(to_highest * own.solve(&found.select_rows(&highest)))
 }
 
 /// The rows of least squares that pairs make.
