@@ -7,7 +7,7 @@ use std::path::Path;
 use divan::{Bencher, counter::ItemsCount};
 use half::f16;
 use rcg::assemble::{CHUNK, assemble};
-use rcg::calibrate::Applied;
+use rcg::calibration::Applied;
 use rcg::incident::Grid;
 use rcg::measure::capture;
 use rcg::measurement::Measurement;

@@ -142,6 +142,13 @@ pub fn geometric(shortest_s: f64, longest_s: f64, count: usize) -> Vec<f64> {
         .collect()
 }
 
+/// Times in s as milliseconds for people, without the unit.
+#[must_use]
+pub fn milliseconds(times_s: &[f64]) -> String {
+    let times: Vec<String> = times_s.iter().map(|s| format!("{:.3}", s * 1e3)).collect();
+    times.join(", ")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

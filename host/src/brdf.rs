@@ -8,9 +8,6 @@
 
 use std::path::{Path, PathBuf};
 
-use glam::DVec3;
-
-use crate::direction::is_above_horizon;
 use crate::disk::Disk;
 use crate::incident::{Grid, IncidentError, IncidentSet};
 use crate::interpolation::{Cells, Errors};
@@ -20,9 +17,11 @@ use crate::store::{BrdfReader, BrdfRows, StoreError};
 mod agreement;
 pub(crate) mod evidence;
 mod known;
+mod source;
 mod values;
 
 pub use known::KnownBrdf;
+pub use source::{Source, SourceError};
 
 /// Attribute of `brdf.zarr` for what [`Brdf::uncalibrated`] tells.
 pub(crate) const UNCALIBRATED: &str = "uncalibrated";
@@ -33,44 +32,6 @@ pub(crate) const DIRECTION_UNCERTAINTY: &str = "direction_uncertainty_deg";
 
 /// Array of the errors by which interpolation is chosen, [region, branch], relative to white.
 pub(crate) const ERRORS: &str = "interpolation_error";
-
-/// Why there is no value.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Missing {
-    /// The instrument does not reach the incident direction.
-    Incident(Unmeasurable),
-    /// The instrument does not reach the outgoing direction.
-    Outgoing(Unmeasurable),
-    /// The camera saturated there.
-    Saturated,
-}
-
-impl Missing {
-    /// Why no source whatever has f for these directions (incident, outgoing): one of them is not above the horizon.
-    #[must_use]
-    pub fn at_horizon(wi: DVec3, wo: DVec3) -> Option<Self> {
-        let below = Unmeasurable::BelowHorizon;
-        if !is_above_horizon(wi) {
-            Some(Self::Incident(below))
-        } else if !is_above_horizon(wo) {
-            Some(Self::Outgoing(below))
-        } else {
-            None
-        }
-    }
-}
-
-impl std::fmt::Display for Missing {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::Incident(reason) | Self::Outgoing(reason) => reason.fmt(f),
-            Self::Saturated => f.write_str("saturated"),
-        }
-    }
-}
-
-/// f in sr⁻¹ per channel (a single channel is repeated), or why not.
-pub type Value = Result<[f32; 3], Missing>;
 
 /// Why a BRDF cannot be used.
 #[derive(Debug, thiserror::Error)]

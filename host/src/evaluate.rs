@@ -24,6 +24,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::brdf::Brdf;
+use crate::judged::is_judged;
 use crate::provenance::Provenance;
 use crate::sample::Sample;
 use crate::store::StoreError;
@@ -42,11 +43,6 @@ pub use histogram::{Quantile, Quantiles};
 pub use repeat::{Repeatability, repeatability};
 use scoring::Floor;
 use tally::{Judge, Part, ThetaBins};
-
-/// Errors are judged up to this polar angle of both directions, in degrees.
-pub const JUDGED_THETA_DEG: f64 = 80.0;
-/// The reciprocity residual is that of directions up to this polar angle in degrees, as others state it.
-pub const RECIPROCAL_THETA_DEG: f64 = 70.0;
 
 /// What was found. What could not be found is `None`, and [`warnings`](Self::warnings) say why.
 #[derive(Clone, Debug, Serialize)]
@@ -230,11 +226,6 @@ pub fn evaluate(
     };
     evaluation.warnings = warnings::warnings(&evaluation);
     Ok(evaluation)
-}
-
-/// Whether a direction is among those that are judged.
-pub(crate) fn is_judged(w: DVec3) -> bool {
-    w.z >= JUDGED_THETA_DEG.to_radians().cos()
 }
 
 /// The judged pairs by origin, of `pairs` in all.

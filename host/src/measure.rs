@@ -7,9 +7,8 @@ use serde_json::{Map, json};
 
 use crate::assemble::{AssembleError, Assembled, assemble};
 use crate::brdf::{Brdf, BrdfError};
-use crate::calibrate::{Applied, CalibrateError, Calibration};
+use crate::calibration::{Applied, Calibration, CalibrationError};
 use crate::capture::Tally;
-use crate::device::DeviceError;
 use crate::evaluate::evaluate;
 use crate::measurement::{Measurement, MeasurementError, State};
 use crate::pilot::{pilot, propose};
@@ -18,9 +17,9 @@ use crate::progress::Progress;
 use crate::report::{Elapsed, ReportError, Summary, report};
 use crate::rig::Rig;
 use crate::sample::SampleError;
-use crate::setup::Setup;
+use crate::setup::{DEFAULT_SAMPLE, Setup, SetupError};
 use crate::store::StoreError;
-use crate::virtual_rig::WiresError;
+use crate::whole_file::FileError;
 
 /// Why a measurement failed.
 #[derive(Debug, thiserror::Error)]
@@ -33,22 +32,25 @@ pub enum MeasureError {
     Assemble(#[from] AssembleError),
     /// The calibration of the measurement.
     #[error(transparent)]
-    Calibrate(#[from] Box<CalibrateError>),
+    Calibration(#[from] Box<CalibrationError>),
     /// The BRDF.
     #[error(transparent)]
     Brdf(#[from] BrdfError),
     /// The sample.
     #[error(transparent)]
     Sample(#[from] SampleError),
-    /// The controller.
+    /// The instrument.
     #[error(transparent)]
-    Device(#[from] DeviceError),
-    /// The wires between the trigger box and the virtual rig.
-    #[error(transparent)]
-    Wires(#[from] WiresError),
+    Setup(#[from] SetupError),
     /// Figures and report.
     #[error(transparent)]
     Report(#[from] ReportError),
+}
+
+impl From<FileError> for MeasureError {
+    fn from(error: FileError) -> Self {
+        Self::Measurement(error.into())
+    }
 }
 
 impl From<StoreError> for MeasureError {
@@ -56,9 +58,6 @@ impl From<StoreError> for MeasureError {
         Self::Brdf(error.into())
     }
 }
-
-/// What the virtual rig holds unless told otherwise.
-pub const DEFAULT_SAMPLE: &str = "ward:brass";
 
 /// The plan of `request` on `rig` (as loaded, its camera at full size), and the rig as [`Request::rig`] makes it; a pilot
 /// capture finds the exposure times if `request` leaves them open.

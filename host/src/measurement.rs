@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
-use crate::calibrate::Applied;
+use crate::calibration::Applied;
 use crate::capture::{Instrument, Tally};
 use crate::optics::View;
 use crate::pattern::{LitSet, PatternMaker};
@@ -27,6 +27,7 @@ use crate::store::lock::{self, dangling};
 use crate::store::raw::SUBJECT;
 use crate::store::{Lock, RawLayout, RawStore, Segment, StoreError};
 use crate::whole_file::is_partial;
+use crate::whole_file::write_whole;
 
 mod error;
 mod files;
@@ -36,9 +37,8 @@ mod resume;
 mod segment;
 
 pub use error::MeasurementError;
-pub use files::write_whole;
 use files::{io, write_synced};
-pub(crate) use identity::{Sums, hex, sum, sums_at, sums_of};
+pub(crate) use identity::{Sums, sums_at, sums_of};
 use manifest::{MANIFEST, Manifest};
 pub(crate) use segment::take_segment;
 
@@ -116,7 +116,7 @@ impl Measurement {
     /// where there is a plan, or anything else, all stays as it is.
     ///
     /// # Errors
-    /// [`MeasurementError::Io`]; [`StoreError::Busy`] if another process is writing there.
+    /// [`MeasurementError::File`]; [`StoreError::Busy`] if another process is writing there.
     pub fn sweep(dir: &Path) -> Result<(), MeasurementError> {
         if !dir.is_dir() {
             return Ok(());
@@ -472,7 +472,7 @@ impl Measurement {
     /// Writes the state and `facts` into `manifest.json`, beside what it holds already.
     ///
     /// # Errors
-    /// [`MeasurementError::Manifest`]; [`MeasurementError::Io`].
+    /// [`MeasurementError::Manifest`]; [`MeasurementError::File`].
     pub fn note(&self, state: State, facts: Map<String, Value>) -> Result<(), MeasurementError> {
         let mut manifest = Manifest::read(&self.dir)?;
         manifest.note(state, facts);

@@ -8,7 +8,7 @@
 
 use glam::DVec3;
 
-use crate::optics::{DirectionMap, Unmeasurable, View};
+use crate::optics::{DirectionMap, Unmeasurable, View, cone_sr};
 
 /// A 1-bit image for the projector: rows from the top, 8 pixels per byte, first pixel in the highest bit. The lit pixels
 /// have one level of grey, which is the brightest but for the calibration of the projector's response.
@@ -118,14 +118,6 @@ pub struct PatternMaker {
     map: DirectionMap,
     spot_sr: f64,
     intensity: f64,
-}
-
-/// Solid angle in sr of a cone whose full opening is `spot_deg` degrees.
-#[must_use]
-pub fn cone_sr(spot_deg: f64) -> f64 {
-    let half_rad = spot_deg.to_radians() / 2.0;
-    // 2π(1 − cos h) without the cancellation.
-    4.0 * std::f64::consts::PI * (half_rad / 2.0).sin().powi(2)
 }
 
 impl PatternMaker {

@@ -4,14 +4,51 @@
 //! All of them have values for the same directions, those above the horizon ([`crate::direction::is_above_horizon`]), less
 //! what an instrument did not see; for any other direction they give the reason, never a number.
 
-use std::path::Path;
-
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::brdf::{Brdf, BrdfError, Missing, Value};
-use crate::sample::{Sample, SampleError, parse};
+use crate::direction::is_above_horizon;
+use crate::optics::Unmeasurable;
+use crate::sample::Sample;
 use crate::store::StoreError;
+
+/// Why there is no value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Missing {
+    /// The instrument does not reach the incident direction.
+    Incident(Unmeasurable),
+    /// The instrument does not reach the outgoing direction.
+    Outgoing(Unmeasurable),
+    /// The camera saturated there.
+    Saturated,
+}
+
+impl Missing {
+    /// Why no source whatever has f for these directions (incident, outgoing): one of them is not above the horizon.
+    #[must_use]
+    pub fn at_horizon(wi: DVec3, wo: DVec3) -> Option<Self> {
+        let below = Unmeasurable::BelowHorizon;
+        if !is_above_horizon(wi) {
+            Some(Self::Incident(below))
+        } else if !is_above_horizon(wo) {
+            Some(Self::Outgoing(below))
+        } else {
+            None
+        }
+    }
+}
+
+impl std::fmt::Display for Missing {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Incident(reason) | Self::Outgoing(reason) => reason.fmt(f),
+            Self::Saturated => f.write_str("saturated"),
+        }
+    }
+}
+
+/// f in sr⁻¹ per channel (a single channel is repeated), or why not.
+pub type Value = Result<[f32; 3], Missing>;
 
 /// A source of values of f in sr⁻¹.
 pub trait Reflectance: Sync {
@@ -20,12 +57,6 @@ pub trait Reflectance: Sync {
     /// # Errors
     /// [`StoreError`] if a file cannot be read.
     fn values(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Value>, StoreError>;
-}
-
-impl Reflectance for Brdf {
-    fn values(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Value>, StoreError> {
-        Brdf::values(self, pairs)
-    }
 }
 
 impl Reflectance for &dyn Sample {
@@ -46,47 +77,4 @@ fn known_values(sample: &dyn Sample, pairs: &[(DVec3, DVec3)]) -> Vec<Value> {
         missing.map_or_else(|| Ok(sample.f(wi, wo).map(|f| f as f32)), Err)
     };
     pairs.par_iter().map(value).collect()
-}
-
-/// Why there is no such source.
-#[derive(Debug, thiserror::Error)]
-pub enum SourceError {
-    /// A measured BRDF.
-    #[error(transparent)]
-    Brdf(#[from] BrdfError),
-    /// A sample.
-    #[error(transparent)]
-    Sample(#[from] SampleError),
-}
-
-/// A measured BRDF or a known sample.
-pub enum Source {
-    /// A `brdf.zarr`.
-    Measured(Box<Brdf>),
-    /// A model or a measured file.
-    Known(Box<dyn Sample>),
-}
-
-impl Source {
-    /// Opens `spec`: a `brdf.zarr`, or a sample as in [`parse`].
-    ///
-    /// # Errors
-    /// [`SourceError`].
-    pub fn open(spec: &str) -> Result<Self, SourceError> {
-        let path = Path::new(spec);
-        if path.is_dir() || path.extension().is_some_and(|extension| extension == "zarr") {
-            Ok(Self::Measured(Box::new(Brdf::open(path)?)))
-        } else {
-            Ok(Self::Known(parse(spec)?))
-        }
-    }
-
-    /// As something that has values.
-    #[must_use]
-    pub fn reflectance(&self) -> &dyn Reflectance {
-        match self {
-            Self::Measured(brdf) => brdf.as_ref(),
-            Self::Known(sample) => sample,
-        }
-    }
 }

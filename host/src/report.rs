@@ -6,17 +6,20 @@ use std::fs;
 use image::{Rgb, RgbImage};
 use serde::Serialize;
 
-use crate::adaptive::{Adapted, Stop};
 use crate::assemble::Assembled;
+use crate::brackets::milliseconds;
 use crate::brdf::Brdf;
 use crate::capture::Tally;
-use crate::evaluate::{Albedo, Evaluation, JUDGED_THETA_DEG, Quantile, RECIPROCAL_THETA_DEG};
-use crate::measurement::{Measurement, MeasurementError, write_whole};
+use crate::evaluate::{Albedo, Evaluation, Quantile};
+use crate::goal::{Adapted, Stop};
+use crate::judged::{JUDGED_THETA_DEG, RECIPROCAL_THETA_DEG};
+use crate::measurement::Measurement;
 use crate::plan::Exposure;
 use crate::reflectance::Reflectance;
 use crate::render::{PictureError, automatic_exposure, save, sheet, sphere, srgb};
 use crate::sample::Sample;
 use crate::store::{RawStore, StoreError};
+use crate::whole_file::{FileError, write_whole};
 
 /// Lights of the sphere pictures: polar angle and azimuth in degrees.
 pub const LIGHTS_DEG: [(f64, f64); 3] = [(45.0, 90.0), (60.0, 0.0), (75.0, 200.0)];
@@ -86,7 +89,7 @@ pub enum ReportError {
     Picture(#[from] PictureError),
     /// A file.
     #[error(transparent)]
-    File(#[from] MeasurementError),
+    File(#[from] FileError),
 }
 
 /// Draws `figures/` and writes `report.html`.
@@ -100,10 +103,7 @@ pub fn report(
     summary: &Summary,
 ) -> Result<(), ReportError> {
     let figures = measurement.path("figures");
-    fs::create_dir_all(&figures).map_err(|source| MeasurementError::Io {
-        path: figures.display().to_string(),
-        source,
-    })?;
+    fs::create_dir_all(&figures).map_err(|source| FileError::at(&figures, source))?;
     save(&spheres(brdf, sample)?, &figures.join("sphere.png"))?;
     save(&frames(measurement)?, &figures.join("frames.png"))?;
     write_whole(&measurement.path("report.html"), page(summary).as_bytes())?;
@@ -390,13 +390,6 @@ fn percent(share: f64) -> String {
     } else {
         format!("{:.2} %", share * 100.0)
     }
-}
-
-/// Times in s as milliseconds for people, without the unit.
-#[must_use]
-pub fn milliseconds(times_s: &[f64]) -> String {
-    let times: Vec<String> = times_s.iter().map(|s| format!("{:.3}", s * 1e3)).collect();
-    times.join(", ")
 }
 
 /// A dynamic range (see [`crate::assemble::dynamic_range`]) for people.

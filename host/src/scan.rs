@@ -7,13 +7,13 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::brdf::Value;
 use crate::chart::{Axis, Chart, ChartError, Curve, Scale};
 use crate::direction::from_degrees;
 use crate::file_format::CHART_OR_TABLE;
-use crate::measurement::write_whole;
 use crate::reflectance::Reflectance;
+use crate::reflectance::Value;
 use crate::store::StoreError;
+use crate::whole_file::write_whole;
 
 /// Incident directions of the paper's figure 16: polar angle and azimuth in degrees.
 pub const INCIDENT_DEG: [(f64, f64); 3] = [(30.0, 0.0), (30.0, 45.0), (30.0, 90.0)];
@@ -147,8 +147,8 @@ impl AzimuthScan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::brdf::Missing;
     use crate::optics::Unmeasurable;
+    use crate::reflectance::Missing;
     use crate::sample::parse;
     use glam::DVec3;
 

@@ -3,15 +3,37 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::calibrate::Calibration;
+use crate::calibration::Calibration;
 use crate::capture::Instrument;
 use crate::device::{Device, DeviceError, Patience};
 use crate::link::{self, Link};
-use crate::measure::{DEFAULT_SAMPLE, MeasureError};
-use crate::measurement::MeasurementError;
-use crate::plan::Request;
-use crate::rig::Rig;
-use crate::virtual_rig::{Behaviour, Held, Mischief, Noise, Truth, VirtualRig, Wires};
+use crate::plan::{PlanError, Request};
+use crate::rig::{Rig, RigError};
+use crate::sample::SampleError;
+use crate::virtual_rig::{Behaviour, Held, Mischief, Noise, Truth, VirtualRig, Wires, WiresError};
+
+/// What the virtual rig holds unless told otherwise.
+pub const DEFAULT_SAMPLE: &str = "ward:brass";
+
+/// Why there is no instrument.
+#[derive(Debug, thiserror::Error)]
+pub enum SetupError {
+    /// What is to be measured.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// How the virtual rig really is.
+    #[error(transparent)]
+    Truth(#[from] RigError),
+    /// The sample.
+    #[error(transparent)]
+    Sample(#[from] SampleError),
+    /// The controller.
+    #[error(transparent)]
+    Device(#[from] DeviceError),
+    /// The wires between the trigger box and the virtual rig.
+    #[error(transparent)]
+    Wires(#[from] WiresError),
+}
 
 /// What the virtual rig is driven by, and what goes wrong in it.
 #[derive(Clone, Debug, Default)]
@@ -38,8 +60,8 @@ impl Setup {
     /// with is aborted.
     ///
     /// # Errors
-    /// [`MeasureError`].
-    pub fn open(&self, rig: &Rig, request: &Request) -> Result<Instrument, MeasureError> {
+    /// [`SetupError`].
+    pub fn open(&self, rig: &Rig, request: &Request) -> Result<Instrument, SetupError> {
         let spec = request.sample.as_deref().unwrap_or(DEFAULT_SAMPLE);
         self.open_held(rig, Held::Sample(Arc::from(crate::sample::parse(spec)?)), request)
     }
@@ -47,13 +69,13 @@ impl Setup {
     /// As [`open`](Self::open), with `held` in place of the sample.
     ///
     /// # Errors
-    /// [`MeasureError`].
-    pub fn open_held(&self, rig: &Rig, held: Held, request: &Request) -> Result<Instrument, MeasureError> {
+    /// [`SetupError`].
+    pub fn open_held(&self, rig: &Rig, held: Held, request: &Request) -> Result<Instrument, SetupError> {
         let truth = match &request.truth {
             Some(path) => {
-                let truth = Truth::load(Path::new(path)).map_err(MeasurementError::from)?;
+                let truth = Truth::load(Path::new(path))?;
                 Truth {
-                    rig: request.rig(&truth.rig).map_err(MeasurementError::from)?,
+                    rig: request.rig(&truth.rig)?,
                     ..truth
                 }
             }

@@ -23,6 +23,27 @@ const ENDING: &str = ".partial";
 /// Names that are longer, in bytes, do not stand in that of the unfinished file, as most systems take 255.
 const LONGEST_NAME: usize = 200;
 
+/// A file that cannot be written or read.
+#[derive(Debug, thiserror::Error)]
+#[error("{path}: {source}")]
+pub struct FileError {
+    /// The file.
+    pub path: String,
+    /// What the system says.
+    pub source: io::Error,
+}
+
+impl FileError {
+    /// That of the file at `path`.
+    #[must_use]
+    pub fn at(path: &Path, source: io::Error) -> Self {
+        Self {
+            path: path.display().to_string(),
+            source,
+        }
+    }
+}
+
 /// A file that is being written. It appears under its name with [`finish`](Self::finish), or never.
 #[derive(Debug)]
 pub struct WholeFile {
@@ -115,6 +136,14 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let mut file = WholeFile::create(path)?;
     file.write_all(bytes)?;
     file.finish()
+}
+
+/// As [`write`], with an error that names the file.
+///
+/// # Errors
+/// [`FileError`].
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
+    write(path, bytes).map_err(|source| FileError::at(path, source))
 }
 
 /// Whether a file can be written at `path`, before the work for it is done. Nothing changes.

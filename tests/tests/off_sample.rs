@@ -5,8 +5,9 @@ use std::path::Path;
 
 use rcg::brackets::Brackets;
 use rcg::brdf::Brdf;
+use rcg::calibrate::Conditions;
 use rcg::calibrate::photometry::{self, Request};
-use rcg::calibrate::{Calibration, Conditions, RIG};
+use rcg::calibration::{Calibration, RIG};
 use rcg::incident::Grid;
 use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::measurement::Measurement;

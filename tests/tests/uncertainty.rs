@@ -4,7 +4,8 @@ use std::path::Path;
 
 use rcg::brackets::Brackets;
 use rcg::brdf::Brdf;
-use rcg::calibrate::{Calibration, Conditions, geometry, photometry};
+use rcg::calibrate::{Conditions, geometry, photometry};
+use rcg::calibration::Calibration;
 use rcg::evaluate::evaluate;
 use rcg::fit::{Fit, Model};
 use rcg::incident::Grid;

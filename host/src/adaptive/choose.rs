@@ -4,8 +4,8 @@ use glam::DVec3;
 
 use super::predict::LeftOut;
 use crate::direction::{angle_between, is_above_horizon};
-use crate::evaluate::is_judged;
 use crate::incident::DirectionList;
+use crate::judged::is_judged;
 
 /// Candidates of a batch keep this share of their distances to captured directions from each other.
 const APART: f64 = 0.9;

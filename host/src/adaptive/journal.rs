@@ -16,14 +16,16 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::{Goal, GoalError};
-use crate::calibrate::Applied;
+use crate::calibration::Applied;
 use crate::incident::{Grid, IncidentError};
 use crate::measure::MeasureError;
-use crate::measurement::{MeasurementError, Sums, sum, sums_at, sums_of, write_whole};
+use crate::measurement::{MeasurementError, Sums, sums_at, sums_of};
 use crate::plan::{BLACK_EXPOSURES, Plan, Request};
 use crate::rig::{Rig, RigError, explain};
+use crate::store::checksum::sum;
 use crate::store::raw::SUBJECT;
 use crate::store::{RawLayout, RawStore, StoreError};
+use crate::whole_file::{FileError, write_whole};
 
 const ASKED: &str = "adaptive.toml";
 const DIRECTIONS: &str = "directions.txt";
@@ -73,6 +75,12 @@ pub enum AdaptiveError {
 impl From<MeasurementError> for AdaptiveError {
     fn from(error: MeasurementError) -> Self {
         Self::Measure(error.into())
+    }
+}
+
+impl From<FileError> for AdaptiveError {
+    fn from(error: FileError) -> Self {
+        Self::Measure(MeasurementError::from(error).into())
     }
 }
 
@@ -318,8 +326,5 @@ fn layout(rig: &Rig, segments: Segments, clock_hz: u32) -> RawLayout {
 }
 
 fn io(path: &Path, source: std::io::Error) -> MeasurementError {
-    MeasurementError::Io {
-        path: path.display().to_string(),
-        source,
-    }
+    FileError::at(path, source).into()
 }

@@ -22,15 +22,14 @@
 //! squared. Sharper lobes fall faster, so that the predicted PSNR errs on the safe side for smooth samples.
 
 mod choose;
-mod goal;
 mod journal;
 mod predict;
 mod run;
 mod start;
 
-pub use goal::{Goal, GoalError, Stop};
+pub use crate::goal::{Adapted, Goal, GoalError, Stop};
 pub use journal::AdaptiveError;
-pub use run::{Adapted, Begun, begun, check_same, measure};
+pub use run::{Begun, begun, check_same, measure};
 
 /// Captures that are chosen at a time. They are one run of the controller and one segment of the raw frames, or several
 /// where their frames are large.

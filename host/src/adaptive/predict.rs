@@ -10,8 +10,8 @@ use rayon::prelude::*;
 
 use crate::direction::angle_between;
 use crate::disk::Disk;
-use crate::evaluate::is_judged;
 use crate::incident::{DirectionList, IncidentSet, Neighbours};
+use crate::judged::is_judged;
 
 /// Luminance of one capture on the outgoing disk.
 pub(super) struct Image {

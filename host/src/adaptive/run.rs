@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
+use crate::goal::Adapted;
 use glam::DVec3;
-use serde::{Deserialize, Serialize};
 use serde_json::{Map, json};
 
 use super::choose::{Outlook, Predicted, outlook};
@@ -12,7 +12,7 @@ use super::predict::{Image, judged_cells, leave_one_out};
 use super::start::{beginning, grid, in_degrees, listed};
 use super::{BATCH, Goal, Stop};
 use crate::assemble::{FrameAssembler, certainly_lit};
-use crate::calibrate::{Applied, Calibration};
+use crate::calibration::{Applied, Calibration};
 use crate::capture::Instrument;
 use crate::disk::Disk;
 use crate::incident::{DirectionList, Grid, IncidentSet};
@@ -31,23 +31,6 @@ use crate::store::Lock;
 const GRAZING_DEG: f64 = 85.0;
 /// More captures do not help where interpolation makes less than this share of the error that noise makes.
 const NOISE_RULES: f64 = 0.25;
-
-/// How an adaptive measurement went.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Adapted {
-    /// Captures with light.
-    pub captures: usize,
-    /// Predicted PSNR in dB of f·cosθi in luminance at exposure 1, clipped to 1; `None` without an error.
-    pub predicted_db: Option<f64>,
-    /// The part of noise alone: no number of captures gets beyond; `None` without noise.
-    pub noise_limit_db: Option<f64>,
-    /// The goal.
-    pub goal: Goal,
-    /// Why it ended.
-    pub stop: Stop,
-    /// (captures, predicted PSNR in dB) after each batch.
-    pub history: Vec<(usize, Option<f64>)>,
-}
 
 /// The loop's fixed parts.
 struct Loop<'a> {
@@ -141,7 +124,7 @@ pub fn measure(
         patterns: fixed.patterns,
         brackets: plan.brackets(),
     };
-    let mut instrument = setup.open(&scaled, &request)?;
+    let mut instrument = setup.open(&scaled, &request).map_err(MeasureError::from)?;
     let clock_hz = instrument.device.info().clock_hz;
     let journal = if resumed {
         Journal::open(out, &scaled, segments, clock_hz)?

@@ -3,8 +3,8 @@
 use serde_json::{Map, Value, json};
 
 use crate::brdf::{COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, ERRORS, UNCALIBRATED};
-use crate::calibrate::Applied;
-use crate::calibrate::photometry::Photometry;
+use crate::calibration::Applied;
+use crate::calibration::Photometry;
 use crate::disk::Disk;
 use crate::incident::{Grid, IncidentSet};
 use crate::interpolation::{BRANCHES, Errors, REGIONS};

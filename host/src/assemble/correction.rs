@@ -20,8 +20,8 @@
 use glam::{DVec2, DVec3};
 
 use super::shape::{ByShape, Shape};
-use crate::calibrate::Applied;
-use crate::calibrate::photometry::{Interreflection, Photometry};
+use crate::calibration::Applied;
+use crate::calibration::{Interreflection, Photometry};
 use crate::disk::Disk;
 use crate::optics::View;
 use crate::pattern::PatternMaker;

@@ -16,7 +16,7 @@ use super::edges::Edges;
 use super::off_sample::OffSample;
 use super::radiometry::{Radiometry, Work};
 use super::{AssembleError, chunk_rows, seen, unlit};
-use crate::calibrate::Applied;
+use crate::calibration::Applied;
 use crate::disk::Disk;
 use crate::optics::View;
 use crate::plan::{Directions, Plan};

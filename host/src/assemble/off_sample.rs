@@ -8,8 +8,8 @@
 use glam::DVec3;
 
 use super::AssembleError;
-use crate::calibrate::Applied;
-use crate::calibrate::photometry::Sight;
+use crate::calibration::Applied;
+use crate::calibration::Sight;
 use crate::optics::{Unmeasurable, View};
 use crate::plan::Plan;
 

@@ -5,7 +5,7 @@ use half::f16;
 use half::slice::HalfFloatSliceExt as _;
 
 use super::merge::{Merge, Merged, lanes};
-use crate::calibrate::photometry::CameraFound;
+use crate::calibration::CameraFound;
 use crate::provenance::Provenance;
 use crate::resample::{Resampling, Taps};
 use crate::rig::Rig;

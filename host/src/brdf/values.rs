@@ -5,7 +5,7 @@ use std::ops::Range;
 use glam::DVec3;
 use rayon::prelude::*;
 
-use super::{Brdf, Missing, Value};
+use super::Brdf;
 use crate::direction::is_above_horizon;
 use crate::incident::IncidentSet;
 use crate::interpolation::{
@@ -13,6 +13,7 @@ use crate::interpolation::{
 };
 use crate::optics::Unmeasurable;
 use crate::provenance::Provenance;
+use crate::reflectance::{Missing, Value};
 use crate::store::{BrdfRows, StoreError};
 
 /// Pairs that are answered together: each takes some 200 bytes meanwhile.

@@ -14,8 +14,8 @@ use std::path::Path;
 use plotters::prelude::*;
 
 use crate::file_format::{CHART, FormatError};
-use crate::measurement::{MeasurementError, write_whole};
 use crate::render::{PictureError, save};
+use crate::whole_file::{FileError, write_whole};
 
 pub use axis::{Axis, Scale};
 pub use raster::{captioned, draw_svg};
@@ -175,7 +175,7 @@ pub enum ChartError {
     Format(#[from] FormatError),
     /// The file.
     #[error(transparent)]
-    File(#[from] MeasurementError),
+    File(#[from] FileError),
     /// The picture.
     #[error(transparent)]
     Picture(#[from] PictureError),

@@ -8,9 +8,9 @@ use glam::DVec3;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::RECIPROCAL_THETA_DEG;
 use crate::brdf::Brdf;
 use crate::direction::from_degrees;
+use crate::judged::RECIPROCAL_THETA_DEG;
 use crate::sample::Sample;
 use crate::store::StoreError;
 

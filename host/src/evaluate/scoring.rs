@@ -13,7 +13,7 @@ use crate::direction::from_degrees;
 use crate::disk::Disk;
 use crate::sample::Sample;
 
-use super::{JUDGED_THETA_DEG, is_judged};
+use crate::judged::{JUDGED_THETA_DEG, is_judged};
 
 /// Share of the median of the reference below which nothing is scored.
 const OF_MEDIAN: f64 = 0.01;

@@ -4,11 +4,12 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
+use super::Albedo;
 use super::histogram::LogHistogram;
 use super::scoring::{Floor, channel_values};
-use super::{Albedo, is_judged};
 use crate::brdf::Brdf;
 use crate::incident::IncidentSet;
+use crate::judged::is_judged;
 use crate::provenance::Provenance;
 use crate::sample::Sample;
 use crate::store::StoreError;

@@ -12,6 +12,7 @@ use crate::assemble::coordinates;
 use crate::brdf::{BrdfError, KnownBrdf};
 use crate::disk::Disk;
 use crate::incident::Grid;
+use crate::judged::is_judged;
 use crate::optics::Unmeasurable;
 use crate::sample::{Outgoing, parse};
 use crate::store::{BrdfLayout, BrdfRows, BrdfWriter};

@@ -6,11 +6,11 @@ use rayon::prelude::*;
 use super::captures::{Captures, Cells, Image, ImageOf};
 use super::lookup::look_up;
 use super::{Blend, Errors, Interpolation, learn};
-use crate::brdf::{Missing, Value};
 use crate::disk::Disk;
 use crate::incident::IncidentSet;
 use crate::optics::Unmeasurable;
 use crate::reflectance::Reflectance;
+use crate::reflectance::{Missing, Value};
 use crate::sample::Sample;
 use crate::store::StoreError;
 

@@ -1,10 +1,12 @@
 //! Why a measurement cannot go on.
 
+use crate::calibration::CalibrationError;
 use crate::capture::CaptureError;
 use crate::incident::IncidentError;
 use crate::plan::PlanError;
 use crate::rig::RigError;
 use crate::store::StoreError;
+use crate::whole_file::FileError;
 
 /// Why a measurement cannot go on.
 #[derive(Debug, thiserror::Error)]
@@ -60,19 +62,17 @@ pub enum MeasurementError {
         found: String,
     },
     /// A file cannot be written or read.
-    #[error("{path}: {source}")]
-    Io {
-        /// The file.
-        path: String,
-        /// What the system says.
-        source: std::io::Error,
-    },
+    #[error(transparent)]
+    File(#[from] FileError),
     /// The rig.
     #[error(transparent)]
     Rig(#[from] RigError),
     /// The plan.
     #[error(transparent)]
     Plan(#[from] PlanError),
+    /// The calibration.
+    #[error(transparent)]
+    Calibration(#[from] CalibrationError),
     /// A store.
     #[error(transparent)]
     Store(#[from] StoreError),

@@ -1,26 +1,15 @@
-//! Files that are whole or not there.
+//! Files of a measurement, and what goes wrong with them.
 
 use std::fs;
 use std::io::Write as _;
 use std::path::Path;
 
 use super::MeasurementError;
-use crate::whole_file;
+use crate::whole_file::FileError;
 
 /// The error of the file at `path`.
 pub(super) fn io(path: &Path, source: std::io::Error) -> MeasurementError {
-    MeasurementError::Io {
-        path: path.display().to_string(),
-        source,
-    }
-}
-
-/// Writes a file so that it is whole or not there, as [`whole_file::write`].
-///
-/// # Errors
-/// [`MeasurementError::Io`].
-pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), MeasurementError> {
-    whole_file::write(path, bytes).map_err(|source| io(path, source))
+    FileError::at(path, source).into()
 }
 
 /// Writes a file to the disk, or removes what was written of it.

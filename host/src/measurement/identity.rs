@@ -1,16 +1,13 @@
 //! What decides what is captured, told by content: a name says little, and files change under theirs.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
-use sha2::{Digest as _, Sha256};
-
 use super::{Measurement, MeasurementError, io};
-use crate::calibrate::Applied;
+use crate::calibration::Applied;
 use crate::plan::{Plan, Request};
 use crate::rig::Rig;
+use crate::store::checksum::{sum, sum_of};
 
 /// SHA-256, in hexadecimal digits, by what it is of.
 pub(crate) type Sums = BTreeMap<String, String>;
@@ -20,32 +17,6 @@ const FILES: [&str; 3] = ["rig.toml", "plan.toml", Applied::FILE];
 /// Names of the files from elsewhere.
 const SAMPLE: &str = "sample";
 const TRUTH: &str = "truth";
-
-/// SHA-256 of `bytes`.
-pub(crate) fn sum(bytes: &[u8]) -> String {
-    hex(&Sha256::digest(bytes))
-}
-
-pub(crate) fn hex(bytes: &[u8]) -> String {
-    use std::fmt::Write as _;
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        write!(text, "{byte:02x}").expect("strings take everything");
-        text
-    })
-}
-
-/// SHA-256 of the file at `path`.
-fn sum_of(path: &Path) -> std::io::Result<String> {
-    let (mut file, mut digest) = (File::open(path)?, Sha256::new());
-    let mut part = vec![0; 1 << 16];
-    loop {
-        let length = file.read(&mut part)?;
-        if length == 0 {
-            return Ok(hex(&digest.finalize()));
-        }
-        digest.update(&part[..length]);
-    }
-}
 
 /// The files that `request` names, and what for.
 fn files_of(request: &Request) -> impl Iterator<Item = (&'static str, PathBuf)> {
@@ -59,7 +30,7 @@ fn files_of(request: &Request) -> impl Iterator<Item = (&'static str, PathBuf)> 
 /// Sums of the files that `request` names.
 ///
 /// # Errors
-/// [`MeasurementError::Io`] if one cannot be read.
+/// [`MeasurementError::File`] if one cannot be read.
 pub(crate) fn sums_of(request: &Request) -> Result<Sums, MeasurementError> {
     files_of(request)
         .map(|(what, path)| {
@@ -72,7 +43,7 @@ pub(crate) fn sums_of(request: &Request) -> Result<Sums, MeasurementError> {
 /// Sums of what decides what a measurement of `plan` on `rig` in `dir` captures; its calibration is there already.
 ///
 /// # Errors
-/// [`MeasurementError::Io`] if a file cannot be read.
+/// [`MeasurementError::File`] if a file cannot be read.
 pub(crate) fn sums_at(dir: &Path, rig: &Rig, plan: &Plan) -> Result<Sums, MeasurementError> {
     let mut sums = sums_of(&plan.request)?;
     sums.insert(FILES[0].to_owned(), sum(rig.to_toml().as_bytes()));
@@ -118,7 +89,7 @@ impl Measurement {
     /// begun. To be asked after they were read: what changes before that is found out.
     ///
     /// # Errors
-    /// [`MeasurementError::Changed`]; [`MeasurementError::Io`] if one cannot be read.
+    /// [`MeasurementError::Changed`]; [`MeasurementError::File`] if one cannot be read.
     pub fn check_inputs(&self) -> Result<(), MeasurementError> {
         files_of(&self.plan.request).try_for_each(|(what, path)| self.check(what, &path))
     }

@@ -9,8 +9,10 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use super::identity::{Sums, sum};
-use super::{MeasurementError, State, write_whole};
+use super::identity::Sums;
+use super::{MeasurementError, State};
+use crate::store::checksum::sum;
+use crate::whole_file::write_whole;
 
 /// Its name.
 pub(super) const MANIFEST: &str = "manifest.json";
@@ -99,12 +101,12 @@ impl Manifest {
     /// Writes the file.
     ///
     /// # Errors
-    /// [`MeasurementError::Io`].
+    /// [`MeasurementError::File`].
     pub(super) fn write(&self) -> Result<(), MeasurementError> {
         let mut all = self.facts.clone();
         all.insert(SELF.to_owned(), json!(own_sum(&self.facts)));
         let text = serde_json::to_string_pretty(&all).expect("JSON values can be written");
-        write_whole(&self.path, text.as_bytes())
+        Ok(write_whole(&self.path, text.as_bytes())?)
     }
 }
 

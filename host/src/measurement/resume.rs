@@ -1,9 +1,42 @@
 //! Going on with a measurement only as what it is.
 
 use super::{Measurement, MeasurementError};
+use crate::calibration::{Applied, Calibration, rig_hash};
 use crate::plan::Request;
+use crate::rig::Rig;
 
 impl Measurement {
+    /// Refuses to go on with a `rig` (as loaded, or that of `calibration`) or a `calibration` that is not the one with which
+    /// this measurement was begun; no calibration leaves the one of then.
+    ///
+    /// # Errors
+    /// [`MeasurementError::Differs`]; [`MeasurementError::Calibration`].
+    pub fn check_rig(&self, rig: &Rig, calibration: Option<&Calibration>) -> Result<(), MeasurementError> {
+        if rig.name != self.rig.name {
+            let (expected, found) = (self.rig.name.clone(), rig.name.clone());
+            return Err(self.differs("rig", expected, found));
+        }
+        let applied = Applied::read(self.dir())?;
+        if let Some(calibration) = calibration
+            && applied != calibration.applied()
+        {
+            let (expected, found) = ("the one".to_owned(), "another".to_owned());
+            return Err(self.differs("calibration", expected, found));
+        }
+        let (expected, found) = match &applied.nominal_sha256 {
+            Some(nominal) if calibration.is_none() => (nominal.clone(), rig_hash(rig)),
+            _ => (rig_hash(&self.rig), rig_hash(&self.plan.request.rig(rig)?)),
+        };
+        if expected == found {
+            return Ok(());
+        }
+        let (expected, found) = (
+            format!("{} (SHA-256 {expected:.12})", rig.name),
+            format!("another one of that name ({found:.12})"),
+        );
+        Err(self.differs("rig", expected, found))
+    }
+
     /// Refuses to go on if something else is asked for than what this measurement holds. Sample and truth may lie elsewhere
     /// now if their content is the same; they are taken from there then.
     ///

@@ -35,6 +35,7 @@ pub use ellipsoid::{Ellipsoid, reflect};
 pub use frame::SampleFrame;
 pub use map::DirectionMap;
 pub use pinhole::Pinhole;
+pub use solid_angle::cone_sr;
 pub use spread::Spread;
 pub use table::DirectionTable;
 pub use unmeasurable::Unmeasurable;

@@ -12,6 +12,14 @@ use super::{Unmeasurable, View};
 /// Side of the square that stands in for a pixel whose corners cannot be traced, pixels.
 const SMALL_PX: f64 = 1e-3;
 
+/// Solid angle in sr of a cone whose full opening is `spot_deg` degrees.
+#[must_use]
+pub fn cone_sr(spot_deg: f64) -> f64 {
+    let half_rad = spot_deg.to_radians() / 2.0;
+    // 2π(1 − cos h) without the cancellation.
+    4.0 * std::f64::consts::PI * (half_rad / 2.0).sin().powi(2)
+}
+
 impl View {
     /// Solid angle in steradians at the sample of the pixel-sized square centred at (`u_px`, `v_px`).
     ///

@@ -6,7 +6,7 @@
 
 use glam::DVec3;
 
-use crate::rig::Wire;
+use crate::parts::Wire;
 
 /// The hidden strip, in the mirror frame.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -18,7 +18,7 @@ use crate::brdf::{Brdf, BrdfError};
 use crate::chart::{ChartError, captioned};
 use crate::incident::Grid;
 use crate::measure::{MeasureError, complete, prepare};
-use crate::measurement::{Measurement, MeasurementError, write_whole};
+use crate::measurement::{Measurement, MeasurementError};
 use crate::optics::View;
 use crate::pattern::{BitPattern, PatternMaker};
 use crate::plan::Request;
@@ -32,6 +32,7 @@ use crate::scan::{AzimuthScan, INCIDENT_DEG, THETA_R_DEG};
 use crate::setup::Setup;
 use crate::store::{Lock, StoreError};
 use crate::study::{Settings, Study, StudyError, study};
+use crate::whole_file::{FileError, write_whole};
 
 /// What stands in for the paper's cloths.
 pub const CLOTHS: [&str; 2] = ["velvet", "satin"];
@@ -87,6 +88,7 @@ macro_rules! through {
 }
 through!(
     MeasurementError => MeasureError,
+    FileError => ChartError,
     StoreError => MeasureError,
     BrdfError => MeasureError,
     SampleError => MeasureError,
@@ -138,10 +140,7 @@ pub fn paper(
     };
     // The first also checks the image size, before anything is made.
     let mut measurements = vec![made(BRASS, RIGS[0], FRAMES_STEP_DEG)?];
-    fs::create_dir_all(&figures).map_err(|source| MeasurementError::Io {
-        path: figures.display().to_string(),
-        source,
-    })?;
+    fs::create_dir_all(&figures).map_err(|source| FileError::at(&figures, source))?;
     patterns(&figures)?;
     for cloth in CLOTHS {
         measurements.push(made(cloth, RIGS[1], step_deg)?);

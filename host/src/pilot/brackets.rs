@@ -8,12 +8,11 @@
 use std::fmt;
 
 use super::{judged, patterns};
-use crate::brackets::{Brackets, MOST, RATIO, geometric, largest_ratio};
+use crate::brackets::{Brackets, MOST, RATIO, geometric, largest_ratio, milliseconds};
 use crate::capture::{Instrument, Tally};
 use crate::incident::Grid;
 use crate::measurement::MeasurementError;
 use crate::plan::PlanError;
-use crate::report::milliseconds;
 use crate::rig::Rig;
 use crate::schedule::Timing;
 

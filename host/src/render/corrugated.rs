@@ -115,7 +115,7 @@ fn is_shaded(x: f64, light: DVec3) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::brdf::Value;
+    use crate::reflectance::Value;
     use crate::sample::parse;
 
     /// Radiance per column of a Lambert sheet of albedo 1, times π.

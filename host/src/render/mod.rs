@@ -16,8 +16,8 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ImageError, Rgb, RgbImage};
 use rayon::prelude::*;
 
-use crate::brdf::Value;
 use crate::file_format::{FormatError, PICTURE};
+use crate::reflectance::Value;
 use crate::whole_file;
 
 pub use corrugated::corrugated;

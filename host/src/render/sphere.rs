@@ -3,9 +3,9 @@
 use glam::DVec3;
 
 use super::{Content, Picture};
-use crate::brdf::Value;
 use crate::direction::{HORIZON_COS, from_degrees};
 use crate::reflectance::Reflectance;
+use crate::reflectance::Value;
 use crate::store::StoreError;
 
 /// Radius of the sphere in half widths of the picture.

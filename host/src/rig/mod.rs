@@ -4,7 +4,7 @@
 //! preset files comment every key with its unit and are the reference for writing one's own.
 //!
 //! # Design
-//! [`Rig`] holds numbers exactly as the file has them: metres, seconds, pixels and degrees, with the unit
+//! [`Rig`] ([`crate::parts`]) holds numbers exactly as the file has them: metres, seconds, pixels and degrees, with the unit
 //! in the name. It computes nothing optical; [`crate::optics::View`] turns it into a map between pixels
 //! and directions. Every way of reading a rig ends in [`Rig::validate`], so a rig that was read is one that
 //! can be built: each number is in its range and camera and projector see part of the hemisphere.
@@ -14,42 +14,18 @@
 //! optional key (`rotaton_deg`) never silently becomes zero.
 
 mod error;
-mod parts;
 mod read;
 mod signal;
 mod tilt;
 mod validate;
 
+pub use crate::parts::{CameraPart, Lens, Light, Mirror, ProjectorPart, Rig, Sample, Wire};
 pub use error::RigError;
-pub use parts::{CameraPart, Lens, Light, Mirror, ProjectorPart, Sample, Wire};
 pub(crate) use read::explain;
 pub use tilt::Tilt;
 
-use serde::{Deserialize, Serialize};
-
 /// Names of the embedded rigs, in the order in which they are listed to people.
 pub const PRESETS: [&str; 3] = ["rcg-1", "rcg-2", "dmd"];
-
-/// A complete instrument.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Rig {
-    /// Name for reports and manifests.
-    pub name: String,
-    /// The ellipsoidal mirror.
-    pub mirror: Mirror,
-    /// How the sample stands at the mirror's focus F1.
-    pub sample: Sample,
-    /// The wire that holds the sample, if it is in the way of the light.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub wire: Option<Wire>,
-    /// The camera near F2.
-    pub camera: CameraPart,
-    /// The projector near F2, seen through the beam splitter.
-    pub projector: ProjectorPart,
-    /// How strong the light is and how large one pattern's spot.
-    pub light: Light,
-}
 
 impl Rig {
     /// Shortest time in seconds from one exposure of `exposure_s` seconds to the next with a new pattern.

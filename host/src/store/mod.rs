@@ -25,6 +25,7 @@ mod array;
 pub mod atomic;
 pub mod brdf_file;
 pub mod brdf_rows;
+pub(crate) mod checksum;
 mod error;
 pub mod exposure_record;
 mod group;

@@ -9,10 +9,10 @@
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-use crate::brdf::{Missing, Value};
 use crate::disk::Disk;
 use crate::incident::IncidentSet;
 use crate::reflectance::Reflectance;
+use crate::reflectance::{Missing, Value};
 use crate::sample::Sample;
 use crate::store::StoreError;
 

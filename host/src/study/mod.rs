@@ -23,11 +23,11 @@ use crate::chart::ChartError;
 use crate::disk::Disk;
 use crate::incident::{Grid, IncidentError, IncidentSet};
 use crate::interpolation::{Interpolation, Table};
-use crate::measurement::MeasurementError;
 use crate::progress::Progress;
 use crate::reflectance::Reflectance;
 use crate::sample::Sample;
 use crate::store::StoreError;
+use crate::whole_file::FileError;
 
 pub use ideal::IdealCaptures;
 pub use spheres::{LIGHT_PHIS, LIGHT_THETAS, Psnr, SPHERE_PX, Spheres};
@@ -228,10 +228,7 @@ pub fn study(
     let (trials, curves) = settings.trials()?;
     if let Some(out) = out {
         // Before the work rather than after it.
-        fs::create_dir_all(out).map_err(|source| {
-            let path = out.display().to_string();
-            ChartError::from(MeasurementError::Io { path, source })
-        })?;
+        fs::create_dir_all(out).map_err(|source| ChartError::from(FileError::at(out, source)))?;
     }
     let spheres = Spheres::new(&sample, settings.exposure)?;
     progress.begin("study", trials.len(), "reconstructions");

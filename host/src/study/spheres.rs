@@ -12,8 +12,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::brdf::Value;
 use crate::reflectance::Reflectance;
+use crate::reflectance::Value;
 use crate::render::LitSphere;
 use crate::store::StoreError;
 
@@ -233,7 +233,7 @@ mod tests {
 
     impl Reflectance for Half {
         fn values(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Value>, StoreError> {
-            let hidden = Err(crate::brdf::Missing::Saturated);
+            let hidden = Err(crate::reflectance::Missing::Saturated);
             Ok(pairs
                 .iter()
                 .map(|pair| if pair.1.x > 0.0 { hidden } else { Ok([0.2; 3]) })
@@ -246,7 +246,7 @@ mod tests {
 
     impl Reflectance for Nothing {
         fn values(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Value>, StoreError> {
-            Ok(vec![Err(crate::brdf::Missing::Saturated); pairs.len()])
+            Ok(vec![Err(crate::reflectance::Missing::Saturated); pairs.len()])
         }
     }
 

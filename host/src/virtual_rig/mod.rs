@@ -32,7 +32,8 @@ use std::time::Duration;
 
 use rayon::prelude::*;
 
-use crate::camera::{Camera, CameraError, Frame, FrameFormat};
+use crate::camera::{Camera, CameraError, Frame};
+use crate::frame_format::FrameFormat;
 use crate::pattern::BitPattern;
 use crate::projector::{Projector, ProjectorError};
 use crate::rig::Rig;

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
+use rcg::brdf::Source;
 use rcg::brdf::{Brdf, KnownBrdf};
 use rcg::evaluate::{Evaluation, Repeatability, evaluate, repeatability};
 use rcg::progress::Progress as _;
-use rcg::reflectance::Source;
 use rcg::report::quantile;
 use rcg::sample::Sample;
 

@@ -5,7 +5,9 @@ use std::io;
 use rcg::adaptive::AdaptiveError;
 use rcg::assemble::AssembleError;
 use rcg::brdf::BrdfError;
+use rcg::brdf::SourceError;
 use rcg::calibrate::CalibrateError;
+use rcg::calibration::CalibrationError;
 use rcg::chart::ChartError;
 use rcg::device::DeviceError;
 use rcg::file_format::FormatError;
@@ -19,13 +21,14 @@ use rcg::multiplex::MultiplexError;
 use rcg::paper::PaperError;
 use rcg::plan::PlanError;
 use rcg::records::RecordsError;
-use rcg::reflectance::SourceError;
 use rcg::render::PictureError;
 use rcg::rig::RigError;
 use rcg::sample::SampleError;
+use rcg::setup::SetupError;
 use rcg::store::StoreError;
 use rcg::study::StudyError;
 use rcg::virtual_rig::WiresError;
+use rcg::whole_file::FileError;
 
 /// A failed command.
 #[derive(Debug)]
@@ -98,6 +101,12 @@ trait Blame: std::error::Error + Send + Sync + Sized + 'static {
     fn is_input(&self) -> bool;
 }
 
+impl Blame for FileError {
+    fn is_input(&self) -> bool {
+        false
+    }
+}
+
 impl Blame for RigError {
     fn is_input(&self) -> bool {
         true
@@ -134,14 +143,20 @@ impl Blame for BrdfError {
     }
 }
 
+impl Blame for CalibrationError {
+    fn is_input(&self) -> bool {
+        true
+    }
+}
+
 impl Blame for CalibrateError {
     fn is_input(&self) -> bool {
         match self {
-            Self::Measure(error) => error.is_input(),
+            Self::Setup(error) => error.is_input(),
             Self::Measurement(error) => error.is_input(),
             Self::Store(error) => error.is_input(),
-            Self::Picture(_) => false,
-            Self::Rig(_) | Self::Content { .. } | Self::OtherRig { .. } | Self::Views { .. } => true,
+            Self::File(_) | Self::Picture(_) => false,
+            Self::Rig(_) | Self::Found(_) | Self::Views { .. } => true,
         }
     }
 }
@@ -197,9 +212,20 @@ impl Blame for MeasurementError {
             | Self::Changed { .. }
             | Self::Manifest { .. }
             | Self::Rig(_)
-            | Self::Plan(_) => true,
+            | Self::Plan(_)
+            | Self::Calibration(_) => true,
             Self::Store(error) => error.is_input(),
-            Self::Io { .. } | Self::Capture(_) => false,
+            Self::File(_) | Self::Capture(_) => false,
+        }
+    }
+}
+
+impl Blame for SetupError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Plan(_) | Self::Truth(_) | Self::Sample(_) => true,
+            Self::Device(error) => error.is_input(),
+            Self::Wires(error) => matches!(error, WiresError::Address { .. }),
         }
     }
 }
@@ -210,9 +236,8 @@ impl Blame for MeasureError {
             Self::Measurement(error) => error.is_input(),
             Self::Brdf(error) | Self::Assemble(AssembleError::Brdf(error)) => error.is_input(),
             Self::Sample(_) | Self::Assemble(AssembleError::Mismatch { .. }) => true,
-            Self::Calibrate(error) => error.is_input(),
-            Self::Device(error) => error.is_input(),
-            Self::Wires(error) => matches!(error, WiresError::Address { .. }),
+            Self::Calibration(error) => error.is_input(),
+            Self::Setup(error) => error.is_input(),
             Self::Assemble(AssembleError::Store(error)) => error.is_input(),
             Self::Report(_) => false,
         }
@@ -284,7 +309,7 @@ impl Blame for ChartError {
     fn is_input(&self) -> bool {
         match self {
             Self::Format(_) => true,
-            Self::File(error) => error.is_input(),
+            Self::File(_) => false,
             Self::Picture(error) => error.is_input(),
         }
     }

@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use rcg::brdf::Source;
 use rcg::file_format::CHART;
 use rcg::fit::{Fit, Model};
-use rcg::reflectance::Source;
 
 use crate::Done;
 use crate::failure::Failure;

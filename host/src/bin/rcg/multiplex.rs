@@ -2,12 +2,12 @@
 
 use std::fmt::Write as _;
 
-use rcg::measure::DEFAULT_SAMPLE;
 use rcg::multiplex::choose::{Choice, Method, REGIONS, choose};
 use rcg::plan::Plan;
 use rcg::progress::Progress as _;
 use rcg::report::duration;
 use rcg::rig::Rig;
+use rcg::setup::DEFAULT_SAMPLE;
 use serde_json::{Value, json};
 
 use crate::Done;

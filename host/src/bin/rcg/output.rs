@@ -7,10 +7,9 @@ use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use rcg::file_format::Formats;
-use rcg::measurement::MeasurementError;
 use rcg::progress::Progress;
 use rcg::text::{cut, plain};
-use rcg::whole_file;
+use rcg::whole_file::{self, FileError};
 use serde::Serialize;
 use serde_json::Value;
 use tracing_subscriber::EnvFilter;
@@ -115,10 +114,7 @@ pub(crate) fn complain(sentence: &str, exit: u8, facts: Option<Value>) {
 /// Refuses a file that cannot be written, before the work for it is done: its name must end in one of `formats`.
 pub(crate) fn to_write(path: &Path, formats: Formats) -> Result<(), Failure> {
     formats.of(path)?;
-    whole_file::check(path).map_err(|source| {
-        let path = path.display().to_string();
-        MeasurementError::Io { path, source }.into()
-    })
+    whole_file::check(path).map_err(|source| FileError::at(path, source).into())
 }
 
 /// Lines of (what, figure) as aligned text.

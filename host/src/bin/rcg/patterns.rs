@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use rcg::measurement::{Measurement, write_whole};
+use rcg::measurement::Measurement;
 use rcg::optics::View;
 use rcg::pattern::{BitPattern, PatternMaker};
 use rcg::plan::{Directions, PlanError, spot_deg};
@@ -12,6 +12,7 @@ use rcg::render::save;
 use rcg::rig::{Rig, Tilt};
 use rcg::setup::Setup;
 use rcg::store::Lock;
+use rcg::whole_file::write_whole;
 use serde_json::json;
 
 use crate::Done;

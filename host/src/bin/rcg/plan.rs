@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use rcg::assemble::dynamic_range;
+use rcg::brackets::milliseconds;
 use rcg::measure::{planned, prepare};
 use rcg::pace::Pace;
 use rcg::plan::{Directions, Plan, PlanError};
-use rcg::report::{duration, milliseconds};
+use rcg::report::duration;
 use rcg::rig::Rig;
 use rcg::schedule::Bound;
 use serde_json::{Value, json};

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
+use rcg::brdf::Source;
 use rcg::direction::{from_degrees, is_above_horizon};
 use rcg::file_format::CHART_OR_TABLE;
-use rcg::reflectance::Source;
 use rcg::scan::{AzimuthScan, INCIDENT_DEG, THETA_R_DEG};
 use serde_json::json;
 

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
+use rcg::brdf::Source;
 use rcg::file_format::PICTURE;
-use rcg::reflectance::Source;
 use rcg::render::{automatic_exposure, corrugated, save, share_with_values, sheet, sphere};
 use serde_json::json;
 

@@ -3,12 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use rcg::brackets::Brackets;
-use rcg::calibrate::Calibration;
+use rcg::calibration::Calibration;
 use rcg::incident::Grid;
-use rcg::measure::DEFAULT_SAMPLE;
 use rcg::plan::{IMAGE_SIZES_PX, PlanError, Request};
 use rcg::rig::{Rig, Tilt};
 use rcg::schedule::EXPOSURES_S;
+use rcg::setup::DEFAULT_SAMPLE;
 use rcg::setup::{Setup, TriggerBox};
 use rcg::virtual_rig::{Mischief, Truth};
 

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use rcg::file_format::TRUTH;
-use rcg::measurement::write_whole;
 use rcg::rig::Rig;
 use rcg::virtual_rig::{Tolerances, Truth};
+use rcg::whole_file::write_whole;
 use serde_json::json;
 
 use crate::Done;

@@ -2,8 +2,8 @@
 
 use std::io::{self, Write as _};
 
+use rcg::brdf::Source;
 use rcg::direction::from_degrees;
-use rcg::reflectance::Source;
 use serde_json::json;
 
 use crate::Done;

@@ -9,7 +9,6 @@ use crate::calibrate::{CalibrateError, Conditions, create_raw, file, open_raw, s
 use crate::capture::Tally;
 use crate::direction::from_degrees;
 use crate::incident::Grid;
-use crate::measurement::MeasurementError;
 use crate::optics::View;
 use crate::pattern::{BitPattern, PatternMaker};
 use crate::pilot::Tests;
@@ -21,11 +20,12 @@ use crate::setup::Setup;
 use crate::store::{RawLayout, RawStore};
 use crate::stripes::Stripes;
 use crate::virtual_rig::Held;
+use crate::whole_file::FileError;
 
 /// Name of the raw frames.
 pub(super) const RAW: &str = "geometry.raw.zarr";
 /// Name of the file that says what the frames are.
-pub(in crate::calibrate) const VIEWS: &str = "geometry-views.json";
+const VIEWS: &str = crate::calibration::VIEWS[0];
 /// Share of the light that the flat mirror of the virtual rig reflects: black glass.
 pub(super) const REFLECTANCE: f64 = 0.04;
 /// What the diffuse standard of the virtual rig is.
@@ -101,10 +101,7 @@ pub fn capture(
     };
     let rig = views.scaled()?;
     let stripes = views.stripes();
-    std::fs::create_dir_all(dir).map_err(|source| MeasurementError::Io {
-        path: dir.display().to_string(),
-        source,
-    })?;
+    std::fs::create_dir_all(dir).map_err(|source| FileError::at(dir, source))?;
     let format = rig.frame_format();
     let layout = RawLayout {
         exposures: stripes.len() * views.tilts.len() + 2,
@@ -126,7 +123,7 @@ pub fn capture(
         .unwrap_or_default();
     let mut held: Vec<Held> = views.mirrors().into_iter().map(Held::Mirror).collect();
     held.push(Held::Sample(Arc::from(
-        crate::sample::parse(STANDARD).map_err(crate::measure::MeasureError::from)?,
+        crate::sample::parse(STANDARD).map_err(crate::setup::SetupError::from)?,
     )));
     progress.begin("calibration views", layout.exposures, "exposures");
     let mut done = 0;

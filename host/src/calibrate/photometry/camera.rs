@@ -10,7 +10,7 @@
 //! by one number β: of a signal s it shows s·(1 − β·s/range), and s'·(1 + β·s'/range) brings it back to first order. All
 //! pixels together determine β by least squares, each with a rate of its own.
 
-use serde::{Deserialize, Serialize};
+use crate::calibration::CameraFound;
 
 use crate::calibrate::CalibrateError;
 
@@ -24,24 +24,6 @@ const HIGHEST: f64 = 0.92;
 /// Exposure times in which a pixel is bright that shows linearity, and how many such pixels there must be.
 const LEAST_TIMES: usize = 3;
 const BRIGHT: usize = 10;
-
-/// What is known of the camera.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct CameraFound {
-    /// Digital number without light at an exposure time of zero, mean over the pixels.
-    pub dark_dn: f64,
-    /// Digital numbers that dark current adds per second, mean over the pixels.
-    pub dark_dn_per_s: f64,
-    /// Electrons per digital number.
-    pub gain_e_per_dn: f64,
-    /// Standard deviation of the read-out, electrons.
-    pub read_noise_e: f64,
-    /// β: of a signal s the camera shows s·(1 − β·s/range), the range being that above the dark level.
-    pub nonlinearity: f64,
-    /// Largest deviation from a straight line that is left, of the mean over all pixels, relative.
-    pub linearity_residual: f64,
-}
 
 /// Frames of one exposure time, [frame][pixel × channel], digital numbers.
 pub(super) struct Times<'a> {

@@ -24,9 +24,9 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::exposure::{Exposures, light};
-use super::lights;
 use super::rank_one::positive;
 use crate::calibrate::{CalibrateError, Conditions, RIG, create_raw, file, open_raw, segment_of};
+use crate::calibration::{CalibrationError, lights};
 use crate::capture::{Instrument, Tally};
 use crate::direction::from_degrees;
 use crate::incident::Grid;
@@ -44,7 +44,7 @@ use crate::virtual_rig::Held;
 /// Name of the raw frames.
 pub(super) const RAW: &str = "photometry.raw.zarr";
 /// Name of the file that says what the frames are.
-pub(in crate::calibrate) const VIEWS: &str = "photometry-views.json";
+pub(super) const VIEWS: &str = crate::calibration::VIEWS[1];
 /// Exposures of a segment.
 pub(super) const SEGMENT: usize = 16;
 /// Segments of incident directions of the second standard.
@@ -128,12 +128,13 @@ impl Views {
     fn check(&self, path: &Path) -> Result<(), CalibrateError> {
         self.rig.validate()?;
         let content = |field: &str, expected: String, found: String| {
-            Err(CalibrateError::Content {
+            Err(CalibrationError::Content {
                 path: path.display().to_string(),
                 field: field.to_owned(),
                 expected,
                 found,
-            })
+            }
+            .into())
         };
         let ascends = self.times_s.windows(2).all(|pair| pair[0] < pair[1]);
         if self.times_s.len() < 2 || !ascends || self.times_s[0] <= 0.0 {
@@ -227,7 +228,7 @@ pub fn capture(
 ) -> Result<(), CalibrateError> {
     let full = Rig::load(&dir.join(RIG).display().to_string())?;
     let parse = |spec: &str| -> Result<Held, CalibrateError> {
-        let sample = crate::sample::parse(spec).map_err(crate::measure::MeasureError::from)?;
+        let sample = crate::sample::parse(spec).map_err(crate::setup::SetupError::from)?;
         Ok(Held::Sample(Arc::from(sample)))
     };
     let standard = parse(&request.standard)?;

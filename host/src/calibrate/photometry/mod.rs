@@ -25,42 +25,33 @@
 mod camera;
 mod capture;
 mod exposure;
-mod field;
-mod lights;
 mod rank_one;
 mod share;
-mod sight;
 #[cfg(test)]
 mod tests;
 
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
-
-pub use camera::CameraFound;
-pub(super) use capture::VIEWS;
 pub use capture::{Request, Views, capture};
-pub use field::SmoothField;
-pub use sight::Sight;
 
 use camera::{Times, camera, moments};
-use capture::{SEGMENT, Shows};
+use capture::{SEGMENT, Shows, VIEWS};
 use rank_one::Seen;
 use share::{Frames, fit_whole};
 
-use super::{CalibrateError, RIG, check_rig, file, rig_hash};
+use super::{CalibrateError, RIG};
+use crate::calibration::{
+    CalibrationError, CameraFound, Interreflection, PHOTOMETRY, PHOTOMETRY_VERSION, Photometry, check_rig,
+    file, rig_hash,
+};
 use crate::direction::from_degrees;
-use crate::rig::{Rig, Tilt};
+use crate::rig::Rig;
 use crate::sample::{Sample, albedo};
 use crate::store::Segment;
 use crate::text::by;
 
-/// Name of the file with what was found.
-pub const PHOTOMETRY: &str = "photometry.json";
 /// What writes the files.
 const COMMAND: &str = "rcg calibrate photometry --out DIR";
-/// Version of `photometry.json`: 2 says where the standard was seen.
-const VERSION: u32 = 3;
 /// The reflectances of two standards that show the interreflection differ at least by this.
 const APART: f64 = 0.3;
 /// Share of saturated values in frames of the standard that is too much.
@@ -69,53 +60,6 @@ const SATURATED: f64 = 0.002;
 /// Level of grey of the exposure `index` of the series of levels.
 fn level(index: usize) -> u8 {
     (17 * index) as u8
-}
-
-/// What calibration found, as `photometry.json` has it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Photometry {
-    /// Version of this file.
-    #[serde(default)]
-    pub version: u32,
-    /// Hash of the calibrated rig that it belongs to.
-    pub rig_sha256: String,
-    /// The standard.
-    pub standard: String,
-    /// Relative standard uncertainty of its reflectance.
-    pub standard_uncertainty: f64,
-    /// The camera.
-    pub camera: CameraFound,
-    /// Light of the black projector pixels, as digital numbers per second on the standard, mean over the pixels.
-    pub stray_dn_per_s: f64,
-    /// Light of the levels 0, 17, … 255, relative to the brightest.
-    pub projector_response: Vec<f64>,
-    /// Exponent that describes the response best.
-    pub gamma: f64,
-    /// K of each channel: digital numbers per second and f in sr⁻¹ × Σ E·cosθ·Δω, where both fields are 1.
-    pub sensitivity: Vec<f64>,
-    /// `T_o` over the camera's image.
-    pub throughput: SmoothField,
-    /// `E_p` over the projector's image.
-    pub intensity: SmoothField,
-    /// Relative standard uncertainty (k = 1) of K·T_o·E_p by noise, median over the pairs.
-    pub field_uncertainty: f64,
-    /// What is left between the product and the frames of the standard beyond their noise, relative, RMS.
-    pub field_residual: f64,
-    /// Share of the light from the sample that returns onto it, if a second standard showed it.
-    pub interreflection: Option<Interreflection>,
-    /// Where the standard was seen, at each of its tilts: there is no throughput elsewhere.
-    #[serde(default)]
-    pub sights: Vec<Sight>,
-}
-
-/// Light from the sample that returns onto it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Interreflection {
-    /// The share.
-    pub share: f64,
-    /// Its standard uncertainty (k = 1).
-    pub standard_uncertainty: f64,
 }
 
 /// Fits the photometry to the captures in `dir` and writes what was found beside them; the standard's reflectance is known
@@ -150,12 +94,13 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         layout.channels,
     ];
     if expected != found {
-        return Err(CalibrateError::Content {
+        return Err(CalibrationError::Content {
             path: dir.join(capture::RAW).display().to_string(),
             field: "exposures × segment × rows × columns × channels".to_owned(),
             expected: format!("{} as {VIEWS} says", by(&expected)),
             found: by(&found),
-        });
+        }
+        .into());
     }
     let segments: Vec<Segment> = (0..raw.segments())
         .map(|index| raw.read_segment(index))
@@ -194,7 +139,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         / length as f64;
     let projector_response = linear.levels(&frames_of(Shows::Levels), &black);
 
-    let standard = crate::sample::parse(&views.standard).map_err(crate::measure::MeasureError::from)?;
+    let standard = crate::sample::parse(&views.standard).map_err(crate::setup::SetupError::from)?;
     let (mut all, mut frames) = (Vec::new(), Vec::new());
     let blacks: Vec<Vec<f64>> = (0..views.stands.len())
         .map(|stand| linear.mean(&frames_of(Shows::Black(stand))))
@@ -244,7 +189,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     let interreflection = match &views.second_standard {
         None => None,
         Some(spec) => {
-            let second = crate::sample::parse(spec).map_err(crate::measure::MeasureError::from)?;
+            let second = crate::sample::parse(spec).map_err(crate::setup::SetupError::from)?;
             let black = linear.mean(&frames_of(Shows::SecondBlack));
             let mut other = Seen::new(&views, 0)?;
             other.judged = all[0].judged.clone();
@@ -263,7 +208,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     };
     let exposure_s = views.exposure_s;
     let photometry = Photometry {
-        version: VERSION,
+        version: PHOTOMETRY_VERSION,
         sights: all.iter().map(Seen::sight).collect(),
         rig_sha256: rig_hash(&views.rig),
         standard: views.standard.clone(),
@@ -284,139 +229,11 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         field_residual: fields.residual,
         interreflection,
     };
-    file::check(&photometry)?;
+    super::check(&photometry)?;
     let path = dir.join(PHOTOMETRY);
     photometry.check(&path, "")?;
     file::write(&path, &photometry)?;
     Ok(photometry)
-}
-
-impl Photometry {
-    /// Relative standard uncertainty (k = 1) that everything measured by it has in common: the standard's reflectance, and
-    /// what is left between the fields and the frames of the standard.
-    #[must_use]
-    pub fn common_uncertainty(&self) -> f64 {
-        self.standard_uncertainty.hypot(self.field_residual)
-    }
-
-    /// Reads the photometry at `path`, which must be that of `rig` (its camera at full size).
-    ///
-    /// # Errors
-    /// [`CalibrateError::OtherRig`]; [`CalibrateError::Content`].
-    pub fn read(path: &Path, rig: &Rig) -> Result<Self, CalibrateError> {
-        let found: Self = file::read(path, COMMAND)?;
-        found.check(path, "")?;
-        check_rig(path, rig, &found.rig_sha256)?;
-        Ok(found)
-    }
-
-    /// Refuses numbers that no calibration finds; `path` is where they were read, `within` the field that holds them.
-    pub(super) fn check(&self, path: &Path, within: &str) -> Result<(), CalibrateError> {
-        let content = |field: &str, expected: String, found: String| {
-            Err(CalibrateError::Content {
-                path: path.display().to_string(),
-                field: format!("{within}{field}"),
-                expected,
-                found,
-            })
-        };
-        if self.version != VERSION {
-            let expected = format!("{VERSION}; `{COMMAND}` fits what was captured again");
-            return content("version", expected, self.version.to_string());
-        }
-        for (field, found, low, high) in self.ranges() {
-            if !(low..=high).contains(&found) {
-                return content(
-                    &field,
-                    format!("a number from {low} to {high}"),
-                    found.to_string(),
-                );
-            }
-        }
-        if self.sensitivity.is_empty() {
-            return content(
-                "sensitivity",
-                "a number for each channel".to_owned(),
-                "none".to_owned(),
-            );
-        }
-        for (name, field) in [("throughput", &self.throughput), ("intensity", &self.intensity)] {
-            if !field.is_whole() {
-                let expected = format!(
-                    "{} finite coefficients, and as many rows of covariance",
-                    field::TERMS
-                );
-                return content(name, expected, "others".to_owned());
-            }
-        }
-        if self.sights.is_empty() {
-            return content("sights", "one for each tilt".to_owned(), "none".to_owned());
-        }
-        for (index, sight) in self.sights.iter().enumerate() {
-            if let Some((field, expected)) = sight.flaw() {
-                return content(&format!("sights[{index}].{field}"), expected, "others".to_owned());
-            }
-        }
-        Ok(())
-    }
-
-    /// Numbers with their names and what they may be at all.
-    fn ranges(&self) -> Vec<(String, f64, f64, f64)> {
-        let camera = &self.camera;
-        let least = f64::MIN_POSITIVE;
-        let mut all: Vec<(String, f64, f64, f64)> = [
-            ("standard_uncertainty", self.standard_uncertainty, 0.0, 0.5),
-            ("camera.dark_dn", camera.dark_dn, -65_535.0, 65_535.0),
-            ("camera.dark_dn_per_s", camera.dark_dn_per_s, -1e12, 1e12),
-            ("camera.gain_e_per_dn", camera.gain_e_per_dn, least, 1e12),
-            ("camera.read_noise_e", camera.read_noise_e, 0.0, 1e12),
-            // Beyond a half the camera would show less of more light.
-            ("camera.nonlinearity", camera.nonlinearity, -0.49, 0.49),
-            ("camera.linearity_residual", camera.linearity_residual, 0.0, 1.0),
-            ("field_uncertainty", self.field_uncertainty, 0.0, 1.0),
-            ("field_residual", self.field_residual, 0.0, 1.0),
-        ]
-        .map(|(field, found, low, high)| (field.to_owned(), found, low, high))
-        .to_vec();
-        for (index, k) in self.sensitivity.iter().enumerate() {
-            all.push((format!("sensitivity[{index}]"), *k, least, f64::MAX));
-        }
-        if let Some(back) = self.interreflection {
-            let within = |field: &str| format!("interreflection.{field}");
-            all.push((within("share"), back.share, -0.5, 0.5));
-            all.push((
-                within("standard_uncertainty"),
-                back.standard_uncertainty,
-                0.0,
-                0.5,
-            ));
-        }
-        all
-    }
-
-    /// Where the standard was seen at `tilt`.
-    ///
-    /// # Errors
-    /// [`CalibrateError::Views`] if it was not captured there.
-    pub fn sight(&self, tilt: Option<Tilt>) -> Result<&Sight, CalibrateError> {
-        let found = self.sights.iter().find(|sight| Tilt::is_same(sight.tilt, tilt));
-        let name = |tilt: Option<Tilt>| tilt.map_or_else(|| "none".to_owned(), |tilt| tilt.to_string());
-        found.ok_or_else(|| CalibrateError::Views {
-            expected: format!(
-                "a standard that was captured at the tilt of the sample, {}",
-                name(tilt)
-            ),
-            found: format!(
-                "it at {}",
-                self.sights
-                    .iter()
-                    .map(|sight| name(sight.tilt))
-                    .collect::<Vec<_>>()
-                    .join(", ")
-            ),
-            advice: "give `rcg calibrate photometry` all --tilts at which samples are measured",
-        })
-    }
 }
 
 /// Digital numbers → what they would be if the camera were linear, above the dark level.

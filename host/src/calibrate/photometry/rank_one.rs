@@ -14,10 +14,9 @@ use nalgebra::{DMatrix, DVector};
 
 use super::Linear;
 use super::capture::{Stand, Views, maker};
-use super::field::{HIGHEST, SmoothField, TERMS, terms};
-use super::lights;
 use super::share::Judged;
 use crate::calibrate::CalibrateError;
+use crate::calibration::{CalibrationError, HIGHEST, SmoothField, TERMS, lights, terms};
 use crate::linear_fit::least_squares;
 use crate::optics::{DirectionMap, Unmeasurable, View};
 use crate::sample::Sample;
@@ -281,12 +280,12 @@ impl<'a> Seen<'a> {
 /// `f` in sr⁻¹ of the standard named `spec`, which has light to show only if it is above 0.
 ///
 /// # Errors
-/// [`CalibrateError::Content`] with the directions.
+/// [`CalibrationError::Content`] with the directions.
 pub(super) fn positive(f: f64, spec: &str, wi: DVec3, wo: DVec3) -> Result<f64, CalibrateError> {
     if f > 0.0 {
         return Ok(f);
     }
-    Err(CalibrateError::Content {
+    Err(CalibrationError::Content {
         path: spec.to_owned(),
         field: format!(
             "standard, f at incident θ {:.1}° and outgoing θ {:.1}°",
@@ -296,7 +295,8 @@ pub(super) fn positive(f: f64, spec: &str, wi: DVec3, wo: DVec3) -> Result<f64, 
         expected: "a number above 0 in every direction that is seen; give another standard, or mend its file"
             .to_owned(),
         found: format!("{f}"),
-    })
+    }
+    .into())
 }
 
 /// Both fields and the sensitivities from all that was `seen`; `None` if the pairs do not determine them.

@@ -11,9 +11,9 @@
 use glam::DVec3;
 
 use super::Linear;
-use super::lights;
 use super::rank_one::{Fields, Seen, fit};
-use super::sight::{BLIND, EDGE, SEEN, Sight, UNSEEN};
+use crate::calibration::lights;
+use crate::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
 use crate::sample::Sample;
 
 /// Turns of fitting and judging, at most.

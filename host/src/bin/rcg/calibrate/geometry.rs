@@ -3,7 +3,8 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use rcg::calibrate::geometry::{Geometry, Request, Views, calibrate, capture};
+use rcg::calibrate::geometry::{Request, Views, calibrate, capture};
+use rcg::calibration::Geometry;
 use rcg::progress::Progress as _;
 use rcg::rig::Rig;
 use rcg::store::Lock;

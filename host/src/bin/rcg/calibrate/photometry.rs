@@ -2,13 +2,14 @@
 
 use std::path::PathBuf;
 
-use rcg::calibrate::RIG;
-use rcg::calibrate::photometry::{Photometry, Request, Views, calibrate, capture};
-use rcg::measurement::write_whole;
+use rcg::calibrate::photometry::{Request, Views, calibrate, capture};
+use rcg::calibration::Photometry;
+use rcg::calibration::RIG;
 use rcg::progress::Progress as _;
 use rcg::rig::{Rig, Tilt};
 use rcg::sample::parse;
 use rcg::store::Lock;
+use rcg::whole_file::write_whole;
 
 use crate::Done;
 use crate::failure::Failure;

@@ -11,8 +11,8 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use super::CalibrateError;
-use crate::measurement::{MeasurementError, write_whole};
+use super::CalibrationError;
+use crate::whole_file::{FileError, write_whole};
 
 /// Fields that may be absent, wherever they are.
 const OPTIONAL: [&str; 7] = [
@@ -28,9 +28,9 @@ const OPTIONAL: [&str; 7] = [
 /// Reads the JSON file at `path`, which `command` writes.
 ///
 /// # Errors
-/// [`CalibrateError::Content`] with the field that is no number, or where the file breaks off.
-pub(super) fn read<T: DeserializeOwned>(path: &Path, command: &str) -> Result<T, CalibrateError> {
-    let content = |field: &str, found: String| CalibrateError::Content {
+/// [`CalibrationError::Content`] with the field that is no number, or where the file breaks off.
+pub(crate) fn read<T: DeserializeOwned>(path: &Path, command: &str) -> Result<T, CalibrationError> {
+    let content = |field: &str, found: String| CalibrationError::Content {
         path: path.display().to_string(),
         field: field.to_owned(),
         expected: format!("a whole file as `{command}` writes it"),
@@ -39,7 +39,7 @@ pub(super) fn read<T: DeserializeOwned>(path: &Path, command: &str) -> Result<T,
     let bytes = std::fs::read(path).map_err(|error| content("file", error.to_string()))?;
     let value: Value = serde_json::from_slice(&bytes).map_err(|error| content("file", error.to_string()))?;
     if let Some(field) = absent(&value) {
-        return Err(CalibrateError::Content {
+        return Err(CalibrationError::Content {
             path: path.display().to_string(),
             field,
             expected: format!("a finite number as `{command}` writes it"),
@@ -49,36 +49,21 @@ pub(super) fn read<T: DeserializeOwned>(path: &Path, command: &str) -> Result<T,
     serde_json::from_value(value).map_err(|error| content("file", error.to_string()))
 }
 
-/// Refuses a `value` in which a number is not finite.
-///
-/// # Errors
-/// [`CalibrateError::Views`] with the field.
-pub(super) fn check(value: &impl Serialize) -> Result<(), CalibrateError> {
-    let value = serde_json::to_value(value).expect("JSON values can be written");
-    absent(&value).map_or(Ok(()), |field| {
-        Err(CalibrateError::Views {
-            expected: format!("views that determine {field}"),
-            found: "no finite number for it".to_owned(),
-            advice: "look at the frames: are the targets in place and lit, and is there noise?",
-        })
-    })
-}
-
 /// Writes `value` as the JSON file at `path`, whole or not at all.
 ///
 /// # Errors
-/// [`MeasurementError::Io`].
-pub(super) fn write(path: &Path, value: &impl Serialize) -> Result<(), MeasurementError> {
+/// [`FileError`].
+pub(crate) fn write(path: &Path, value: &impl Serialize) -> Result<(), FileError> {
     write_whole(path, text(value).as_bytes())
 }
 
 /// `value` as it is written.
-pub(super) fn text(value: &impl Serialize) -> String {
+pub(crate) fn text(value: &impl Serialize) -> String {
     serde_json::to_string_pretty(value).expect("JSON values can be written")
 }
 
 /// The place of the first null that is no absent option, as `a.b[3]`.
-fn absent(value: &Value) -> Option<String> {
+pub(crate) fn absent(value: &Value) -> Option<String> {
     match value {
         Value::Object(fields) => fields.iter().find_map(|(name, value)| match value {
             Value::Null => (!OPTIONAL.contains(&name.as_str())).then(|| name.clone()),

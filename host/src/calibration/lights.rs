@@ -11,26 +11,26 @@ use crate::optics::View;
 use crate::rig::Rig;
 
 /// θ of the rings, degrees.
-pub(super) const RINGS_DEG: [f64; 11] = [5.0, 15.0, 25.0, 35.0, 45.0, 55.0, 65.0, 75.0, 80.0, 85.0, 89.0];
+pub(crate) const RINGS_DEG: [f64; 11] = [5.0, 15.0, 25.0, 35.0, 45.0, 55.0, 65.0, 75.0, 80.0, 85.0, 89.0];
 /// Directions of a ring, the first at φ = 0.
-pub(super) const SECTORS: usize = 36;
+pub(crate) const SECTORS: usize = 36;
 /// All directions.
-pub(super) const LIGHTS: usize = RINGS_DEG.len() * SECTORS;
+pub(crate) const LIGHTS: usize = RINGS_DEG.len() * SECTORS;
 
 /// Angles (θ, φ) of a direction, degrees.
-pub(super) fn angles_deg(index: usize) -> (f64, f64) {
+pub(crate) fn angles_deg(index: usize) -> (f64, f64) {
     let sector_deg = 360.0 / SECTORS as f64;
     (RINGS_DEG[index / SECTORS], (index % SECTORS) as f64 * sector_deg)
 }
 
 /// A direction, unit, away from the surface.
-pub(super) fn direction(index: usize) -> DVec3 {
+pub(crate) fn direction(index: usize) -> DVec3 {
     let (theta_deg, phi_deg) = angles_deg(index);
     from_degrees(theta_deg, phi_deg)
 }
 
 /// Indices of the directions that the projector of `rig` can light, ascending.
-pub(super) fn measurable(rig: &Rig) -> Vec<usize> {
+pub(crate) fn measurable(rig: &Rig) -> Vec<usize> {
     let projector = View::projector(rig);
     (0..LIGHTS)
         .filter(|index| projector.pixel(direction(*index)).is_ok())
@@ -38,7 +38,7 @@ pub(super) fn measurable(rig: &Rig) -> Vec<usize> {
 }
 
 /// The directions at the corners of the cell of rings and sectors that `w` lies in.
-pub(super) fn corners(w: DVec3) -> [usize; 4] {
+pub(crate) fn corners(w: DVec3) -> [usize; 4] {
     let (theta_deg, phi_deg) = to_degrees(w);
     let place = phi_deg * SECTORS as f64 / 360.0;
     let sectors = [place as usize % SECTORS, (place as usize + 1) % SECTORS];
@@ -53,7 +53,7 @@ pub(super) fn corners(w: DVec3) -> [usize; 4] {
 }
 
 /// The directions of the cell that `w` lies in and of those around it.
-pub(super) fn around(w: DVec3) -> Vec<usize> {
+pub(crate) fn around(w: DVec3) -> Vec<usize> {
     let [first, _, _, last] = corners(w);
     let rings = (first / SECTORS).saturating_sub(1)..=(last / SECTORS + 1).min(RINGS_DEG.len() - 1);
     let sectors = |ring: usize| {

@@ -16,13 +16,13 @@ use super::lights::{RINGS_DEG, SECTORS, around, corners};
 use crate::rig::Tilt;
 
 /// The standard was seen as bright as it should be.
-pub(super) const SEEN: u8 = b'#';
+pub(crate) const SEEN: u8 = b'#';
 /// It should have been seen and was not, or in part.
-pub(super) const UNSEEN: u8 = b'.';
+pub(crate) const UNSEEN: u8 = b'.';
 /// An edge of the mirror or the wire is so near that nothing is said.
-pub(super) const EDGE: u8 = b'|';
+pub(crate) const EDGE: u8 = b'|';
 /// By the rig nothing is seen there.
-pub(super) const BLIND: u8 = b' ';
+pub(crate) const BLIND: u8 = b' ';
 
 /// In cells that reach beyond this θ, in degrees, the standard has to have been lit at each corner.
 const STRICT_DEG: f64 = 80.0;
@@ -32,15 +32,15 @@ const STRICT_DEG: f64 = 80.0;
 #[serde(deny_unknown_fields)]
 pub struct Sight {
     /// Its tilt, if it was tilted.
-    pub(super) tilt: Option<Tilt>,
+    pub(crate) tilt: Option<Tilt>,
     /// Rows of the camera's image as captured, a character for each pixel.
-    pub(super) camera: Vec<String>,
+    pub(crate) camera: Vec<String>,
     /// Rings of incident directions, a character for each direction.
-    pub(super) incident: Vec<String>,
+    pub(crate) incident: Vec<String>,
 }
 
 impl Sight {
-    pub(super) fn new(tilt: Option<Tilt>, camera: &[u8], width_px: usize, incident: &[u8]) -> Self {
+    pub(crate) fn new(tilt: Option<Tilt>, camera: &[u8], width_px: usize, incident: &[u8]) -> Self {
         let rows = |all: &[u8], width: usize| {
             all.chunks(width)
                 .map(|row| String::from_utf8_lossy(row).into_owned())
@@ -54,7 +54,7 @@ impl Sight {
     }
 
     /// What is wrong with it: the field, and what was expected.
-    pub(super) fn flaw(&self) -> Option<(&'static str, String)> {
+    pub(crate) fn flaw(&self) -> Option<(&'static str, String)> {
         let known = |rows: &[String]| {
             let mut all = rows.iter().flat_map(|row| row.bytes());
             all.all(|one| [SEEN, UNSEEN, EDGE, BLIND].contains(&one))

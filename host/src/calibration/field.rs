@@ -11,9 +11,9 @@
 use serde::{Deserialize, Serialize};
 
 /// Largest sum of the degrees in x and y.
-pub(super) const DEGREE: usize = 9;
+pub(crate) const DEGREE: usize = 9;
 /// Coefficients of a field.
-pub(super) const TERMS: usize = (DEGREE + 1) * (DEGREE + 2) / 2 - 1;
+pub(crate) const TERMS: usize = (DEGREE + 1) * (DEGREE + 2) / 2 - 1;
 
 /// A field relative to the middle of its logarithm.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -31,7 +31,7 @@ pub struct SmoothField {
 }
 
 impl SmoothField {
-    pub(super) fn new(
+    pub(crate) fn new(
         coefficients: Vec<f64>,
         centre: Vec<f64>,
         covariance: Vec<Vec<f64>>,
@@ -46,7 +46,7 @@ impl SmoothField {
     }
 
     /// Whether it has as many coefficients as it should.
-    pub(super) fn is_whole(&self) -> bool {
+    pub(crate) fn is_whole(&self) -> bool {
         let is_row = |row: &[f64]| row.len() == TERMS && row.iter().all(|c| c.is_finite());
         is_row(&self.coefficients)
             && is_row(&self.centre)
@@ -94,10 +94,10 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Of the highest degree, the places among the coefficients.
-pub(super) const HIGHEST: std::ops::Range<usize> = TERMS - DEGREE - 1..TERMS;
+pub(crate) const HIGHEST: std::ops::Range<usize> = TERMS - DEGREE - 1..TERMS;
 
 /// All P_i(x)·P_j(y) but the constant, in the order of the coefficients.
-pub(super) fn terms(x: f64, y: f64) -> [f64; TERMS] {
+pub(crate) fn terms(x: f64, y: f64) -> [f64; TERMS] {
     let (px, py) = (legendre(x), legendre(y));
     let mut terms = [0.0; TERMS];
     let mut at = 0;

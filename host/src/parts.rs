@@ -7,6 +7,27 @@
 use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize};
 
+/// A complete instrument.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rig {
+    /// Name for reports and manifests.
+    pub name: String,
+    /// The ellipsoidal mirror.
+    pub mirror: Mirror,
+    /// How the sample stands at the mirror's focus F1.
+    pub sample: Sample,
+    /// The wire that holds the sample, if it is in the way of the light.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub wire: Option<Wire>,
+    /// The camera near F2.
+    pub camera: CameraPart,
+    /// The projector near F2, seen through the beam splitter.
+    pub projector: ProjectorPart,
+    /// How strong the light is and how large one pattern's spot.
+    pub light: Light,
+}
+
 /// The mirror: the part z ≥ `rim_z_m` of x²/a² + y²/a² + z²/b² = 1, less a hole around the vertex (0, 0, b).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]

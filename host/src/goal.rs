@@ -57,6 +57,23 @@ pub enum Stop {
     Spot,
 }
 
+/// How an adaptive measurement went.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Adapted {
+    /// Captures with light.
+    pub captures: usize,
+    /// Predicted PSNR in dB of f·cosθi in luminance at exposure 1, clipped to 1; `None` without an error.
+    pub predicted_db: Option<f64>,
+    /// The part of noise alone: no number of captures gets beyond; `None` without noise.
+    pub noise_limit_db: Option<f64>,
+    /// The goal.
+    pub goal: Goal,
+    /// Why it ended.
+    pub stop: Stop,
+    /// (captures, predicted PSNR in dB) after each batch.
+    pub history: Vec<(usize, Option<f64>)>,
+}
+
 impl Goal {
     /// The goal of a target such as `40dB` or `40`, a budget, or both.
     ///

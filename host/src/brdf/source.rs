@@ -1,0 +1,59 @@
+//! A measured BRDF or a known sample, whichever a user names.
+
+use std::path::Path;
+
+use glam::DVec3;
+
+use super::{Brdf, BrdfError};
+use crate::reflectance::{Reflectance, Value};
+use crate::sample::{Sample, SampleError, parse};
+use crate::store::StoreError;
+
+impl Reflectance for Brdf {
+    fn values(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Value>, StoreError> {
+        Brdf::values(self, pairs)
+    }
+}
+
+/// Why there is no such source.
+#[derive(Debug, thiserror::Error)]
+pub enum SourceError {
+    /// A measured BRDF.
+    #[error(transparent)]
+    Brdf(#[from] BrdfError),
+    /// A sample.
+    #[error(transparent)]
+    Sample(#[from] SampleError),
+}
+
+/// A measured BRDF or a known sample.
+pub enum Source {
+    /// A `brdf.zarr`.
+    Measured(Box<Brdf>),
+    /// A model or a measured file.
+    Known(Box<dyn Sample>),
+}
+
+impl Source {
+    /// Opens `spec`: a `brdf.zarr`, or a sample as in [`parse`].
+    ///
+    /// # Errors
+    /// [`SourceError`].
+    pub fn open(spec: &str) -> Result<Self, SourceError> {
+        let path = Path::new(spec);
+        if path.is_dir() || path.extension().is_some_and(|extension| extension == "zarr") {
+            Ok(Self::Measured(Box::new(Brdf::open(path)?)))
+        } else {
+            Ok(Self::Known(parse(spec)?))
+        }
+    }
+
+    /// As something that has values.
+    #[must_use]
+    pub fn reflectance(&self) -> &dyn Reflectance {
+        match self {
+            Self::Measured(brdf) => brdf.as_ref(),
+            Self::Known(sample) => sample,
+        }
+    }
+}
