@@ -12,7 +12,7 @@ use rcg::incident::Grid;
 use rcg::measure::capture;
 use rcg::measurement::Measurement;
 use rcg::plan::{Plan, Request};
-use rcg::progress::Silent;
+use rcg::base::progress::Silent;
 use rcg::rig::Rig;
 use rcg::setup::Setup;
 use rcg::store::{BrdfLayout, BrdfRows, BrdfWriter};

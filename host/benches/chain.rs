@@ -7,7 +7,7 @@ use divan::{Bencher, counter::ItemsCount};
 use rcg::incident::Grid;
 use rcg::measure::{complete, prepare};
 use rcg::plan::Request;
-use rcg::progress::Silent;
+use rcg::base::progress::Silent;
 use rcg::rig::Rig;
 use rcg::setup::Setup;
 

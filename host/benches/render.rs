@@ -8,7 +8,7 @@ use divan::{Bencher, counter::ItemsCount};
 use rcg::brdf::Brdf;
 use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::plan::Request;
-use rcg::progress::Silent;
+use rcg::base::progress::Silent;
 use rcg::render::{Picture, corrugated, save, sheet, sphere};
 use rcg::rig::Rig;
 use rcg::setup::Setup;

@@ -38,7 +38,7 @@ use crate::provenance::Provenance;
 use crate::resample::Resampling;
 use crate::rig::Rig;
 use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
-use crate::text::by;
+use crate::base::text::by;
 
 mod agreement;
 mod coordinates;

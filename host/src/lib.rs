@@ -21,6 +21,7 @@
 
 #![forbid(unsafe_code)]
 
+pub mod base;
 pub mod adaptive;
 pub mod assemble;
 pub mod brackets;
@@ -34,7 +35,6 @@ pub mod device;
 pub mod direction;
 pub mod disk;
 pub mod evaluate;
-pub mod file_format;
 pub mod fill;
 pub mod firing;
 pub mod fit;
@@ -43,7 +43,6 @@ pub mod goal;
 pub mod incident;
 pub mod interpolation;
 pub mod judged;
-mod linear_fit;
 pub mod link;
 pub mod measure;
 pub mod measurement;
@@ -56,7 +55,6 @@ pub mod parts;
 pub mod pattern;
 pub mod pilot;
 pub mod plan;
-pub mod progress;
 pub mod projector;
 pub mod provenance;
 mod quadrature;
@@ -74,6 +72,5 @@ pub mod setup;
 pub mod store;
 pub mod stripes;
 pub mod study;
-pub mod text;
 pub mod virtual_rig;
 pub mod whole_file;

@@ -13,7 +13,7 @@ use crate::evaluate::evaluate;
 use crate::measurement::{Measurement, MeasurementError, State};
 use crate::pilot::{pilot, propose};
 use crate::plan::{Plan, Request};
-use crate::progress::Progress;
+use crate::base::progress::Progress;
 use crate::report::{Elapsed, ReportError, Summary, report};
 use crate::rig::Rig;
 use crate::sample::SampleError;

@@ -370,7 +370,7 @@ impl Plan {
             path: path.display().to_string(),
             reason,
         };
-        let text = crate::text::read(path)
+        let text = crate::base::text::read(path)
             .map_err(|e| fail(format!("expected a plan, found no readable file: {e}")))?;
         // Another version may have other keys, which are no mistakes of the user's.
         if let Ok(Version { format }) = toml::from_str(&text)

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use rcg_protocol::{StepFlags, StepRecord};
 use serde_json::json;
 
-use crate::file_format::{FormatError, RECORDS};
+use crate::base::file_format::{FormatError, RECORDS};
 use crate::whole_file::WholeFile;
 
 /// A file of step records that cannot be written.

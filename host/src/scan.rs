@@ -9,7 +9,7 @@ use std::path::Path;
 
 use crate::chart::{Axis, Chart, ChartError, Curve, Scale};
 use crate::direction::from_degrees;
-use crate::file_format::CHART_OR_TABLE;
+use crate::base::file_format::CHART_OR_TABLE;
 use crate::reflectance::Reflectance;
 use crate::reflectance::Value;
 use crate::store::StoreError;

@@ -10,7 +10,7 @@ use rcg::fill::{FillError, Filled, fill};
 use rcg::incident::Grid;
 use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::plan::Request;
-use rcg::progress::Silent;
+use rcg::base::progress::Silent;
 use rcg::rig::Rig;
 use rcg::setup::Setup;
 use rcg::virtual_rig::Truth;

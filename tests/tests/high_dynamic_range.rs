@@ -14,7 +14,7 @@ use rcg::incident::Grid;
 use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::measurement::Measurement;
 use rcg::plan::Request;
-use rcg::progress::Silent;
+use rcg::base::progress::Silent;
 use rcg::provenance::Provenance;
 use rcg::rig::Rig;
 use rcg::setup::Setup;

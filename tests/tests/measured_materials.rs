@@ -8,7 +8,7 @@ use std::time::Duration;
 use rcg::incident::Grid;
 use rcg::measure::{complete, prepare};
 use rcg::plan::Request;
-use rcg::progress::Silent;
+use rcg::base::progress::Silent;
 use rcg::rig::Rig;
 use rcg::setup::Setup;
 

@@ -13,7 +13,7 @@ use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::measurement::Measurement;
 use rcg::optics::Unmeasurable;
 use rcg::plan;
-use rcg::progress::Silent;
+use rcg::base::progress::Silent;
 use rcg::rig::Rig;
 use rcg::setup::Setup;
 use rcg::virtual_rig::{Tolerances, Truth};

@@ -12,7 +12,7 @@ use rcg::interpolation::Interpolation;
 use rcg::measure::{assemble_measurement, capture, complete};
 use rcg::measurement::Measurement;
 use rcg::plan::{Plan, Request};
-use rcg::progress::Silent;
+use rcg::base::progress::Silent;
 use rcg::provenance::Provenance;
 use rcg::rig::Rig;
 use rcg::setup::Setup;

@@ -12,7 +12,7 @@ use rcg::incident::Grid;
 use rcg::measure::{complete, prepare};
 use rcg::pattern::BitPattern;
 use rcg::plan::Request;
-use rcg::progress::Silent;
+use rcg::base::progress::Silent;
 use rcg::rig::Rig;
 use rcg::schedule::Timing;
 use rcg::setup::{Setup, TriggerBox};

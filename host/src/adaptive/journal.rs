@@ -171,7 +171,7 @@ impl Journal {
     /// What was asked for in `dir`.
     pub(super) fn asked(dir: &Path) -> Result<Asked, AdaptiveError> {
         let path = dir.join(ASKED);
-        let text = crate::text::read(&path).map_err(|error| io(&path, error.into()))?;
+        let text = crate::base::text::read(&path).map_err(|error| io(&path, error.into()))?;
         Ok(toml::from_str(&text).map_err(|error| explain(&text, &path, &error))?)
     }
 

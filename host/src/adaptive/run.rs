@@ -21,7 +21,7 @@ use crate::measurement::{Measurement, MeasurementError, take_segment};
 use crate::optics::{Unmeasurable, View};
 use crate::pattern::{LitSet, PatternMaker};
 use crate::plan::{BLACK_EXPOSURES, Directions, Exposure, Plan, PlanError, Request};
-use crate::progress::Progress;
+use crate::base::progress::Progress;
 use crate::rig::Rig;
 use crate::schedule::Timing;
 use crate::setup::Setup;

@@ -13,7 +13,7 @@ use crate::incident::{Grid, IncidentSet};
 use crate::optics::View;
 use crate::pattern::PatternMaker;
 use crate::plan::{Directions, Request};
-use crate::progress::Silent;
+use crate::base::progress::Silent;
 use crate::rig::Rig;
 use crate::sample::Sample;
 use crate::setup::Setup;

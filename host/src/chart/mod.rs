@@ -13,7 +13,7 @@ use std::path::Path;
 
 use plotters::prelude::*;
 
-use crate::file_format::{CHART, FormatError};
+use crate::base::file_format::{CHART, FormatError};
 use crate::render::{PictureError, save};
 use crate::whole_file::{FileError, write_whole};
 

@@ -9,7 +9,7 @@ use crate::brdf::Brdf;
 use crate::direction::is_above_horizon;
 use crate::fit::{Fit, FitError, Model};
 use crate::optics::Unmeasurable;
-use crate::progress::Progress;
+use crate::base::progress::Progress;
 use crate::provenance::Provenance;
 use crate::sample::Sample;
 use crate::store::{BrdfRows, StoreError, stored_sigma};

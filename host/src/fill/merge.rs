@@ -27,9 +27,9 @@ use super::union::Union;
 use super::{FillError, facts, finish, writer_like};
 use crate::brdf::{Brdf, COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, UNCALIBRATED};
 use crate::direction::from_angles;
-use crate::linear_fit::least_squares;
+use crate::base::linear_fit::least_squares;
 use crate::optics::Unmeasurable;
-use crate::progress::Progress;
+use crate::base::progress::Progress;
 use crate::provenance::Provenance;
 use crate::store::{BrdfRows, LEAST_SIGMA, StoreError, USELESS_SIGMA};
 

@@ -38,7 +38,7 @@ use crate::direction::from_angles;
 use crate::fit::{Fit, FitError};
 use crate::incident::IncidentSet;
 use crate::optics::Unmeasurable;
-use crate::progress::Progress;
+use crate::base::progress::Progress;
 use crate::provenance::Provenance;
 use crate::store::{BrdfLayout, BrdfWriter, StoreError};
 

@@ -91,11 +91,11 @@ impl Grid {
             expected: expected.to_owned(),
             found,
         };
-        let text = crate::text::read(path)
+        let text = crate::base::text::read(path)
             .map_err(|error| fail(None, "a list of directions", format!("no readable text: {error}")))?;
         let mut directions_deg = Vec::new();
         for (index, line) in text.lines().enumerate() {
-            let direction = crate::text::numbers(line)
+            let direction = crate::base::text::numbers(line)
                 .map_err(|found| fail(Some(index + 1), "two numbers, θ and φ in degrees", found))?;
             directions_deg.extend(direction);
         }

@@ -22,7 +22,7 @@ use crate::measurement::{Measurement, MeasurementError};
 use crate::optics::View;
 use crate::pattern::{BitPattern, PatternMaker};
 use crate::plan::Request;
-use crate::progress::Progress;
+use crate::base::progress::Progress;
 use crate::reflectance::Reflectance;
 use crate::render::{automatic_exposure, corrugated, save, sheet, sphere};
 use crate::report::Summary;
@@ -225,7 +225,7 @@ fn cloth_figures(cloth: &str, brdf: &Brdf, dir: &Path) -> Result<(), PaperError>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::progress::Silent;
+    use crate::base::progress::Silent;
 
     #[test]
     fn all_that_the_page_shows_is_there() {

@@ -16,7 +16,7 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ImageError, Rgb, RgbImage};
 use rayon::prelude::*;
 
-use crate::file_format::{FormatError, PICTURE};
+use crate::base::file_format::{FormatError, PICTURE};
 use crate::reflectance::Value;
 use crate::whole_file;
 

@@ -19,7 +19,7 @@ impl Rig {
             return Rig::from_toml(text, Path::new(spec));
         }
         let path = Path::new(spec);
-        let text = crate::text::read(path).map_err(|found| RigError::Unreadable {
+        let text = crate::base::text::read(path).map_err(|found| RigError::Unreadable {
             path: path.to_path_buf(),
             found: found.into(),
         })?;

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use super::{Lens, Rig, RigError};
 use crate::optics::{Ellipsoid, Unmeasurable, View};
-use crate::text::listed;
+use crate::base::text::listed;
 
 /// Side of the grid of pixels that is probed for a measurable direction.
 const PROBES: u32 = 48;

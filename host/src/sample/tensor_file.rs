@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 use half::f16;
 
 use super::SampleError;
-use crate::text::listed;
+use crate::base::text::listed;
 
 const MAGIC: &[u8; 12] = b"tensor_file\0";
 const VERSION: [u8; 2] = [1, 0];

@@ -29,7 +29,7 @@ use super::atomic::AtomicStore;
 use super::error::StoreError;
 use super::group::metadata_key;
 use super::header::Header;
-use crate::text::{by, listed};
+use crate::base::text::{by, listed};
 
 /// Bytes of the largest chunk that is accepted; more is a mistake in the layout or in a file.
 const LARGEST_CHUNK: usize = 1 << 32;

@@ -12,7 +12,7 @@ use zarrs::storage::ReadableStorageTraits as _;
 use super::atomic::AtomicStore;
 use super::error::StoreError;
 use super::group::{expect_field, metadata_key, parse, short};
-use crate::text::by;
+use crate::base::text::by;
 
 /// The parts of an array's `zarr.json` from which a layout is read.
 #[derive(Debug)]

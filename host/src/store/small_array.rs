@@ -11,7 +11,7 @@ use super::array::{ArraySpec, ElementType, ZarrArray, add_codes, described};
 use super::atomic::AtomicStore;
 use super::error::StoreError;
 use super::header::Header;
-use crate::text::{by, listed};
+use crate::base::text::{by, listed};
 
 /// What stands in an array of codes for no code at all.
 const NO_CODE: u8 = 255;

@@ -23,7 +23,7 @@ use crate::chart::ChartError;
 use crate::disk::Disk;
 use crate::incident::{Grid, IncidentError, IncidentSet};
 use crate::interpolation::{Interpolation, Table};
-use crate::progress::Progress;
+use crate::base::progress::Progress;
 use crate::reflectance::Reflectance;
 use crate::sample::Sample;
 use crate::store::StoreError;
@@ -311,7 +311,7 @@ pub fn reconstruction<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::progress::Silent;
+    use crate::base::progress::Silent;
     use crate::sample::parse;
 
     fn settings(intervals_deg: &[f64], image_sizes: &[usize]) -> Settings {

@@ -184,7 +184,7 @@ impl Truth {
     /// # Errors
     /// [`RigError`], one sentence.
     pub fn load(path: &Path) -> Result<Self, RigError> {
-        let text = crate::text::read(path).map_err(|found| RigError::Unreadable {
+        let text = crate::base::text::read(path).map_err(|found| RigError::Unreadable {
             path: path.to_path_buf(),
             found: found.into(),
         })?;

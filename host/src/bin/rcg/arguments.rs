@@ -2,7 +2,7 @@
 
 use std::ffi::OsString;
 
-use rcg::text::shown;
+use rcg::base::text::shown;
 
 /// What is wrong with the first of `arguments` (without the program's name) that is no text or empty, in one sentence:
 /// files and their contents name each other in UTF-8, and nothing has an empty name.

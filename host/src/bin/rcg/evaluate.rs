@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use rcg::brdf::Source;
 use rcg::brdf::{Brdf, KnownBrdf};
 use rcg::evaluate::{Evaluation, Repeatability, evaluate, repeatability};
-use rcg::progress::Progress as _;
+use rcg::base::progress::Progress as _;
 use rcg::report::quantile;
 use rcg::sample::Sample;
 

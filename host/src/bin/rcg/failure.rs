@@ -10,7 +10,7 @@ use rcg::calibrate::CalibrateError;
 use rcg::calibration::CalibrationError;
 use rcg::chart::ChartError;
 use rcg::device::DeviceError;
-use rcg::file_format::FormatError;
+use rcg::base::file_format::FormatError;
 use rcg::fill::FillError;
 use rcg::firing::FiringError;
 use rcg::fit::FitError;

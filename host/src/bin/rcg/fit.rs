@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use rcg::brdf::Source;
-use rcg::file_format::CHART;
+use rcg::base::file_format::CHART;
 use rcg::fit::{Fit, Model};
 
 use crate::Done;

@@ -34,7 +34,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use failure::Failure;
 use output::Output;
-use rcg::progress::Progress as _;
+use rcg::base::progress::Progress as _;
 use rcg::rig::Rig;
 
 /// The instrument, unless another is named.

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use rcg::multiplex::choose::{Choice, Method, REGIONS, choose};
 use rcg::plan::Plan;
-use rcg::progress::Progress as _;
+use rcg::base::progress::Progress as _;
 use rcg::report::duration;
 use rcg::rig::Rig;
 use rcg::setup::DEFAULT_SAMPLE;

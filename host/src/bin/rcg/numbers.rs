@@ -2,7 +2,7 @@
 
 use std::io::BufRead;
 
-use rcg::text::{TextError, lines, numbers};
+use rcg::base::text::{TextError, lines, numbers};
 
 use crate::failure::Failure;
 

@@ -6,9 +6,9 @@ use std::sync::Mutex;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
-use rcg::file_format::Formats;
-use rcg::progress::Progress;
-use rcg::text::{cut, plain};
+use rcg::base::file_format::Formats;
+use rcg::base::progress::Progress;
+use rcg::base::text::{cut, plain};
 use rcg::whole_file::{self, FileError};
 use serde::Serialize;
 use serde_json::Value;

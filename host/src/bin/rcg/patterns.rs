@@ -7,7 +7,7 @@ use rcg::measurement::Measurement;
 use rcg::optics::View;
 use rcg::pattern::{BitPattern, PatternMaker};
 use rcg::plan::{Directions, PlanError, spot_deg};
-use rcg::progress::Progress as _;
+use rcg::base::progress::Progress as _;
 use rcg::render::save;
 use rcg::rig::{Rig, Tilt};
 use rcg::setup::Setup;

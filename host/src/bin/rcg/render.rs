@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use rcg::brdf::Source;
-use rcg::file_format::PICTURE;
+use rcg::base::file_format::PICTURE;
 use rcg::render::{automatic_exposure, corrugated, save, share_with_values, sheet, sphere};
 use serde_json::json;
 

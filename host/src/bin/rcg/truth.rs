@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use rcg::file_format::TRUTH;
+use rcg::base::file_format::TRUTH;
 use rcg::rig::Rig;
 use rcg::virtual_rig::{Tolerances, Truth};
 use rcg::whole_file::write_whole;

@@ -4,7 +4,7 @@ use std::error::Error as _;
 use std::process::ExitCode;
 
 use clap::error::{ContextKind, ContextValue, Error, ErrorKind};
-use rcg::text::shown;
+use rcg::base::text::shown;
 
 use crate::output::complain;
 

@@ -13,7 +13,7 @@ use crate::optics::View;
 use crate::pattern::{BitPattern, PatternMaker};
 use crate::pilot::Tests;
 use crate::plan;
-use crate::progress::Progress;
+use crate::base::progress::Progress;
 use crate::rig::Rig;
 use crate::schedule::{SHORTEST_EXPOSURE_S, Timing};
 use crate::setup::Setup;

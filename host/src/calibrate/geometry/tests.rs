@@ -3,7 +3,7 @@
 use super::*;
 use crate::calibrate::Conditions;
 use crate::direction::angle_between;
-use crate::progress::Silent;
+use crate::base::progress::Silent;
 use crate::setup::Setup;
 use crate::virtual_rig::{Tolerances, Truth};
 

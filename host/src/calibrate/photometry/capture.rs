@@ -33,7 +33,7 @@ use crate::incident::Grid;
 use crate::optics::View;
 use crate::pattern::PatternMaker;
 use crate::plan;
-use crate::progress::Progress;
+use crate::base::progress::Progress;
 use crate::rig::{Rig, Tilt};
 use crate::sample::Sample;
 use crate::schedule::Timing;
@@ -139,7 +139,7 @@ impl Views {
         let ascends = self.times_s.windows(2).all(|pair| pair[0] < pair[1]);
         if self.times_s.len() < 2 || !ascends || self.times_s[0] <= 0.0 {
             let expected = "two or more ascending times above 0".to_owned();
-            return content("times_s", expected, crate::text::listed(&self.times_s));
+            return content("times_s", expected, crate::base::text::listed(&self.times_s));
         }
         if self.exposure_s <= 0.0 {
             return content(

@@ -48,7 +48,7 @@ use crate::direction::from_degrees;
 use crate::rig::Rig;
 use crate::sample::{Sample, albedo};
 use crate::store::Segment;
-use crate::text::by;
+use crate::base::text::by;
 
 /// What writes the files.
 const COMMAND: &str = "rcg calibrate photometry --out DIR";

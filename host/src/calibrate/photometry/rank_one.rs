@@ -17,7 +17,7 @@ use super::capture::{Stand, Views, maker};
 use super::share::Judged;
 use crate::calibrate::CalibrateError;
 use crate::calibration::{CalibrationError, HIGHEST, SmoothField, TERMS, lights, terms};
-use crate::linear_fit::least_squares;
+use crate::base::linear_fit::least_squares;
 use crate::optics::{DirectionMap, Unmeasurable, View};
 use crate::sample::Sample;
 

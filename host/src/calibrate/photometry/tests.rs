@@ -3,7 +3,7 @@
 use super::*;
 use crate::calibrate::Conditions;
 use crate::optics::{DirectionMap, View};
-use crate::progress::Silent;
+use crate::base::progress::Silent;
 use crate::rig::Tilt;
 use crate::setup::Setup;
 use crate::virtual_rig::{Tolerances, Truth};

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use rcg::calibrate::geometry::{Request, Views, calibrate, capture};
 use rcg::calibration::Geometry;
-use rcg::progress::Progress as _;
+use rcg::base::progress::Progress as _;
 use rcg::rig::Rig;
 use rcg::store::Lock;
 

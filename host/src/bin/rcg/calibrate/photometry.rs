@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use rcg::calibrate::photometry::{Request, Views, calibrate, capture};
 use rcg::calibration::Photometry;
 use rcg::calibration::RIG;
-use rcg::progress::Progress as _;
+use rcg::base::progress::Progress as _;
 use rcg::rig::{Rig, Tilt};
 use rcg::sample::parse;
 use rcg::store::Lock;

@@ -1,0 +1,6 @@
+//! What everything stands on and nothing optical is in: words, progress, formats of files by their names, linear fits.
+
+pub mod file_format;
+pub(crate) mod linear_fit;
+pub mod progress;
+pub mod text;
