@@ -8,7 +8,7 @@ use divan::{Bencher, counter::ItemsCount};
 use half::f16;
 use rcg::assemble::{CHUNK, assemble};
 use rcg::calibration::Applied;
-use rcg::incident::Grid;
+use rcg::hemisphere::incident::Grid;
 use rcg::measure::capture;
 use rcg::measurement::Measurement;
 use rcg::plan::{Plan, Request};

@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use divan::{Bencher, counter::ItemsCount};
-use rcg::incident::Grid;
+use rcg::hemisphere::incident::Grid;
 use rcg::measure::{complete, prepare};
 use rcg::plan::Request;
 use rcg::base::progress::Silent;

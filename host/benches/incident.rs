@@ -3,8 +3,8 @@
 
 use divan::{Bencher, black_box};
 use glam::DVec3;
-use rcg::direction::from_degrees;
-use rcg::incident::{Grid, IncidentSet};
+use rcg::hemisphere::direction::from_degrees;
+use rcg::hemisphere::incident::{Grid, IncidentSet};
 
 fn main() {
     divan::main();

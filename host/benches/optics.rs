@@ -1,7 +1,7 @@
 //! Pixels ↔ directions.
 
 use divan::{Bencher, black_box, counter::ItemsCount};
-use rcg::direction::from_degrees;
+use rcg::hemisphere::direction::from_degrees;
 use rcg::optics::{DirectionMap, DirectionTable, View};
 use rcg::rig::Rig;
 

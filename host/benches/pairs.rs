@@ -8,7 +8,7 @@ use std::path::Path;
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use glam::DVec3;
-use rcg::direction::from_degrees;
+use rcg::hemisphere::direction::from_degrees;
 use rcg::sample::{MeasuredRgl, Sample};
 
 fn main() {

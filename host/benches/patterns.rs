@@ -3,7 +3,7 @@
 //! The mark is 9,523 patterns/s, the rate of the DMD of preset `dmd`.
 
 use divan::{Bencher, black_box, counter::ItemsCount};
-use rcg::incident::Rings;
+use rcg::hemisphere::incident::Rings;
 use rcg::optics::View;
 use rcg::pattern::{BitPattern, PatternMaker};
 use rcg::rig::Rig;

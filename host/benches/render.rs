@@ -23,7 +23,7 @@ const LIGHT_DEG: (f64, f64) = (45.0, 30.0);
 
 fn measured(dir: &Path) -> Brdf {
     let request = Request {
-        grid: rcg::incident::Grid::ThetaPhi { step_deg: 3.0 },
+        grid: rcg::hemisphere::incident::Grid::ThetaPhi { step_deg: 3.0 },
         image_size: 96,
         exposure_s: Some(0.004),
         brackets: rcg::brackets::Brackets::One,

@@ -31,7 +31,7 @@ use rayon::prelude::*;
 use crate::brackets::dark_noise_dn;
 use crate::brdf::{Brdf, BrdfError};
 use crate::calibration::Applied;
-use crate::disk::Disk;
+use crate::hemisphere::disk::Disk;
 use crate::optics::{Unmeasurable, View};
 use crate::plan::{BLACK_EXPOSURES, Directions, Plan};
 use crate::provenance::Provenance;

@@ -8,8 +8,8 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::disk::Disk;
-use crate::incident::{Grid, IncidentError, IncidentSet};
+use crate::hemisphere::disk::Disk;
+use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
 use crate::interpolation::{Cells, Errors};
 use crate::optics::Unmeasurable;
 use crate::store::{BrdfReader, BrdfRows, StoreError};

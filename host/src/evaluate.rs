@@ -24,7 +24,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::brdf::Brdf;
-use crate::judged::is_judged;
+use crate::hemisphere::judged::is_judged;
 use crate::provenance::Provenance;
 use crate::sample::Sample;
 use crate::store::StoreError;

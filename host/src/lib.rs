@@ -21,6 +21,7 @@
 
 #![forbid(unsafe_code)]
 
+pub mod hemisphere;
 pub mod base;
 pub mod adaptive;
 pub mod assemble;
@@ -32,17 +33,13 @@ pub mod camera;
 pub mod capture;
 pub mod chart;
 pub mod device;
-pub mod direction;
-pub mod disk;
 pub mod evaluate;
 pub mod fill;
 pub mod firing;
 pub mod fit;
 pub mod frame_format;
 pub mod goal;
-pub mod incident;
 pub mod interpolation;
-pub mod judged;
 pub mod link;
 pub mod measure;
 pub mod measurement;

@@ -128,7 +128,7 @@ impl Pace {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::incident::Grid;
+    use crate::hemisphere::incident::Grid;
     use crate::plan::Request;
 
     fn pace(rig: &Rig, step_deg: f64) -> Pace {

@@ -212,8 +212,8 @@ impl PatternMaker {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::{angle_between, from_degrees};
-    use crate::incident::Rings;
+    use crate::hemisphere::direction::{angle_between, from_degrees};
+    use crate::hemisphere::incident::Rings;
     use crate::rig::Rig;
     use crate::virtual_rig::{Tolerances, Truth};
 

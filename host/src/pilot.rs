@@ -1,8 +1,8 @@
 //! The pilot capture, which chooses the exposure time, or those of several exposures.
 
 use crate::capture::{Captured, Instrument, Tally};
-use crate::incident::Grid;
-use crate::judged::is_judged;
+use crate::hemisphere::incident::Grid;
+use crate::hemisphere::judged::is_judged;
 use crate::measurement::MeasurementError;
 use crate::optics::{DirectionMap, View};
 use crate::pattern::PatternMaker;

@@ -10,7 +10,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::brackets::{Brackets, largest_ratio};
-use crate::incident::{Grid, IncidentError, IncidentSet};
+use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
 use crate::optics::{Unmeasurable, View};
 use crate::rig::{Rig, RigError, Tilt, explain};
 use crate::schedule::{ScheduleError, Timing};

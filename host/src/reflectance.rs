@@ -1,13 +1,13 @@
 //! Anything that has a BRDF value: a measured table or a known sample.
 //!
 //! # Design
-//! All of them have values for the same directions, those above the horizon ([`crate::direction::is_above_horizon`]), less
+//! All of them have values for the same directions, those above the horizon ([`crate::hemisphere::direction::is_above_horizon`]), less
 //! what an instrument did not see; for any other direction they give the reason, never a number.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::direction::is_above_horizon;
+use crate::hemisphere::direction::is_above_horizon;
 use crate::optics::Unmeasurable;
 use crate::sample::Sample;
 use crate::store::StoreError;

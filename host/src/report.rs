@@ -12,7 +12,7 @@ use crate::brdf::Brdf;
 use crate::capture::Tally;
 use crate::evaluate::{Albedo, Evaluation, Quantile};
 use crate::goal::{Adapted, Stop};
-use crate::judged::{JUDGED_THETA_DEG, RECIPROCAL_THETA_DEG};
+use crate::hemisphere::judged::{JUDGED_THETA_DEG, RECIPROCAL_THETA_DEG};
 use crate::measurement::Measurement;
 use crate::plan::Exposure;
 use crate::reflectance::Reflectance;

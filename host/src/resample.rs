@@ -8,7 +8,7 @@
 
 use glam::DVec3;
 
-use crate::disk::{Disk, bilinear};
+use crate::hemisphere::disk::{Disk, bilinear};
 use crate::optics::{DirectionMap, Unmeasurable, View};
 
 /// The pixels of a cell are all around it if they look by less than this share of a pixel beside it.
@@ -144,7 +144,7 @@ fn tap(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::angle_between;
+    use crate::hemisphere::direction::angle_between;
     use crate::rig::Rig;
 
     #[test]
@@ -177,7 +177,7 @@ mod tests {
         assert_eq!(resampling.taps.len() + with_reason, disk.len());
         let at = |theta_deg: f64| {
             let position = disk
-                .position(crate::direction::from_degrees(theta_deg, 10.0))
+                .position(crate::hemisphere::direction::from_degrees(theta_deg, 10.0))
                 .unwrap();
             resampling.reasons[position.y as usize * 96 + position.x as usize]
         };

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use rcg::brackets::Brackets;
 use rcg::brdf::Brdf;
-use rcg::direction::from_degrees;
+use rcg::hemisphere::direction::from_degrees;
 use rcg::evaluate::evaluate;
 use rcg::fill::{FillError, Filled, fill};
-use rcg::incident::Grid;
+use rcg::hemisphere::incident::Grid;
 use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::plan::Request;
 use rcg::base::progress::Silent;

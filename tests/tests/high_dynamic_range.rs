@@ -10,7 +10,7 @@ use std::path::Path;
 use rcg::assemble::Assembled;
 use rcg::brackets::Brackets;
 use rcg::brdf::Brdf;
-use rcg::incident::Grid;
+use rcg::hemisphere::incident::Grid;
 use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::measurement::Measurement;
 use rcg::plan::Request;

@@ -5,7 +5,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use rcg::incident::Grid;
+use rcg::hemisphere::incident::Grid;
 use rcg::measure::{complete, prepare};
 use rcg::plan::Request;
 use rcg::base::progress::Silent;

@@ -8,7 +8,7 @@ use rcg::brdf::Brdf;
 use rcg::calibrate::Conditions;
 use rcg::calibrate::photometry::{self, Request};
 use rcg::calibration::{Calibration, RIG};
-use rcg::incident::Grid;
+use rcg::hemisphere::incident::Grid;
 use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::measurement::Measurement;
 use rcg::optics::Unmeasurable;

@@ -8,7 +8,7 @@ use rcg::calibrate::{Conditions, geometry, photometry};
 use rcg::calibration::Calibration;
 use rcg::evaluate::evaluate;
 use rcg::fit::{Fit, Model};
-use rcg::incident::Grid;
+use rcg::hemisphere::incident::Grid;
 use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::measurement::Measurement;
 use rcg::plan::Request;

@@ -4,10 +4,10 @@ use std::path::Path;
 use std::time::Duration;
 
 use rcg::brdf::Brdf;
-use rcg::direction::from_degrees;
+use rcg::hemisphere::direction::from_degrees;
 use rcg::evaluate::{Evaluation, evaluate};
 use rcg::fit::{Fit, Model};
-use rcg::incident::Grid;
+use rcg::hemisphere::incident::Grid;
 use rcg::interpolation::Interpolation;
 use rcg::measure::{assemble_measurement, capture, complete};
 use rcg::measurement::Measurement;

@@ -8,7 +8,7 @@ use std::time::Duration;
 use rcg::camera::Frame;
 use rcg::capture::Instrument;
 use rcg::device::DeviceError;
-use rcg::incident::Grid;
+use rcg::hemisphere::incident::Grid;
 use rcg::measure::{complete, prepare};
 use rcg::pattern::BitPattern;
 use rcg::plan::Request;

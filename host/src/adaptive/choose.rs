@@ -3,9 +3,9 @@
 use glam::DVec3;
 
 use super::predict::LeftOut;
-use crate::direction::{angle_between, is_above_horizon};
-use crate::incident::DirectionList;
-use crate::judged::is_judged;
+use crate::hemisphere::direction::{angle_between, is_above_horizon};
+use crate::hemisphere::incident::DirectionList;
+use crate::hemisphere::judged::is_judged;
 
 /// Candidates of a batch keep this share of their distances to captured directions from each other.
 const APART: f64 = 0.9;
@@ -119,8 +119,8 @@ pub(super) fn outlook(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::{from_degrees, to_angles};
-    use crate::incident::Rings;
+    use crate::hemisphere::direction::{from_degrees, to_angles};
+    use crate::hemisphere::incident::Rings;
 
     fn rings(step_deg: f64) -> DirectionList {
         let rings = Rings::equal_solid_angle(step_deg).unwrap();

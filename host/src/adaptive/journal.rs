@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Goal, GoalError};
 use crate::calibration::Applied;
-use crate::incident::{Grid, IncidentError};
+use crate::hemisphere::incident::{Grid, IncidentError};
 use crate::measure::MeasureError;
 use crate::measurement::{MeasurementError, Sums, sums_at, sums_of};
 use crate::plan::{BLACK_EXPOSURES, Plan, Request};

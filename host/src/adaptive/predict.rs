@@ -8,10 +8,10 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::direction::angle_between;
-use crate::disk::Disk;
-use crate::incident::{DirectionList, IncidentSet, Neighbours};
-use crate::judged::is_judged;
+use crate::hemisphere::direction::angle_between;
+use crate::hemisphere::disk::Disk;
+use crate::hemisphere::incident::{DirectionList, IncidentSet, Neighbours};
+use crate::hemisphere::judged::is_judged;
 
 /// Luminance of one capture on the outgoing disk.
 pub(super) struct Image {

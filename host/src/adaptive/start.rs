@@ -8,8 +8,8 @@ use glam::DVec3;
 
 use super::choose::outlook;
 use super::{AdaptiveError, BATCH, GoalError};
-use crate::direction::{angle_between, to_degrees};
-use crate::incident::{DirectionList, Grid};
+use crate::hemisphere::direction::{angle_between, to_degrees};
+use crate::hemisphere::incident::{DirectionList, Grid};
 use crate::rig::Rig;
 
 /// Captures of the usual beginning.

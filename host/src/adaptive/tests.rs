@@ -7,9 +7,9 @@ use rayon::prelude::*;
 
 use super::predict::{Image, judged_cells, mse};
 use super::{Goal, measure};
-use crate::direction::from_degrees;
-use crate::disk::Disk;
-use crate::incident::{Grid, IncidentSet};
+use crate::hemisphere::direction::from_degrees;
+use crate::hemisphere::disk::Disk;
+use crate::hemisphere::incident::{Grid, IncidentSet};
 use crate::optics::View;
 use crate::pattern::PatternMaker;
 use crate::plan::{Directions, Request};

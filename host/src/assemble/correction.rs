@@ -22,7 +22,7 @@ use glam::{DVec2, DVec3};
 use super::shape::{ByShape, Shape};
 use crate::calibration::Applied;
 use crate::calibration::{Interreflection, Photometry};
-use crate::disk::Disk;
+use crate::hemisphere::disk::Disk;
 use crate::optics::View;
 use crate::pattern::PatternMaker;
 use crate::plan::{Directions, Plan};

@@ -44,7 +44,7 @@ impl Edges {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::from_degrees;
+    use crate::hemisphere::direction::from_degrees;
     use crate::rig::Rig;
 
     #[test]

@@ -17,7 +17,7 @@ use super::off_sample::OffSample;
 use super::radiometry::{Radiometry, Work};
 use super::{AssembleError, chunk_rows, seen, unlit};
 use crate::calibration::Applied;
-use crate::disk::Disk;
+use crate::hemisphere::disk::Disk;
 use crate::optics::View;
 use crate::plan::{Directions, Plan};
 use crate::provenance::Provenance;

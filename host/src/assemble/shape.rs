@@ -20,7 +20,7 @@
 
 use glam::{DVec2, DVec3};
 
-use crate::disk::Disk;
+use crate::hemisphere::disk::Disk;
 use crate::optics::View;
 use crate::resample::Resampling;
 

@@ -3,8 +3,8 @@
 use glam::{DVec3, Vec3};
 
 use super::{Brdf, BrdfError, evidence};
-use crate::direction::is_above_horizon;
-use crate::incident::{IncidentSet, Neighbours};
+use crate::hemisphere::direction::is_above_horizon;
+use crate::hemisphere::incident::{IncidentSet, Neighbours};
 use crate::interpolation::{Cells, Image};
 use crate::sample::{Outgoing, Sample};
 

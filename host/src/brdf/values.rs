@@ -6,8 +6,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Brdf;
-use crate::direction::is_above_horizon;
-use crate::incident::IncidentSet;
+use crate::hemisphere::direction::is_above_horizon;
+use crate::hemisphere::incident::IncidentSet;
 use crate::interpolation::{
     Blend, Captures, Cells, Errors, Image, ImageOf, Interpolation, Lookup, learn, look_up,
 };

@@ -20,7 +20,7 @@ use serde::Serialize;
 use crate::brackets::Brackets;
 use crate::calibration::{CalibrationError, RIG, file};
 use crate::capture::{CaptureError, Captured, Instrument, Tally};
-use crate::incident::Grid;
+use crate::hemisphere::incident::Grid;
 use crate::measurement::MeasurementError;
 use crate::plan::{self, PlanError};
 use crate::rig::{RigError, Tilt};

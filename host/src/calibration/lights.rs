@@ -6,7 +6,7 @@
 
 use glam::DVec3;
 
-use crate::direction::{from_degrees, to_degrees};
+use crate::hemisphere::direction::{from_degrees, to_degrees};
 use crate::optics::View;
 use crate::rig::Rig;
 
@@ -65,7 +65,7 @@ pub(crate) fn around(w: DVec3) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::angle_between;
+    use crate::hemisphere::direction::angle_between;
 
     #[test]
     fn a_direction_lies_between_the_corners_of_its_cell() {

@@ -143,7 +143,7 @@ impl Sight {
 mod tests {
     use super::super::lights::LIGHTS;
     use super::*;
-    use crate::direction::from_degrees;
+    use crate::hemisphere::direction::from_degrees;
 
     #[test]
     fn pixels_beside_darkness_are_off_the_sample_at_every_size() {

@@ -7,7 +7,7 @@ use super::histogram::LogHistogram;
 use super::scoring::{Floor, channel_values};
 use super::{Quantiles, Resolution};
 use crate::brdf::Brdf;
-use crate::judged::is_judged;
+use crate::hemisphere::judged::is_judged;
 use crate::quadrature::{around, interpolated_pixel_rad, mean_f, spot_rad};
 use crate::sample::Sample;
 

@@ -9,8 +9,8 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::brdf::Brdf;
-use crate::direction::from_degrees;
-use crate::judged::RECIPROCAL_THETA_DEG;
+use crate::hemisphere::direction::from_degrees;
+use crate::hemisphere::judged::RECIPROCAL_THETA_DEG;
 use crate::sample::Sample;
 use crate::store::StoreError;
 

@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::Quantile;
 use super::histogram::LogHistogram;
 use crate::brdf::{Brdf, BrdfError, evidence};
-use crate::judged::is_judged;
+use crate::hemisphere::judged::is_judged;
 use crate::provenance::Provenance;
 
 /// How well two captures of one sample agree, for θ ≤ 80° both ways.

@@ -9,11 +9,11 @@
 
 use std::f64::consts::PI;
 
-use crate::direction::from_degrees;
-use crate::disk::Disk;
+use crate::hemisphere::direction::from_degrees;
+use crate::hemisphere::disk::Disk;
 use crate::sample::Sample;
 
-use crate::judged::{JUDGED_THETA_DEG, is_judged};
+use crate::hemisphere::judged::{JUDGED_THETA_DEG, is_judged};
 
 /// Share of the median of the reference below which nothing is scored.
 const OF_MEDIAN: f64 = 0.01;

@@ -10,9 +10,9 @@ use serde_json::{Map, Value, json};
 use super::*;
 use crate::assemble::coordinates;
 use crate::brdf::{BrdfError, KnownBrdf};
-use crate::disk::Disk;
-use crate::incident::Grid;
-use crate::judged::is_judged;
+use crate::hemisphere::disk::Disk;
+use crate::hemisphere::incident::Grid;
+use crate::hemisphere::judged::is_judged;
 use crate::optics::Unmeasurable;
 use crate::sample::{Outgoing, parse};
 use crate::store::{BrdfLayout, BrdfRows, BrdfWriter};
@@ -135,7 +135,7 @@ fn figures_over_nothing_are_none() {
     }
     // A single sample, and one that was filled in by whatever way: none of them is evidence.
     let middle = Disk::new(SIZE)
-        .neighbours(crate::direction::from_degrees(30.0, 40.0))
+        .neighbours(crate::hemisphere::direction::from_degrees(30.0, 40.0))
         .unwrap()[0]
         .0;
     let one = file(&at("one"), 1, &mut |index, cell| {

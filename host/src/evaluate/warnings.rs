@@ -1,7 +1,7 @@
 //! What an evaluation cannot state, in sentences.
 
 use super::{Evaluation, Quantile};
-use crate::judged::{JUDGED_THETA_DEG, RECIPROCAL_THETA_DEG};
+use crate::hemisphere::judged::{JUDGED_THETA_DEG, RECIPROCAL_THETA_DEG};
 
 /// One sentence for each figure that is none, or found from a part where only the whole has a meaning.
 pub(super) fn warnings(found: &Evaluation) -> Vec<String> {

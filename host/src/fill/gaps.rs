@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::{FillError, facts, finish, writer_like};
 use crate::brdf::Brdf;
-use crate::direction::is_above_horizon;
+use crate::hemisphere::direction::is_above_horizon;
 use crate::fit::{Fit, FitError, Model};
 use crate::optics::Unmeasurable;
 use crate::base::progress::Progress;

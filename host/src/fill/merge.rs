@@ -26,7 +26,7 @@ use serde_json::json;
 use super::union::Union;
 use super::{FillError, facts, finish, writer_like};
 use crate::brdf::{Brdf, COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, UNCALIBRATED};
-use crate::direction::from_angles;
+use crate::hemisphere::direction::from_angles;
 use crate::base::linear_fit::least_squares;
 use crate::optics::Unmeasurable;
 use crate::base::progress::Progress;

@@ -34,9 +34,9 @@ pub use merge::Alignment;
 
 use crate::assemble::{coordinates, interpolation_errors, list_attributes};
 use crate::brdf::{Brdf, BrdfError, evidence};
-use crate::direction::from_angles;
+use crate::hemisphere::direction::from_angles;
 use crate::fit::{Fit, FitError};
-use crate::incident::IncidentSet;
+use crate::hemisphere::incident::IncidentSet;
 use crate::optics::Unmeasurable;
 use crate::base::progress::Progress;
 use crate::provenance::Provenance;

@@ -10,7 +10,7 @@ use std::collections::HashMap;
 use glam::{DVec3, I64Vec2};
 
 use crate::brdf::Brdf;
-use crate::incident::{Grid, IncidentError, IncidentSet};
+use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
 
 /// Directions closer than this, in radians, are the same one.
 const SAME_RAD: f64 = 1e-6;

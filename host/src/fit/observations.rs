@@ -7,8 +7,8 @@ use rayon::prelude::*;
 
 use super::FitError;
 use crate::brdf::Brdf;
-use crate::direction::from_degrees;
-use crate::judged::is_judged;
+use crate::hemisphere::direction::from_degrees;
+use crate::hemisphere::judged::is_judged;
 use crate::provenance::Provenance;
 use crate::quadrature::{around, interpolated_pixel_rad, spot_rad};
 use crate::sample::Sample;

@@ -2,8 +2,8 @@
 
 use glam::{DVec3, Vec3};
 
-use crate::disk::Disk;
-use crate::incident::IncidentSet;
+use crate::hemisphere::disk::Disk;
+use crate::hemisphere::incident::IncidentSet;
 use crate::provenance::Provenance;
 use crate::store::StoreError;
 
@@ -149,7 +149,7 @@ pub(crate) type ImageOf<'a> = &'a (dyn Fn(usize) -> Option<Image<'a>> + Sync);
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::from_degrees;
+    use crate::hemisphere::direction::from_degrees;
     use proptest::prelude::*;
 
     const SIZE: usize = 8;

@@ -11,7 +11,7 @@ use super::Blend;
 use super::blend::{BACK, BRANCHES};
 use super::captures::{Captures, Cells, ImageOf};
 use super::rule::{DIRECT, readings};
-use crate::incident::IncidentSet;
+use crate::hemisphere::incident::IncidentSet;
 use crate::store::StoreError;
 
 /// Images of one query.

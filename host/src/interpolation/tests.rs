@@ -4,9 +4,9 @@ use glam::DVec3;
 
 use super::region::{REGIONS, around, region};
 use super::{BRANCHES, Blend, Errors, Interpolation, RULES, Table};
-use crate::direction::from_degrees;
-use crate::disk::Disk;
-use crate::incident::{Grid, IncidentSet};
+use crate::hemisphere::direction::from_degrees;
+use crate::hemisphere::disk::Disk;
+use crate::hemisphere::incident::{Grid, IncidentSet};
 use crate::reflectance::Reflectance as _;
 use crate::sample::{Sample, parse};
 

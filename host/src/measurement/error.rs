@@ -2,7 +2,7 @@
 
 use crate::calibration::CalibrationError;
 use crate::capture::CaptureError;
-use crate::incident::IncidentError;
+use crate::hemisphere::incident::IncidentError;
 use crate::plan::PlanError;
 use crate::rig::RigError;
 use crate::store::StoreError;

@@ -19,7 +19,7 @@ use serde::Serialize;
 use super::cells::CellError;
 use super::pilot::{Singles, Sums, Value, blocks, dark_variance};
 use crate::capture::Instrument;
-use crate::incident::{Grid, IncidentError};
+use crate::hemisphere::incident::{Grid, IncidentError};
 use crate::measurement::MeasurementError;
 use crate::plan::PlanError;
 use crate::rig::Rig;

@@ -16,9 +16,9 @@
 use super::cells::{Blocks, CellError, check_disjoint, union};
 use super::choose::MultiplexError;
 use crate::capture::{Captured, Instrument};
-use crate::direction::angle_between;
-use crate::incident::Grid;
-use crate::judged::is_judged;
+use crate::hemisphere::direction::angle_between;
+use crate::hemisphere::incident::Grid;
+use crate::hemisphere::judged::is_judged;
 use crate::optics::{DirectionMap, View};
 use crate::pattern::{LitSet, PatternMaker};
 use crate::pilot::{PILOT_CLIPPED, PILOT_TARGET, Tests, spread};

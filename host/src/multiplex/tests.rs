@@ -2,7 +2,7 @@ use proptest::prelude::*;
 
 use super::cells::{check_disjoint, union};
 use super::*;
-use crate::direction::from_degrees;
+use crate::hemisphere::direction::from_degrees;
 use crate::optics::View;
 use crate::pattern::{LitSet, PatternMaker};
 use crate::rig::Rig;
@@ -152,7 +152,7 @@ fn the_measured_variance_is_the_predicted_one_at_251_cells() {
 fn lit_sets(spot_deg: f64, step_deg: f64) -> Vec<LitSet> {
     let rig = Rig::load("rcg-2").unwrap();
     let directions =
-        crate::plan::Directions::new(&rig, &crate::incident::Grid::ThetaPhi { step_deg }).unwrap();
+        crate::plan::Directions::new(&rig, &crate::hemisphere::incident::Grid::ThetaPhi { step_deg }).unwrap();
     let maker = PatternMaker::new(View::projector(&rig), spot_deg, 1.0);
     let lit = directions
         .measurable()

@@ -145,7 +145,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::direction::{angle_between, from_angles};
+    use crate::hemisphere::direction::{angle_between, from_angles};
 
     fn mirrors() -> impl Strategy<Value = Ellipsoid> {
         (0.01..1.0_f64, 1.01..3.0_f64).prop_map(|(a_m, ratio)| Ellipsoid {

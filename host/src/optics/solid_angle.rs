@@ -73,7 +73,7 @@ mod tests {
     use std::f64::consts::FRAC_PI_2;
 
     use super::*;
-    use crate::direction::from_angles;
+    use crate::hemisphere::direction::from_angles;
 
     #[test]
     fn an_octant_is_an_eighth_of_the_sphere() {

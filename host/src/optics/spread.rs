@@ -64,7 +64,7 @@ fn widths(a: DVec3, b: DVec3) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::from_degrees;
+    use crate::hemisphere::direction::from_degrees;
     use crate::rig::Rig;
 
     #[test]

@@ -183,7 +183,7 @@ fn weights(t: f32) -> [f32; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::angle_between;
+    use crate::hemisphere::direction::angle_between;
     use crate::rig::{PRESETS, Rig};
 
     #[test]

@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 use proptest::prelude::*;
 
 use super::{DirectionMap, Unmeasurable, View};
-use crate::direction::{angle_between, from_angles, from_degrees};
+use crate::hemisphere::direction::{angle_between, from_angles, from_degrees};
 use crate::rig::{PRESETS, Rig};
 
 fn preset(name: &str) -> Rig {

@@ -51,7 +51,7 @@ impl WireStrip {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::from_degrees;
+    use crate::hemisphere::direction::from_degrees;
 
     #[test]
     fn the_strip_has_the_same_width_at_every_height_and_one_side_only() {

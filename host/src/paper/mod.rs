@@ -16,7 +16,7 @@ use serde::Serialize;
 
 use crate::brdf::{Brdf, BrdfError};
 use crate::chart::{ChartError, captioned};
-use crate::incident::Grid;
+use crate::hemisphere::incident::Grid;
 use crate::measure::{MeasureError, complete, prepare};
 use crate::measurement::{Measurement, MeasurementError};
 use crate::optics::View;

@@ -10,7 +10,7 @@ use std::fmt;
 use super::{judged, patterns};
 use crate::brackets::{Brackets, MOST, RATIO, geometric, largest_ratio, milliseconds};
 use crate::capture::{Instrument, Tally};
-use crate::incident::Grid;
+use crate::hemisphere::incident::Grid;
 use crate::measurement::MeasurementError;
 use crate::plan::PlanError;
 use crate::rig::Rig;

@@ -15,7 +15,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use glam::DVec3;
 
 use super::{Content, Picture};
-use crate::direction::{HORIZON_COS, from_degrees};
+use crate::hemisphere::direction::{HORIZON_COS, from_degrees};
 use crate::reflectance::Reflectance;
 use crate::store::StoreError;
 

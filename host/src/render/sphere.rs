@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::{Content, Picture};
-use crate::direction::{HORIZON_COS, from_degrees};
+use crate::hemisphere::direction::{HORIZON_COS, from_degrees};
 use crate::reflectance::Reflectance;
 use crate::reflectance::Value;
 use crate::store::StoreError;

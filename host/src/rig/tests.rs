@@ -109,7 +109,7 @@ fn a_smaller_image_shows_the_same_directions() {
         (96, 96)
     );
     let (wide, small) = (View::camera(&wide), View::camera(&small));
-    let w = crate::direction::from_degrees(55.0, 30.0);
+    let w = crate::hemisphere::direction::from_degrees(55.0, 30.0);
     let (in_wide, in_small) = (wide.pixel(w).expect("seen"), small.pixel(w).expect("seen"));
     assert!(((in_wide.x - 476.0) * 96.0 / 2048.0 - in_small.x).abs() < 1e-9);
     assert!((in_wide.y * 96.0 / 2048.0 - in_small.y).abs() < 1e-9);

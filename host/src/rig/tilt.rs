@@ -15,7 +15,7 @@ use serde::de::{Error as _, Unexpected};
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::{Rig, RigError};
-use crate::direction::from_degrees;
+use crate::hemisphere::direction::from_degrees;
 use crate::optics::SampleFrame;
 
 /// Largest tilt, degrees.

@@ -163,7 +163,7 @@ impl Outgoing for Lit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::from_degrees;
+    use crate::hemisphere::direction::from_degrees;
 
     fn close(found: f64, expected: f64) {
         assert!(
@@ -210,7 +210,7 @@ mod tests {
             let theta_rad = (f64::from(i) + 0.5) / f64::from(n_theta) * PI / 4.0;
             for j in 0..n_phi {
                 let phi_rad = (f64::from(j) + 0.5) / f64::from(n_phi) * 2.0 * PI;
-                let wo = crate::direction::from_angles(2.0 * theta_rad, phi_rad);
+                let wo = crate::hemisphere::direction::from_angles(2.0 * theta_rad, phi_rad);
                 let lambda =
                     ((1.0 + ((0.3 * wo.x).powi(2) + (0.6 * wo.y).powi(2)) / wo.z.powi(2)).sqrt() - 1.0) / 2.0;
                 let d = lit.f(wo)[0] * 4.0 * wo.z * (1.0 + lambda);

@@ -67,7 +67,7 @@ impl Outgoing for Lit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::from_degrees;
+    use crate::hemisphere::direction::from_degrees;
 
     #[test]
     fn is_constant_above_the_horizon_and_zero_below() {

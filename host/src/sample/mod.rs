@@ -24,7 +24,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
-use crate::direction::{from_angles, is_above_horizon};
+use crate::hemisphere::direction::{from_angles, is_above_horizon};
 
 pub use ggx::Ggx;
 pub use lambert::Lambert;

@@ -112,7 +112,7 @@ impl Outgoing for Lit<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::from_degrees;
+    use crate::hemisphere::direction::from_degrees;
     use crate::sample::parse;
 
     #[test]

@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use proptest::prelude::*;
 
 use super::*;
-use crate::direction::{from_angles, from_degrees};
+use crate::hemisphere::direction::{from_angles, from_degrees};
 
 /// A direction of the upper hemisphere, 1e-4 rad and more above the horizon.
 fn upper() -> impl Strategy<Value = DVec3> {

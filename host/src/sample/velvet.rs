@@ -139,12 +139,12 @@ impl Outgoing for Lit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::from_degrees;
+    use crate::hemisphere::direction::from_degrees;
 
     #[test]
     fn agrees_with_the_angular_form() {
         let (wi, wo) = (from_degrees(60.0, 20.0), from_degrees(70.0, 55.0));
-        let (theta_rad, phi_rad) = crate::direction::to_angles((wi + wo).normalize());
+        let (theta_rad, phi_rad) = crate::hemisphere::direction::to_angles((wi + wo).normalize());
         let Velvet {
             rho_d,
             rho_s,
@@ -174,7 +174,7 @@ mod tests {
             let sin2 = (f64::from(i) + 0.5) / f64::from(n_sin2);
             let theta_rad = sin2.sqrt().asin();
             for j in 0..n_phi {
-                let h = crate::direction::from_angles(theta_rad, f64::from(j) / f64::from(n_phi) * 2.0 * PI);
+                let h = crate::hemisphere::direction::from_angles(theta_rad, f64::from(j) / f64::from(n_phi) * 2.0 * PI);
                 covered += velvet.f(h, h)[0] * 4.0 * (2.0 * h.z - h.z * h.z);
             }
         }

@@ -125,7 +125,7 @@ impl Outgoing for Lit {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::from_degrees;
+    use crate::hemisphere::direction::from_degrees;
 
     fn close(found: f64, expected: f64) {
         assert!(
@@ -145,7 +145,7 @@ mod tests {
     fn agrees_with_the_angular_form() {
         let (wi, wo) = (from_degrees(35.0, 20.0), from_degrees(50.0, 190.0));
         let h = (wi + wo).normalize();
-        let (delta_rad, phi_rad) = crate::direction::to_angles(h);
+        let (delta_rad, phi_rad) = crate::hemisphere::direction::to_angles(h);
         let Ward {
             rho_d,
             rho_s,

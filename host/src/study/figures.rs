@@ -7,8 +7,8 @@ use image::RgbImage;
 
 use super::{COMPARED_IMAGE_SIZE, IdealCaptures, Row, Study, StudyError};
 use crate::chart::{Axis, Chart, ChartError, Curve, Scale, captioned};
-use crate::disk::Disk;
-use crate::incident::Grid;
+use crate::hemisphere::disk::Disk;
+use crate::hemisphere::incident::Grid;
 use crate::interpolation::Interpolation;
 use crate::reflectance::Reflectance;
 use crate::render::{save, sheet, sphere};

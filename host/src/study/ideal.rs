@@ -9,8 +9,8 @@
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-use crate::disk::Disk;
-use crate::incident::IncidentSet;
+use crate::hemisphere::disk::Disk;
+use crate::hemisphere::incident::IncidentSet;
 use crate::reflectance::Reflectance;
 use crate::reflectance::{Missing, Value};
 use crate::sample::Sample;
@@ -167,8 +167,8 @@ impl Reflectance for IdealCaptures<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::from_degrees;
-    use crate::incident::Grid;
+    use crate::hemisphere::direction::from_degrees;
+    use crate::hemisphere::incident::Grid;
     use crate::sample::parse;
 
     fn theta_phi(step_deg: f64) -> IncidentSet {

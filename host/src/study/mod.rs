@@ -20,8 +20,8 @@ use std::path::Path;
 use serde::Serialize;
 
 use crate::chart::ChartError;
-use crate::disk::Disk;
-use crate::incident::{Grid, IncidentError, IncidentSet};
+use crate::hemisphere::disk::Disk;
+use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
 use crate::interpolation::{Interpolation, Table};
 use crate::base::progress::Progress;
 use crate::reflectance::Reflectance;

@@ -150,7 +150,7 @@ fn neighbours(pixel: u32, width_px: usize) -> impl Iterator<Item = u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::from_degrees;
+    use crate::hemisphere::direction::from_degrees;
     use crate::optics::View;
     use crate::pattern::PatternMaker;
     use crate::rig::Rig;

@@ -15,7 +15,7 @@ use super::light::{Glow, Light};
 use super::sensor::Sensor;
 use super::stage::Shot;
 use super::truth::Truth;
-use crate::direction::from_angles;
+use crate::hemisphere::direction::from_angles;
 use crate::frame_format::FrameFormat;
 use crate::optics::{DirectionMap, View};
 use crate::pattern::BitPattern;

@@ -2,7 +2,7 @@
 
 use std::io::{self, Write as _};
 
-use rcg::direction::from_degrees;
+use rcg::hemisphere::direction::from_degrees;
 use rcg::optics::{Spread, Unmeasurable, View};
 use rcg::rig::{Rig, Tilt};
 use rcg::setup::Setup;

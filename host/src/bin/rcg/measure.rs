@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use rcg::adaptive::{self, AdaptiveError, Begun, Goal};
-use rcg::incident::Grid;
+use rcg::hemisphere::incident::Grid;
 use rcg::measure::{complete, prepare_like};
 use rcg::measurement::Measurement;
 use rcg::plan::{Plan, Request};

@@ -60,7 +60,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             continue;
         };
         let (theta_deg, phi_deg) = directions.grid.angles_deg(index);
-        let (lit_theta_deg, lit_phi_deg) = rcg::direction::to_degrees(lit.centroid);
+        let (lit_theta_deg, lit_phi_deg) = rcg::hemisphere::direction::to_degrees(lit.centroid);
         writeln!(
             table,
             "{index},{theta_deg},{phi_deg},{},{:.8e},{:.8e},{:.5},{:.5}",

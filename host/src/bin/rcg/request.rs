@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use rcg::brackets::Brackets;
 use rcg::calibration::Calibration;
-use rcg::incident::Grid;
+use rcg::hemisphere::incident::Grid;
 use rcg::plan::{IMAGE_SIZES_PX, PlanError, Request};
 use rcg::rig::{Rig, Tilt};
 use rcg::schedule::EXPOSURES_S;

@@ -3,7 +3,7 @@
 use std::io::{self, Write as _};
 
 use rcg::brdf::Source;
-use rcg::direction::from_degrees;
+use rcg::hemisphere::direction::from_degrees;
 use serde_json::json;
 
 use crate::Done;

@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::calibrate::{CalibrateError, Conditions, create_raw, file, open_raw, segment_of};
 use crate::capture::Tally;
-use crate::direction::from_degrees;
-use crate::incident::Grid;
+use crate::hemisphere::direction::from_degrees;
+use crate::hemisphere::incident::Grid;
 use crate::optics::View;
 use crate::pattern::{BitPattern, PatternMaker};
 use crate::pilot::Tests;

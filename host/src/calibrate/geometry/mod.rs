@@ -39,7 +39,7 @@ use solve::{Solution, moved, solve};
 
 use super::{CalibrateError, RIG};
 use crate::calibration::{Found, GEOMETRY, Geometry, WORST_DEG, file, rig_hash};
-use crate::direction::from_degrees;
+use crate::hemisphere::direction::from_degrees;
 use crate::optics::View;
 use crate::rig::Rig;
 use crate::schedule::SHORTEST_EXPOSURE_S;

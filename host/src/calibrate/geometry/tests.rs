@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::calibrate::Conditions;
-use crate::direction::angle_between;
+use crate::hemisphere::direction::angle_between;
 use crate::base::progress::Silent;
 use crate::setup::Setup;
 use crate::virtual_rig::{Tolerances, Truth};

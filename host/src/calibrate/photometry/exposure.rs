@@ -131,7 +131,7 @@ mod tests {
 
     use super::*;
     use crate::calibrate::Conditions;
-    use crate::incident::Grid;
+    use crate::hemisphere::incident::Grid;
     use crate::rig::Rig;
 
     #[test]

@@ -44,7 +44,7 @@ use crate::calibration::{
     CalibrationError, CameraFound, Interreflection, PHOTOMETRY, PHOTOMETRY_VERSION, Photometry, check_rig,
     file, rig_hash,
 };
-use crate::direction::from_degrees;
+use crate::hemisphere::direction::from_degrees;
 use crate::rig::Rig;
 use crate::sample::{Sample, albedo};
 use crate::store::Segment;

@@ -3,7 +3,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::*;
-use crate::judged::is_judged;
+use crate::hemisphere::judged::is_judged;
 use crate::multiplex::demultiplex;
 use crate::optics::{DirectionMap, View};
 use crate::sample::parse;

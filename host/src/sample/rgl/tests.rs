@@ -9,7 +9,7 @@ use std::path::Path;
 use proptest::prelude::*;
 
 use super::*;
-use crate::direction::{from_angles, from_degrees};
+use crate::hemisphere::direction::{from_angles, from_degrees};
 use crate::sample::tensor_file::TensorFile;
 use crate::sample::tensor_writer::{Data, Field, write};
 use crate::sample::{Ggx, SampleError, parse};

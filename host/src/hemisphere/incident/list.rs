@@ -17,7 +17,7 @@ use spade::handles::{DirectedEdgeHandle, FaceHandle, FixedDirectedEdgeHandle, Fi
 use spade::{DelaunayTriangulation, Point2, PositionInTriangulation, Triangulation as _};
 
 use super::{IncidentError, Neighbours};
-use crate::direction::{from_degrees, is_above_horizon};
+use crate::hemisphere::direction::{from_degrees, is_above_horizon};
 
 /// Directions closer than this, in the plane of projection, are the same one.
 const DISTINCT: f64 = 1e-7;

@@ -16,7 +16,7 @@ use std::f64::consts::{PI, TAU};
 use glam::DVec3;
 
 use super::{IncidentError, Neighbours};
-use crate::direction::{from_degrees, to_angles};
+use crate::hemisphere::direction::{from_degrees, to_angles};
 
 /// Rings of equally spaced directions.
 #[derive(Clone, Debug, PartialEq)]

@@ -93,7 +93,7 @@ pub fn bilinear(position: DVec2, width: usize, height: usize) -> [(usize, f64); 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::direction::{angle_between, from_degrees};
+    use crate::hemisphere::direction::{angle_between, from_degrees};
 
     #[test]
     fn direction_and_position_are_inverse() {

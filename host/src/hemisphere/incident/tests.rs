@@ -5,7 +5,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::*;
-use crate::direction::{angle_between, from_degrees, to_angles};
+use crate::hemisphere::direction::{angle_between, from_degrees, to_angles};
 
 /// Directions of equal solid angle, in random order and moved a little so that no four lie on a circle.
 fn scattered(step_deg: f64) -> Grid {
