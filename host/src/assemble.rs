@@ -34,7 +34,7 @@ use crate::calibration::Applied;
 use crate::hemisphere::disk::Disk;
 use crate::optics::{Unmeasurable, View};
 use crate::plan::{BLACK_EXPOSURES, Directions, Plan};
-use crate::provenance::Provenance;
+use crate::store::provenance::Provenance;
 use crate::resample::Resampling;
 use crate::rig::Rig;
 use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};

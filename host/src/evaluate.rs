@@ -25,7 +25,7 @@ use serde::Serialize;
 
 use crate::brdf::Brdf;
 use crate::hemisphere::judged::is_judged;
-use crate::provenance::Provenance;
+use crate::store::provenance::Provenance;
 use crate::sample::Sample;
 use crate::store::StoreError;
 

@@ -19,7 +19,7 @@ use crate::rig::Rig;
 use crate::sample::SampleError;
 use crate::setup::{DEFAULT_SAMPLE, Setup, SetupError};
 use crate::store::StoreError;
-use crate::whole_file::FileError;
+use crate::store::whole_file::FileError;
 
 /// Why a measurement failed.
 #[derive(Debug, thiserror::Error)]

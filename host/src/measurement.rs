@@ -26,8 +26,8 @@ use crate::rig::Rig;
 use crate::store::lock::{self, dangling};
 use crate::store::raw::SUBJECT;
 use crate::store::{Lock, RawLayout, RawStore, Segment, StoreError};
-use crate::whole_file::is_partial;
-use crate::whole_file::write_whole;
+use crate::store::whole_file::is_partial;
+use crate::store::whole_file::write_whole;
 
 mod error;
 mod files;

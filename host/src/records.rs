@@ -12,7 +12,7 @@ use rcg_protocol::{StepFlags, StepRecord};
 use serde_json::json;
 
 use crate::base::file_format::{FormatError, RECORDS};
-use crate::whole_file::WholeFile;
+use crate::store::whole_file::WholeFile;
 
 /// A file of step records that cannot be written.
 #[derive(Debug, thiserror::Error)]

@@ -19,7 +19,7 @@ use crate::reflectance::Reflectance;
 use crate::render::{PictureError, automatic_exposure, save, sheet, sphere, srgb};
 use crate::sample::Sample;
 use crate::store::{RawStore, StoreError};
-use crate::whole_file::{FileError, write_whole};
+use crate::store::whole_file::{FileError, write_whole};
 
 /// Lights of the sphere pictures: polar angle and azimuth in degrees.
 pub const LIGHTS_DEG: [(f64, f64); 3] = [(45.0, 90.0), (60.0, 0.0), (75.0, 200.0)];

@@ -13,7 +13,7 @@ use crate::base::file_format::CHART_OR_TABLE;
 use crate::reflectance::Reflectance;
 use crate::reflectance::Value;
 use crate::store::StoreError;
-use crate::whole_file::write_whole;
+use crate::store::whole_file::write_whole;
 
 /// Incident directions of the paper's figure 16: polar angle and azimuth in degrees.
 pub const INCIDENT_DEG: [(f64, f64); 3] = [(30.0, 0.0), (30.0, 45.0), (30.0, 90.0)];

@@ -1,7 +1,7 @@
 //! Measurements on virtual rigs, held against what is there.
 
 use rcg::brdf::Brdf;
-use rcg::provenance::Provenance;
+use rcg::store::provenance::Provenance;
 use rcg::rig::Rig;
 use rcg::sample::Sample;
 

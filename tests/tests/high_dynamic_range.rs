@@ -15,7 +15,7 @@ use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::measurement::Measurement;
 use rcg::plan::Request;
 use rcg::base::progress::Silent;
-use rcg::provenance::Provenance;
+use rcg::store::provenance::Provenance;
 use rcg::rig::Rig;
 use rcg::setup::Setup;
 use rcg::store::{RawStore, Segment};

@@ -13,7 +13,7 @@ use rcg::measure::{assemble_measurement, capture, complete};
 use rcg::measurement::Measurement;
 use rcg::plan::{Plan, Request};
 use rcg::base::progress::Silent;
-use rcg::provenance::Provenance;
+use rcg::store::provenance::Provenance;
 use rcg::rig::Rig;
 use rcg::setup::Setup;
 use rcg::virtual_rig::Mischief;

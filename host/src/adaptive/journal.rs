@@ -25,7 +25,7 @@ use crate::rig::{Rig, RigError, explain};
 use crate::store::checksum::sum;
 use crate::store::raw::SUBJECT;
 use crate::store::{RawLayout, RawStore, StoreError};
-use crate::whole_file::{FileError, write_whole};
+use crate::store::whole_file::{FileError, write_whole};
 
 const ASKED: &str = "adaptive.toml";
 const DIRECTIONS: &str = "directions.txt";

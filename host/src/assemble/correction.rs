@@ -26,7 +26,7 @@ use crate::hemisphere::disk::Disk;
 use crate::optics::View;
 use crate::pattern::PatternMaker;
 use crate::plan::{Directions, Plan};
-use crate::provenance::Provenance;
+use crate::store::provenance::Provenance;
 use crate::quadrature::spot_rad;
 use crate::resample::Resampling;
 use crate::rig::Rig;

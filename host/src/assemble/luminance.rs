@@ -20,7 +20,7 @@ use crate::calibration::Applied;
 use crate::hemisphere::disk::Disk;
 use crate::optics::View;
 use crate::plan::{Directions, Plan};
-use crate::provenance::Provenance;
+use crate::store::provenance::Provenance;
 use crate::resample::Resampling;
 use crate::rig::Rig;
 use crate::store::{BrdfRows, Segment};

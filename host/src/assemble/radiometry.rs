@@ -6,7 +6,7 @@ use half::slice::HalfFloatSliceExt as _;
 
 use super::merge::{Merge, Merged, lanes};
 use crate::calibration::CameraFound;
-use crate::provenance::Provenance;
+use crate::store::provenance::Provenance;
 use crate::resample::{Resampling, Taps};
 use crate::rig::Rig;
 use crate::store::{BrdfRows, LEAST_SIGMA, Segment, USELESS_SIGMA};

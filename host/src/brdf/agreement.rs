@@ -6,7 +6,7 @@
 //! [`BrdfRows`] sees to when they are read.
 
 use super::Brdf;
-use crate::provenance::Provenance;
+use crate::store::provenance::Provenance;
 use crate::store::{BrdfRows, StoreError};
 
 /// Checks `rows`, which are those of chunk number `chunk`.

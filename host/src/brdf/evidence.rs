@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use sha2::{Digest as _, Sha256};
 
 use super::{Brdf, BrdfError};
-use crate::provenance::Provenance;
+use crate::store::provenance::Provenance;
 use crate::store::StoreError;
 use crate::store::checksum::hex;
 

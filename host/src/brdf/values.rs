@@ -12,7 +12,7 @@ use crate::interpolation::{
     Blend, Captures, Cells, Errors, Image, ImageOf, Interpolation, Lookup, learn, look_up,
 };
 use crate::optics::Unmeasurable;
-use crate::provenance::Provenance;
+use crate::store::provenance::Provenance;
 use crate::reflectance::{Missing, Value};
 use crate::store::{BrdfRows, StoreError};
 

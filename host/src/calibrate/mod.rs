@@ -28,7 +28,7 @@ use crate::setup::SetupError;
 use crate::store::checksum::sum;
 use crate::store::raw::SUBJECT;
 use crate::store::{ExposureRecord, RawLayout, RawStore, Segment, StoreError};
-use crate::whole_file::FileError;
+use crate::store::whole_file::FileError;
 
 /// Kind of exposures that show a view of a calibration.
 const VIEW: u8 = crate::store::exposure_record::KINDS[2].0;

@@ -12,7 +12,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use super::CalibrationError;
-use crate::whole_file::{FileError, write_whole};
+use crate::store::whole_file::{FileError, write_whole};
 
 /// Fields that may be absent, wherever they are.
 const OPTIONAL: [&str; 7] = [

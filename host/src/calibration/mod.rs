@@ -27,7 +27,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::rig::{Rig, RigError, Tilt};
 use crate::store::checksum::sum;
-use crate::whole_file::FileError;
+use crate::store::whole_file::FileError;
 
 pub use field::SmoothField;
 pub(crate) use field::{HIGHEST, TERMS, terms};

@@ -15,7 +15,7 @@ use plotters::prelude::*;
 
 use crate::base::file_format::{CHART, FormatError};
 use crate::render::{PictureError, save};
-use crate::whole_file::{FileError, write_whole};
+use crate::store::whole_file::{FileError, write_whole};
 
 pub use axis::{Axis, Scale};
 pub use raster::{captioned, draw_svg};

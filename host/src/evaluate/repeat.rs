@@ -6,7 +6,7 @@ use super::Quantile;
 use super::histogram::LogHistogram;
 use crate::brdf::{Brdf, BrdfError, evidence};
 use crate::hemisphere::judged::is_judged;
-use crate::provenance::Provenance;
+use crate::store::provenance::Provenance;
 
 /// How well two captures of one sample agree, for θ ≤ 80° both ways.
 #[derive(Clone, Debug, Serialize)]

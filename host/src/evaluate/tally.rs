@@ -10,7 +10,7 @@ use super::scoring::{Floor, channel_values};
 use crate::brdf::Brdf;
 use crate::hemisphere::incident::IncidentSet;
 use crate::hemisphere::judged::is_judged;
-use crate::provenance::Provenance;
+use crate::store::provenance::Provenance;
 use crate::sample::Sample;
 use crate::store::StoreError;
 

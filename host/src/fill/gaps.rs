@@ -10,7 +10,7 @@ use crate::hemisphere::direction::is_above_horizon;
 use crate::fit::{Fit, FitError, Model};
 use crate::optics::Unmeasurable;
 use crate::base::progress::Progress;
-use crate::provenance::Provenance;
+use crate::store::provenance::Provenance;
 use crate::sample::Sample;
 use crate::store::{BrdfRows, StoreError, stored_sigma};
 

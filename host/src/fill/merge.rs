@@ -30,7 +30,7 @@ use crate::hemisphere::direction::from_angles;
 use crate::base::linear_fit::least_squares;
 use crate::optics::Unmeasurable;
 use crate::base::progress::Progress;
-use crate::provenance::Provenance;
+use crate::store::provenance::Provenance;
 use crate::store::{BrdfRows, LEAST_SIGMA, StoreError, USELESS_SIGMA};
 
 /// Standard deviation of a turn about each axis before anything is seen, degrees.

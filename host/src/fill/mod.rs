@@ -39,7 +39,7 @@ use crate::fit::{Fit, FitError};
 use crate::hemisphere::incident::IncidentSet;
 use crate::optics::Unmeasurable;
 use crate::base::progress::Progress;
-use crate::provenance::Provenance;
+use crate::store::provenance::Provenance;
 use crate::store::{BrdfLayout, BrdfWriter, StoreError};
 
 /// Coverage counts pairs of directions up to this polar angle, degrees.

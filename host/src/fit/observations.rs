@@ -9,7 +9,7 @@ use super::FitError;
 use crate::brdf::Brdf;
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::judged::is_judged;
-use crate::provenance::Provenance;
+use crate::store::provenance::Provenance;
 use crate::quadrature::{around, interpolated_pixel_rad, spot_rad};
 use crate::sample::Sample;
 

@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::IncidentSet;
-use crate::provenance::Provenance;
+use crate::store::provenance::Provenance;
 use crate::store::StoreError;
 
 /// The cells of a disk as an image is read.

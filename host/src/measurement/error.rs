@@ -6,7 +6,7 @@ use crate::hemisphere::incident::IncidentError;
 use crate::plan::PlanError;
 use crate::rig::RigError;
 use crate::store::StoreError;
-use crate::whole_file::FileError;
+use crate::store::whole_file::FileError;
 
 /// Why a measurement cannot go on.
 #[derive(Debug, thiserror::Error)]

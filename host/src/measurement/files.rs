@@ -5,7 +5,7 @@ use std::io::Write as _;
 use std::path::Path;
 
 use super::MeasurementError;
-use crate::whole_file::FileError;
+use crate::store::whole_file::FileError;
 
 /// The error of the file at `path`.
 pub(super) fn io(path: &Path, source: std::io::Error) -> MeasurementError {

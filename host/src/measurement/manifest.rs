@@ -12,7 +12,7 @@ use serde_json::{Map, Value, json};
 use super::identity::Sums;
 use super::{MeasurementError, State};
 use crate::store::checksum::sum;
-use crate::whole_file::write_whole;
+use crate::store::whole_file::write_whole;
 
 /// Its name.
 pub(super) const MANIFEST: &str = "manifest.json";

@@ -32,7 +32,7 @@ use crate::scan::{AzimuthScan, INCIDENT_DEG, THETA_R_DEG};
 use crate::setup::Setup;
 use crate::store::{Lock, StoreError};
 use crate::study::{Settings, Study, StudyError, study};
-use crate::whole_file::{FileError, write_whole};
+use crate::store::whole_file::{FileError, write_whole};
 
 /// What stands in for the paper's cloths.
 pub const CLOTHS: [&str; 2] = ["velvet", "satin"];

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 use crate::base::file_format::{FormatError, PICTURE};
 use crate::reflectance::Value;
-use crate::whole_file;
+use crate::store::whole_file;
 
 pub use corrugated::corrugated;
 pub use sphere::{LitSphere, sphere};

@@ -35,7 +35,7 @@ use super::group;
 use super::header::Header;
 use super::lock::Lock;
 use super::small_array::{self, SmallArray, SmallData};
-use crate::provenance::Provenance;
+use crate::store::provenance::Provenance;
 
 /// Name of the format in the group's attributes.
 const FORMAT: &str = "brdf";

@@ -13,7 +13,7 @@
 
 use half::f16;
 
-use crate::provenance::Provenance;
+use crate::store::provenance::Provenance;
 
 /// The smallest standard uncertainty that is stored, in sr⁻¹.
 pub(crate) const LEAST_SIGMA: f32 = 5.960_464_5e-8;

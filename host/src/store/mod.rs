@@ -21,6 +21,8 @@
 //! bits, for a third of the speed. Chunks without compression have a known length, so a torn file is
 //! told from a damaged one, and the files need no C library.
 
+pub mod provenance;
+pub mod whole_file;
 mod array;
 pub mod atomic;
 pub mod brdf_file;

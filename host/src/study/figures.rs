@@ -13,7 +13,7 @@ use crate::interpolation::Interpolation;
 use crate::reflectance::Reflectance;
 use crate::render::{save, sheet, sphere};
 use crate::sample::Sample;
-use crate::whole_file::write_whole;
+use crate::store::whole_file::write_whole;
 
 /// Lights of the comparison, one row each: polar angle and azimuth in degrees.
 const COMPARED_LIGHTS_DEG: [(f64, f64); 2] = [(45.0, 90.0), (60.0, 36.0)];

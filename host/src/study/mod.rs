@@ -27,7 +27,7 @@ use crate::base::progress::Progress;
 use crate::reflectance::Reflectance;
 use crate::sample::Sample;
 use crate::store::StoreError;
-use crate::whole_file::FileError;
+use crate::store::whole_file::FileError;
 
 pub use ideal::IdealCaptures;
 pub use spheres::{LIGHT_PHIS, LIGHT_THETAS, Psnr, SPHERE_PX, Spheres};

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use rcg::provenance::Provenance;
+use rcg::store::provenance::Provenance;
 
 use crate::answers::number;
 use crate::command::{refuses, run, text};

@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::Path;
 
 use rcg::brdf::Brdf;
-use rcg::provenance::Provenance;
+use rcg::store::provenance::Provenance;
 use rcg::sample::Sample;
 
 /// Samples count up to this polar angle, degrees: nearer to the horizon lobes are narrower than these coarse pixels.

@@ -18,7 +18,7 @@ use std::sync::{Mutex, OnceLock};
 use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
 use rand_xoshiro::Xoshiro256PlusPlus;
-use rcg::provenance::Provenance;
+use rcg::store::provenance::Provenance;
 
 use crate::command::{rcg, run, text};
 use crate::judge::{Scores, scores};

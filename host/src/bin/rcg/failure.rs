@@ -28,7 +28,7 @@ use rcg::setup::SetupError;
 use rcg::store::StoreError;
 use rcg::study::StudyError;
 use rcg::virtual_rig::WiresError;
-use rcg::whole_file::FileError;
+use rcg::store::whole_file::FileError;
 
 /// A failed command.
 #[derive(Debug)]

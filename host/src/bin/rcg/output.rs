@@ -9,7 +9,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use rcg::base::file_format::Formats;
 use rcg::base::progress::Progress;
 use rcg::base::text::{cut, plain};
-use rcg::whole_file::{self, FileError};
+use rcg::store::whole_file::{self, FileError};
 use serde::Serialize;
 use serde_json::Value;
 use tracing_subscriber::EnvFilter;

@@ -12,7 +12,7 @@ use rcg::render::save;
 use rcg::rig::{Rig, Tilt};
 use rcg::setup::Setup;
 use rcg::store::Lock;
-use rcg::whole_file::write_whole;
+use rcg::store::whole_file::write_whole;
 use serde_json::json;
 
 use crate::Done;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use rcg::base::file_format::TRUTH;
 use rcg::rig::Rig;
 use rcg::virtual_rig::{Tolerances, Truth};
-use rcg::whole_file::write_whole;
+use rcg::store::whole_file::write_whole;
 use serde_json::json;
 
 use crate::Done;

@@ -20,7 +20,7 @@ use crate::setup::Setup;
 use crate::store::{RawLayout, RawStore};
 use crate::stripes::Stripes;
 use crate::virtual_rig::Held;
-use crate::whole_file::FileError;
+use crate::store::whole_file::FileError;
 
 /// Name of the raw frames.
 pub(super) const RAW: &str = "geometry.raw.zarr";

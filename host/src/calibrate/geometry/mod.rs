@@ -44,7 +44,7 @@ use crate::optics::View;
 use crate::rig::Rig;
 use crate::schedule::SHORTEST_EXPOSURE_S;
 use crate::virtual_rig::FlatMirror;
-use crate::whole_file::write_whole;
+use crate::store::whole_file::write_whole;
 
 /// Name of the picture of the residuals.
 pub const RESIDUALS: &str = "geometry-residuals.png";

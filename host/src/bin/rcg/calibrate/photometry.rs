@@ -9,7 +9,7 @@ use rcg::base::progress::Progress as _;
 use rcg::rig::{Rig, Tilt};
 use rcg::sample::parse;
 use rcg::store::Lock;
-use rcg::whole_file::write_whole;
+use rcg::store::whole_file::write_whole;
 
 use crate::Done;
 use crate::failure::Failure;
