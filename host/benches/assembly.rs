@@ -7,13 +7,13 @@ use std::path::Path;
 use divan::{Bencher, counter::ItemsCount};
 use half::f16;
 use rcg::assemble::{CHUNK, assemble};
-use rcg::calibration::Applied;
+use rcg::instrument::calibration::Applied;
 use rcg::hemisphere::incident::Grid;
 use rcg::measure::capture;
 use rcg::measurement::Measurement;
 use rcg::plan::{Plan, Request};
 use rcg::base::progress::Silent;
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 use rcg::setup::Setup;
 use rcg::store::{BrdfLayout, BrdfRows, BrdfWriter};
 

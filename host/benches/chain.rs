@@ -8,7 +8,7 @@ use rcg::hemisphere::incident::Grid;
 use rcg::measure::{complete, prepare};
 use rcg::plan::Request;
 use rcg::base::progress::Silent;
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 use rcg::setup::Setup;
 
 fn main() {

@@ -2,8 +2,8 @@
 
 use divan::{Bencher, black_box, counter::ItemsCount};
 use rcg::hemisphere::direction::from_degrees;
-use rcg::optics::{DirectionMap, DirectionTable, View};
-use rcg::rig::Rig;
+use rcg::instrument::optics::{DirectionMap, DirectionTable, View};
+use rcg::instrument::rig::Rig;
 
 fn main() {
     divan::main();

@@ -4,9 +4,9 @@
 
 use divan::{Bencher, black_box, counter::ItemsCount};
 use rcg::hemisphere::incident::Rings;
-use rcg::optics::View;
+use rcg::instrument::optics::View;
 use rcg::pattern::{BitPattern, PatternMaker};
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 
 fn main() {
     divan::main();

@@ -10,7 +10,7 @@ use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::plan::Request;
 use rcg::base::progress::Silent;
 use rcg::render::{Picture, corrugated, save, sheet, sphere};
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 use rcg::setup::Setup;
 
 fn main() {

@@ -30,13 +30,13 @@ use rayon::prelude::*;
 
 use crate::brackets::dark_noise_dn;
 use crate::brdf::{Brdf, BrdfError};
-use crate::calibration::Applied;
+use crate::instrument::calibration::Applied;
 use crate::hemisphere::disk::Disk;
-use crate::optics::{Unmeasurable, View};
+use crate::instrument::optics::{Unmeasurable, View};
 use crate::plan::{BLACK_EXPOSURES, Directions, Plan};
 use crate::store::provenance::Provenance;
 use crate::resample::Resampling;
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
 use crate::base::text::by;
 

@@ -12,7 +12,7 @@ use std::str::FromStr;
 use serde::de::{Error as _, Unexpected};
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 
 /// Largest ratio of neighbouring exposure times that is proposed.
 pub const RATIO: f64 = 4.0;

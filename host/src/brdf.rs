@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
 use crate::interpolation::{Cells, Errors};
-use crate::optics::Unmeasurable;
+use crate::instrument::optics::Unmeasurable;
 use crate::store::{BrdfReader, BrdfRows, StoreError};
 
 mod agreement;

@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use crate::frame_format::FrameFormat;
+use crate::instrument::frame_format::FrameFormat;
 
 /// One image.
 #[derive(Clone, Debug, PartialEq)]

@@ -9,7 +9,7 @@ use std::str::FromStr;
 
 use rcg_protocol::{Info, Micros, Pace, Pulse, Step, Ticks};
 
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 use crate::schedule::{ScheduleError, Timing};
 
 /// A length of time with its unit: `5us`, `33.3 ms`, `3ticks`.

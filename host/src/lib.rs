@@ -21,6 +21,7 @@
 
 #![forbid(unsafe_code)]
 
+pub mod instrument;
 pub mod hemisphere;
 pub mod base;
 pub mod adaptive;
@@ -28,7 +29,6 @@ pub mod assemble;
 pub mod brackets;
 pub mod brdf;
 pub mod calibrate;
-pub mod calibration;
 pub mod camera;
 pub mod capture;
 pub mod chart;
@@ -37,18 +37,15 @@ pub mod evaluate;
 pub mod fill;
 pub mod firing;
 pub mod fit;
-pub mod frame_format;
 pub mod goal;
 pub mod interpolation;
 pub mod link;
 pub mod measure;
 pub mod measurement;
 pub mod multiplex;
-pub mod optics;
 pub mod pace;
 pub mod pairing;
 pub mod paper;
-pub mod parts;
 pub mod pattern;
 pub mod pilot;
 pub mod plan;
@@ -59,7 +56,6 @@ pub mod reflectance;
 pub mod render;
 pub mod report;
 mod resample;
-pub mod rig;
 pub mod run;
 pub mod sample;
 pub mod scan;

@@ -7,7 +7,7 @@ use serde_json::{Map, json};
 
 use crate::assemble::{AssembleError, Assembled, assemble};
 use crate::brdf::{Brdf, BrdfError};
-use crate::calibration::{Applied, Calibration, CalibrationError};
+use crate::instrument::calibration::{Applied, Calibration, CalibrationError};
 use crate::capture::Tally;
 use crate::evaluate::evaluate;
 use crate::measurement::{Measurement, MeasurementError, State};
@@ -15,7 +15,7 @@ use crate::pilot::{pilot, propose};
 use crate::plan::{Plan, Request};
 use crate::base::progress::Progress;
 use crate::report::{Elapsed, ReportError, Summary, report};
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 use crate::sample::SampleError;
 use crate::setup::{DEFAULT_SAMPLE, Setup, SetupError};
 use crate::store::StoreError;

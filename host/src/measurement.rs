@@ -17,12 +17,12 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
-use crate::calibration::Applied;
+use crate::instrument::calibration::Applied;
 use crate::capture::{Instrument, Tally};
-use crate::optics::View;
+use crate::instrument::optics::View;
 use crate::pattern::{LitSet, PatternMaker};
 use crate::plan::{Directions, Exposure, Plan};
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 use crate::store::lock::{self, dangling};
 use crate::store::raw::SUBJECT;
 use crate::store::{Lock, RawLayout, RawStore, Segment, StoreError};

@@ -8,7 +8,7 @@
 use serde::Serialize;
 
 use crate::plan::{BLACK_EXPOSURES, Directions, Plan};
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 use crate::schedule::periods_s;
 
 /// A limit of the rig on the length of a step.
@@ -186,7 +186,7 @@ mod tests {
 
     #[test]
     fn without_a_limit_nothing_takes_longer() {
-        for preset in crate::rig::PRESETS {
+        for preset in crate::instrument::rig::PRESETS {
             let rig = Rig::load(preset).unwrap();
             let pace = pace(&rig, 15.0);
             assert!(!pace.costs.is_empty(), "{preset}: something bounds it");

@@ -8,7 +8,7 @@
 
 use glam::DVec3;
 
-use crate::optics::{DirectionMap, Unmeasurable, View, cone_sr};
+use crate::instrument::optics::{DirectionMap, Unmeasurable, View, cone_sr};
 
 /// A 1-bit image for the projector: rows from the top, 8 pixels per byte, first pixel in the highest bit. The lit pixels
 /// have one level of grey, which is the brightest but for the calibration of the projector's response.
@@ -214,7 +214,7 @@ mod tests {
     use super::*;
     use crate::hemisphere::direction::{angle_between, from_degrees};
     use crate::hemisphere::incident::Rings;
-    use crate::rig::Rig;
+    use crate::instrument::rig::Rig;
     use crate::virtual_rig::{Tolerances, Truth};
 
     fn maker(preset: &str, spot_deg: f64) -> PatternMaker {

@@ -4,10 +4,10 @@ use crate::capture::{Captured, Instrument, Tally};
 use crate::hemisphere::incident::Grid;
 use crate::hemisphere::judged::is_judged;
 use crate::measurement::MeasurementError;
-use crate::optics::{DirectionMap, View};
+use crate::instrument::optics::{DirectionMap, View};
 use crate::pattern::PatternMaker;
 use crate::plan::{Directions, PlanError, spot_deg};
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 use crate::schedule::{LONGEST_EXPOSURE_S, SHORTEST_EXPOSURE_S, Timing};
 
 mod brackets;

@@ -11,8 +11,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::brackets::{Brackets, largest_ratio};
 use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
-use crate::optics::{Unmeasurable, View};
-use crate::rig::{Rig, RigError, Tilt, explain};
+use crate::instrument::optics::{Unmeasurable, View};
+use crate::instrument::rig::{Rig, RigError, Tilt, explain};
 use crate::schedule::{ScheduleError, Timing};
 
 mod check;

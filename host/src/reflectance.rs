@@ -8,7 +8,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::hemisphere::direction::is_above_horizon;
-use crate::optics::Unmeasurable;
+use crate::instrument::optics::Unmeasurable;
 use crate::sample::Sample;
 use crate::store::StoreError;
 

@@ -9,7 +9,7 @@
 use glam::DVec3;
 
 use crate::hemisphere::disk::{Disk, bilinear};
-use crate::optics::{DirectionMap, Unmeasurable, View};
+use crate::instrument::optics::{DirectionMap, Unmeasurable, View};
 
 /// The pixels of a cell are all around it if they look by less than this share of a pixel beside it.
 const CENTRED: f64 = 0.1;
@@ -145,7 +145,7 @@ fn tap(
 mod tests {
     use super::*;
     use crate::hemisphere::direction::angle_between;
-    use crate::rig::Rig;
+    use crate::instrument::rig::Rig;
 
     #[test]
     fn taps_interpolate_the_direction_of_their_cell() {

@@ -147,7 +147,7 @@ impl AzimuthScan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::optics::Unmeasurable;
+    use crate::instrument::optics::Unmeasurable;
     use crate::reflectance::Missing;
     use crate::sample::parse;
     use glam::DVec3;

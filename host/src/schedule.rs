@@ -3,7 +3,7 @@
 use rcg_protocol::{Extent, Micros, Program, Pulse, Step, Ticks};
 use serde::{Deserialize, Serialize};
 
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 
 /// Length of the PROJ pulse: inputs of projectors want a few microseconds.
 const PROJ_PULSE_S: f64 = 5e-6;
@@ -216,7 +216,7 @@ mod tests {
 
     #[test]
     fn the_camera_sees_one_settled_pattern_and_is_ready_again() {
-        for preset in crate::rig::PRESETS {
+        for preset in crate::instrument::rig::PRESETS {
             let rig = Rig::load(preset).unwrap();
             for exposure_s in [1e-6, rig.camera.exposure_s, 0.1] {
                 let timing = Timing::new(&rig, exposure_s).unwrap();
@@ -248,7 +248,7 @@ mod tests {
     #[test]
     fn ticks_are_the_times_and_the_engine_accepts_them() {
         use rcg_firmware::pulse::WordFormat;
-        for preset in crate::rig::PRESETS {
+        for preset in crate::instrument::rig::PRESETS {
             let rig = Rig::load(preset).unwrap();
             for clock_hz in [125_000_000, 200_000_000] {
                 for exposure_s in [1e-6, rig.camera.exposure_s, 60.0] {

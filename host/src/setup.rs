@@ -3,12 +3,12 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::calibration::Calibration;
+use crate::instrument::calibration::Calibration;
 use crate::capture::Instrument;
 use crate::device::{Device, DeviceError, Patience};
 use crate::link::{self, Link};
 use crate::plan::{PlanError, Request};
-use crate::rig::{Rig, RigError};
+use crate::instrument::rig::{Rig, RigError};
 use crate::sample::SampleError;
 use crate::virtual_rig::{Behaviour, Held, Mischief, Noise, Truth, VirtualRig, Wires, WiresError};
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 use proptest::prelude::*;
 use rcg::device::{Device, DeviceError, Patience};
 use rcg::link::{Link, LinkError, MemoryLink, memory_pair};
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 use rcg::virtual_rig::VirtualController;
 use rcg_protocol::{
     Decoder, Event, Extent, Fault, Identity, Info, MAX_FRAME, Micros, PROTOCOL_VERSION, Pace, Program, Pulse,
@@ -149,7 +149,7 @@ proptest! {
         paced in any::<bool>(),
         streams in any::<bool>(),
     ) {
-        let mut device = simulated(rcg::rig::PRESETS[preset]);
+        let mut device = simulated(rcg::instrument::rig::PRESETS[preset]);
         let steps: Vec<Step> = periods_s.iter().map(|s| {
             let period = (s * 125e6) as u64;
             Step { proj: Pulse::new(0, 10), cam: Pulse::new(20, period - 40), period: Ticks(period) }

@@ -2,7 +2,7 @@
 
 use rcg::brdf::Brdf;
 use rcg::store::provenance::Provenance;
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 use rcg::sample::Sample;
 
 /// A rig of `preset` with a coarse projector, which makes runs quick.

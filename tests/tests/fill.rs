@@ -11,7 +11,7 @@ use rcg::hemisphere::incident::Grid;
 use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::plan::Request;
 use rcg::base::progress::Silent;
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 use rcg::setup::Setup;
 use rcg::virtual_rig::Truth;
 

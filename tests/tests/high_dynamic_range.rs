@@ -16,7 +16,7 @@ use rcg::measurement::Measurement;
 use rcg::plan::Request;
 use rcg::base::progress::Silent;
 use rcg::store::provenance::Provenance;
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 use rcg::setup::Setup;
 use rcg::store::{RawStore, Segment};
 use rcg::virtual_rig::Mischief;

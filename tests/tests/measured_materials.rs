@@ -9,7 +9,7 @@ use rcg::hemisphere::incident::Grid;
 use rcg::measure::{complete, prepare};
 use rcg::plan::Request;
 use rcg::base::progress::Silent;
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 use rcg::setup::Setup;
 
 /// Median relative error of `file` in the folder of measured materials, outside the hole, θ ≤ 80°.

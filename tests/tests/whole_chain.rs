@@ -14,7 +14,7 @@ use rcg::measurement::Measurement;
 use rcg::plan::{Plan, Request};
 use rcg::base::progress::Silent;
 use rcg::store::provenance::Provenance;
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 use rcg::setup::Setup;
 use rcg::virtual_rig::Mischief;
 

@@ -13,7 +13,7 @@ use rcg::measure::{complete, prepare};
 use rcg::pattern::BitPattern;
 use rcg::plan::Request;
 use rcg::base::progress::Silent;
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 use rcg::schedule::Timing;
 use rcg::setup::{Setup, TriggerBox};
 use rcg::virtual_rig::Mischief;

@@ -16,12 +16,12 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::{Goal, GoalError};
-use crate::calibration::Applied;
+use crate::instrument::calibration::Applied;
 use crate::hemisphere::incident::{Grid, IncidentError};
 use crate::measure::MeasureError;
 use crate::measurement::{MeasurementError, Sums, sums_at, sums_of};
 use crate::plan::{BLACK_EXPOSURES, Plan, Request};
-use crate::rig::{Rig, RigError, explain};
+use crate::instrument::rig::{Rig, RigError, explain};
 use crate::store::checksum::sum;
 use crate::store::raw::SUBJECT;
 use crate::store::{RawLayout, RawStore, StoreError};

@@ -10,7 +10,7 @@ use super::choose::outlook;
 use super::{AdaptiveError, BATCH, GoalError};
 use crate::hemisphere::direction::{angle_between, to_degrees};
 use crate::hemisphere::incident::{DirectionList, Grid};
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 
 /// Captures of the usual beginning.
 const FIRST: usize = 3 * BATCH;

@@ -10,11 +10,11 @@ use super::{Goal, measure};
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
-use crate::optics::View;
+use crate::instrument::optics::View;
 use crate::pattern::PatternMaker;
 use crate::plan::{Directions, Request};
 use crate::base::progress::Silent;
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 use crate::sample::Sample;
 use crate::setup::Setup;
 

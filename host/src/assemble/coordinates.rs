@@ -3,14 +3,14 @@
 use serde_json::{Map, Value, json};
 
 use crate::brdf::{COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, ERRORS, UNCALIBRATED};
-use crate::calibration::Applied;
-use crate::calibration::Photometry;
+use crate::instrument::calibration::Applied;
+use crate::instrument::calibration::Photometry;
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
 use crate::interpolation::{BRANCHES, Errors, REGIONS};
-use crate::optics::Unmeasurable;
+use crate::instrument::optics::Unmeasurable;
 use crate::plan::Plan;
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 use crate::store::{SmallArray, SmallData};
 
 /// Words of the codes of reasons.

@@ -7,7 +7,7 @@
 
 use glam::DVec3;
 
-use crate::optics::{Unmeasurable, View};
+use crate::instrument::optics::{Unmeasurable, View};
 
 /// So many standard uncertainties from an edge there is light.
 const CLEAR: f64 = 3.0;
@@ -45,7 +45,7 @@ impl Edges {
 mod tests {
     use super::*;
     use crate::hemisphere::direction::from_degrees;
-    use crate::rig::Rig;
+    use crate::instrument::rig::Rig;
 
     #[test]
     fn what_an_edge_may_cut_is_left_out() {

@@ -16,13 +16,13 @@ use super::edges::Edges;
 use super::off_sample::OffSample;
 use super::radiometry::{Radiometry, Work};
 use super::{AssembleError, chunk_rows, seen, unlit};
-use crate::calibration::Applied;
+use crate::instrument::calibration::Applied;
 use crate::hemisphere::disk::Disk;
-use crate::optics::View;
+use crate::instrument::optics::View;
 use crate::plan::{Directions, Plan};
 use crate::store::provenance::Provenance;
 use crate::resample::Resampling;
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 use crate::store::{BrdfRows, Segment};
 
 /// Turns the frames of single patterns into luminance on the disk, as assembly would.

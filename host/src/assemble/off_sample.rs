@@ -8,9 +8,9 @@
 use glam::DVec3;
 
 use super::AssembleError;
-use crate::calibration::Applied;
-use crate::calibration::Sight;
-use crate::optics::{Unmeasurable, View};
+use crate::instrument::calibration::Applied;
+use crate::instrument::calibration::Sight;
+use crate::instrument::optics::{Unmeasurable, View};
 use crate::plan::Plan;
 
 /// Camera pixels and incident directions that are on the sample.

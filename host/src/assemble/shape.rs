@@ -21,7 +21,7 @@
 use glam::{DVec2, DVec3};
 
 use crate::hemisphere::disk::Disk;
-use crate::optics::View;
+use crate::instrument::optics::View;
 use crate::resample::Resampling;
 
 /// Squares of slopes count by what they have beyond so many times their variance by noise: two standard deviations, so that

@@ -11,7 +11,7 @@ use crate::hemisphere::incident::IncidentSet;
 use crate::interpolation::{
     Blend, Captures, Cells, Errors, Image, ImageOf, Interpolation, Lookup, learn, look_up,
 };
-use crate::optics::Unmeasurable;
+use crate::instrument::optics::Unmeasurable;
 use crate::store::provenance::Provenance;
 use crate::reflectance::{Missing, Value};
 use crate::store::{BrdfRows, StoreError};

@@ -18,12 +18,12 @@ use std::path::Path;
 use serde::Serialize;
 
 use crate::brackets::Brackets;
-use crate::calibration::{CalibrationError, RIG, file};
+use crate::instrument::calibration::{CalibrationError, RIG, file};
 use crate::capture::{CaptureError, Captured, Instrument, Tally};
 use crate::hemisphere::incident::Grid;
 use crate::measurement::MeasurementError;
 use crate::plan::{self, PlanError};
-use crate::rig::{RigError, Tilt};
+use crate::instrument::rig::{RigError, Tilt};
 use crate::setup::SetupError;
 use crate::store::checksum::sum;
 use crate::store::raw::SUBJECT;

@@ -13,7 +13,7 @@ use crate::brdf::{BrdfError, KnownBrdf};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::Grid;
 use crate::hemisphere::judged::is_judged;
-use crate::optics::Unmeasurable;
+use crate::instrument::optics::Unmeasurable;
 use crate::sample::{Outgoing, parse};
 use crate::store::{BrdfLayout, BrdfRows, BrdfWriter};
 

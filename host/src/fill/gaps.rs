@@ -8,7 +8,7 @@ use super::{FillError, facts, finish, writer_like};
 use crate::brdf::Brdf;
 use crate::hemisphere::direction::is_above_horizon;
 use crate::fit::{Fit, FitError, Model};
-use crate::optics::Unmeasurable;
+use crate::instrument::optics::Unmeasurable;
 use crate::base::progress::Progress;
 use crate::store::provenance::Provenance;
 use crate::sample::Sample;

@@ -37,7 +37,7 @@ use crate::brdf::{Brdf, BrdfError, evidence};
 use crate::hemisphere::direction::from_angles;
 use crate::fit::{Fit, FitError};
 use crate::hemisphere::incident::IncidentSet;
-use crate::optics::Unmeasurable;
+use crate::instrument::optics::Unmeasurable;
 use crate::base::progress::Progress;
 use crate::store::provenance::Provenance;
 use crate::store::{BrdfLayout, BrdfWriter, StoreError};

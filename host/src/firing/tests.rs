@@ -104,7 +104,7 @@ proptest! {
         [cam_at, proj_width, period] in [of(any_span()), of(any_span()), of(any_span())],
         paced in any::<bool>(),
     ) {
-        let rig = Rig::load(crate::rig::PRESETS[preset]).unwrap();
+        let rig = Rig::load(crate::instrument::rig::PRESETS[preset]).unwrap();
         let (pace, shortest) = if paced {
             (Pace::EachOnSync, Ticks(5))
         } else {

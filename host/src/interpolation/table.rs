@@ -8,7 +8,7 @@ use super::lookup::look_up;
 use super::{Blend, Errors, Interpolation, learn};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::IncidentSet;
-use crate::optics::Unmeasurable;
+use crate::instrument::optics::Unmeasurable;
 use crate::reflectance::Reflectance;
 use crate::reflectance::{Missing, Value};
 use crate::sample::Sample;

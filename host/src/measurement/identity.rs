@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::{Measurement, MeasurementError, io};
-use crate::calibration::Applied;
+use crate::instrument::calibration::Applied;
 use crate::plan::{Plan, Request};
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 use crate::store::checksum::{sum, sum_of};
 
 /// SHA-256, in hexadecimal digits, by what it is of.

@@ -1,9 +1,9 @@
 //! Going on with a measurement only as what it is.
 
 use super::{Measurement, MeasurementError};
-use crate::calibration::{Applied, Calibration, rig_hash};
+use crate::instrument::calibration::{Applied, Calibration, rig_hash};
 use crate::plan::Request;
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 
 impl Measurement {
     /// Refuses to go on with a `rig` (as loaded, or that of `calibration`) or a `calibration` that is not the one with which

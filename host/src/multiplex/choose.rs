@@ -22,7 +22,7 @@ use crate::capture::Instrument;
 use crate::hemisphere::incident::{Grid, IncidentError};
 use crate::measurement::MeasurementError;
 use crate::plan::PlanError;
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 use crate::schedule::Timing;
 
 /// Orders that are tried unless one is asked for.

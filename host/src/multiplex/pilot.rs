@@ -19,11 +19,11 @@ use crate::capture::{Captured, Instrument};
 use crate::hemisphere::direction::angle_between;
 use crate::hemisphere::incident::Grid;
 use crate::hemisphere::judged::is_judged;
-use crate::optics::{DirectionMap, View};
+use crate::instrument::optics::{DirectionMap, View};
 use crate::pattern::{LitSet, PatternMaker};
 use crate::pilot::{PILOT_CLIPPED, PILOT_TARGET, Tests, spread};
 use crate::plan::{Directions, spot_deg};
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 
 /// Cells that are lit for each order to learn the sums: blocks are taken until there are about so many …
 const CELLS: usize = 512;

@@ -3,9 +3,9 @@ use proptest::prelude::*;
 use super::cells::{check_disjoint, union};
 use super::*;
 use crate::hemisphere::direction::from_degrees;
-use crate::optics::View;
+use crate::instrument::optics::View;
 use crate::pattern::{LitSet, PatternMaker};
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 use crate::sample::{Sample, parse};
 use crate::virtual_rig::{Noise, sense};
 

@@ -13,7 +13,7 @@ use crate::capture::{Instrument, Tally};
 use crate::hemisphere::incident::Grid;
 use crate::measurement::MeasurementError;
 use crate::plan::PlanError;
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 use crate::schedule::Timing;
 
 /// Exposure times of the pilot capture, each [`TEST_RATIO`] times shorter than the one before.

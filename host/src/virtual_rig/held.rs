@@ -10,8 +10,8 @@ use std::sync::Arc;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-use crate::optics::{View, reflect};
-use crate::rig::Rig;
+use crate::instrument::optics::{View, reflect};
+use crate::instrument::rig::Rig;
 use crate::sample::Sample;
 
 /// What the holder holds.

@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::optics::DirectionMap;
+use crate::instrument::optics::DirectionMap;
 
 /// What one pattern does at the sample.
 #[derive(Clone, Debug, PartialEq)]
@@ -151,9 +151,9 @@ fn neighbours(pixel: u32, width_px: usize) -> impl Iterator<Item = u32> {
 mod tests {
     use super::*;
     use crate::hemisphere::direction::from_degrees;
-    use crate::optics::View;
+    use crate::instrument::optics::View;
     use crate::pattern::PatternMaker;
-    use crate::rig::Rig;
+    use crate::instrument::rig::Rig;
 
     #[test]
     fn four_nodes_have_the_moments_of_the_lit_pixels() {

@@ -33,10 +33,10 @@ use std::time::Duration;
 use rayon::prelude::*;
 
 use crate::camera::{Camera, CameraError, Frame};
-use crate::frame_format::FrameFormat;
+use crate::instrument::frame_format::FrameFormat;
 use crate::pattern::BitPattern;
 use crate::projector::{Projector, ProjectorError};
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 
 pub use controller::{CLOCK_HZ, VirtualController};
 pub use held::{FlatMirror, Held};

@@ -4,7 +4,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_distr::{Distribution as _, Poisson, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 
 /// Whether images are noisy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -12,7 +12,7 @@ use rcg_protocol::{Level, Line, Ticks};
 
 use super::Behaviour;
 use super::light::Glow;
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 
 /// What goes wrong on purpose: rates between 0 and 1, drawn from the seed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

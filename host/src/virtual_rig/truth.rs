@@ -14,7 +14,7 @@ use rand_distr::StandardNormal;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
 
-use crate::rig::{Lens, Rig, RigError, explain};
+use crate::instrument::rig::{Lens, Rig, RigError, explain};
 
 /// A virtual rig as it really is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

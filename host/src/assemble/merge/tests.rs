@@ -1,7 +1,7 @@
 //! Laws of merging, on pixels of the virtual camera.
 
 use super::*;
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 use crate::store::{ExposureRecord, Segment};
 use crate::virtual_rig::{Noise, sense};
 

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use rcg::device::{Device, Patience};
 use rcg::link::{self, Link};
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 use rcg::virtual_rig::VirtualController;
 use rcg_protocol::{PROTOCOL_VERSION, State, Status};
 use serde_json::{Value, json};

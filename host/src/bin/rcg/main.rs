@@ -35,7 +35,7 @@ use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use failure::Failure;
 use output::Output;
 use rcg::base::progress::Progress as _;
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 
 /// The instrument, unless another is named.
 const RIG: &str = "rcg-1";

@@ -3,8 +3,8 @@
 use std::io::{self, Write as _};
 
 use rcg::hemisphere::direction::from_degrees;
-use rcg::optics::{Spread, Unmeasurable, View};
-use rcg::rig::{Rig, Tilt};
+use rcg::instrument::optics::{Spread, Unmeasurable, View};
+use rcg::instrument::rig::{Rig, Tilt};
 use rcg::setup::Setup;
 use serde_json::json;
 

@@ -9,7 +9,7 @@ use rcg::measure::{complete, prepare_like};
 use rcg::measurement::Measurement;
 use rcg::plan::{Plan, Request};
 use rcg::report::lines;
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 use rcg::setup::Setup;
 
 use crate::Done;

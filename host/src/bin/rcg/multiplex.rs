@@ -6,7 +6,7 @@ use rcg::multiplex::choose::{Choice, Method, REGIONS, choose};
 use rcg::plan::Plan;
 use rcg::base::progress::Progress as _;
 use rcg::report::duration;
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 use rcg::setup::DEFAULT_SAMPLE;
 use serde_json::{Value, json};
 

@@ -4,12 +4,12 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use rcg::measurement::Measurement;
-use rcg::optics::View;
+use rcg::instrument::optics::View;
 use rcg::pattern::{BitPattern, PatternMaker};
 use rcg::plan::{Directions, PlanError, spot_deg};
 use rcg::base::progress::Progress as _;
 use rcg::render::save;
-use rcg::rig::{Rig, Tilt};
+use rcg::instrument::rig::{Rig, Tilt};
 use rcg::setup::Setup;
 use rcg::store::Lock;
 use rcg::store::whole_file::write_whole;

@@ -8,7 +8,7 @@ use rcg::measure::{planned, prepare};
 use rcg::pace::Pace;
 use rcg::plan::{Directions, Plan, PlanError};
 use rcg::report::duration;
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 use rcg::schedule::Bound;
 use serde_json::{Value, json};
 

@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use rcg::brackets::Brackets;
-use rcg::calibration::Calibration;
+use rcg::instrument::calibration::Calibration;
 use rcg::hemisphere::incident::Grid;
 use rcg::plan::{IMAGE_SIZES_PX, PlanError, Request};
-use rcg::rig::{Rig, Tilt};
+use rcg::instrument::rig::{Rig, Tilt};
 use rcg::schedule::EXPOSURES_S;
 use rcg::setup::DEFAULT_SAMPLE;
 use rcg::setup::{Setup, TriggerBox};

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use rcg::base::file_format::TRUTH;
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 use rcg::virtual_rig::{Tolerances, Truth};
 use rcg::store::whole_file::write_whole;
 use serde_json::json;

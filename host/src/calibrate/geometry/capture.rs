@@ -9,12 +9,12 @@ use crate::calibrate::{CalibrateError, Conditions, create_raw, file, open_raw, s
 use crate::capture::Tally;
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::incident::Grid;
-use crate::optics::View;
+use crate::instrument::optics::View;
 use crate::pattern::{BitPattern, PatternMaker};
 use crate::pilot::Tests;
 use crate::plan;
 use crate::base::progress::Progress;
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 use crate::schedule::{SHORTEST_EXPOSURE_S, Timing};
 use crate::setup::Setup;
 use crate::store::{RawLayout, RawStore};
@@ -25,7 +25,7 @@ use crate::store::whole_file::FileError;
 /// Name of the raw frames.
 pub(super) const RAW: &str = "geometry.raw.zarr";
 /// Name of the file that says what the frames are.
-const VIEWS: &str = crate::calibration::VIEWS[0];
+const VIEWS: &str = crate::instrument::calibration::VIEWS[0];
 /// Share of the light that the flat mirror of the virtual rig reflects: black glass.
 pub(super) const REFLECTANCE: f64 = 0.04;
 /// What the diffuse standard of the virtual rig is.

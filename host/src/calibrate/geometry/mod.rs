@@ -38,10 +38,10 @@ use sightings::Sightings;
 use solve::{Solution, moved, solve};
 
 use super::{CalibrateError, RIG};
-use crate::calibration::{Found, GEOMETRY, Geometry, WORST_DEG, file, rig_hash};
+use crate::instrument::calibration::{Found, GEOMETRY, Geometry, WORST_DEG, file, rig_hash};
 use crate::hemisphere::direction::from_degrees;
-use crate::optics::View;
-use crate::rig::Rig;
+use crate::instrument::optics::View;
+use crate::instrument::rig::Rig;
 use crate::schedule::SHORTEST_EXPOSURE_S;
 use crate::virtual_rig::FlatMirror;
 use crate::store::whole_file::write_whole;

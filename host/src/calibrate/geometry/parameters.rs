@@ -9,7 +9,7 @@
 //! everything about the mirror's axis, which is held by the sample's azimuth. The sample's offset moves where rays meet
 //! it, not their directions.
 
-use crate::rig::{Lens, Rig};
+use crate::instrument::rig::{Lens, Rig};
 
 /// Tolerance of a position, metres.
 pub(super) const POSITION_M: f64 = 3e-3;

@@ -14,8 +14,8 @@ use rayon::prelude::*;
 
 use super::parameters::Parameter;
 use super::sightings::Sightings;
-use crate::optics::View;
-use crate::rig::Rig;
+use crate::instrument::optics::View;
+use crate::instrument::rig::Rig;
 use crate::virtual_rig::FlatMirror;
 
 /// Rounds of weights.

@@ -10,7 +10,7 @@
 //! by one number β: of a signal s it shows s·(1 − β·s/range), and s'·(1 + β·s'/range) brings it back to first order. All
 //! pixels together determine β by least squares, each with a rate of its own.
 
-use crate::calibration::CameraFound;
+use crate::instrument::calibration::CameraFound;
 
 use crate::calibrate::CalibrateError;
 

@@ -26,15 +26,15 @@ use serde::{Deserialize, Serialize};
 use super::exposure::{Exposures, light};
 use super::rank_one::positive;
 use crate::calibrate::{CalibrateError, Conditions, RIG, create_raw, file, open_raw, segment_of};
-use crate::calibration::{CalibrationError, lights};
+use crate::instrument::calibration::{CalibrationError, lights};
 use crate::capture::{Instrument, Tally};
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::incident::Grid;
-use crate::optics::View;
+use crate::instrument::optics::View;
 use crate::pattern::PatternMaker;
 use crate::plan;
 use crate::base::progress::Progress;
-use crate::rig::{Rig, Tilt};
+use crate::instrument::rig::{Rig, Tilt};
 use crate::sample::Sample;
 use crate::schedule::Timing;
 use crate::setup::Setup;
@@ -44,7 +44,7 @@ use crate::virtual_rig::Held;
 /// Name of the raw frames.
 pub(super) const RAW: &str = "photometry.raw.zarr";
 /// Name of the file that says what the frames are.
-pub(super) const VIEWS: &str = crate::calibration::VIEWS[1];
+pub(super) const VIEWS: &str = crate::instrument::calibration::VIEWS[1];
 /// Exposures of a segment.
 pub(super) const SEGMENT: usize = 16;
 /// Segments of incident directions of the second standard.

@@ -132,7 +132,7 @@ mod tests {
     use super::*;
     use crate::calibrate::Conditions;
     use crate::hemisphere::incident::Grid;
-    use crate::rig::Rig;
+    use crate::instrument::rig::Rig;
 
     #[test]
     fn the_series_stays_within_what_there_is_and_reaches_from_dim_to_bright() {
@@ -186,7 +186,7 @@ mod tests {
         let standard = Held::Sample(Arc::from(crate::sample::parse("lambert:0.98").unwrap()));
         let (mut found, mut smaller, mut refused) = (0, 0, 0);
         for draw in 0..24 {
-            let mut rig = drawn(crate::rig::PRESETS[draw % crate::rig::PRESETS.len()], &mut rng);
+            let mut rig = drawn(crate::instrument::rig::PRESETS[draw % crate::instrument::rig::PRESETS.len()], &mut rng);
             if draw % 3 == 0 {
                 // A little brighter than the shortest series takes, with whole spots.
                 rig.light.spot_deg = 4.0;

@@ -40,12 +40,12 @@ use rank_one::Seen;
 use share::{Frames, fit_whole};
 
 use super::{CalibrateError, RIG};
-use crate::calibration::{
+use crate::instrument::calibration::{
     CalibrationError, CameraFound, Interreflection, PHOTOMETRY, PHOTOMETRY_VERSION, Photometry, check_rig,
     file, rig_hash,
 };
 use crate::hemisphere::direction::from_degrees;
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 use crate::sample::{Sample, albedo};
 use crate::store::Segment;
 use crate::base::text::by;

@@ -16,9 +16,9 @@ use super::Linear;
 use super::capture::{Stand, Views, maker};
 use super::share::Judged;
 use crate::calibrate::CalibrateError;
-use crate::calibration::{CalibrationError, HIGHEST, SmoothField, TERMS, lights, terms};
+use crate::instrument::calibration::{CalibrationError, HIGHEST, SmoothField, TERMS, lights, terms};
 use crate::base::linear_fit::least_squares;
-use crate::optics::{DirectionMap, Unmeasurable, View};
+use crate::instrument::optics::{DirectionMap, Unmeasurable, View};
 use crate::sample::Sample;
 
 /// Pairs that take part, about.

@@ -12,8 +12,8 @@ use glam::DVec3;
 
 use super::Linear;
 use super::rank_one::{Fields, Seen, fit};
-use crate::calibration::lights;
-use crate::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
+use crate::instrument::calibration::lights;
+use crate::instrument::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
 use crate::sample::Sample;
 
 /// Turns of fitting and judging, at most.

@@ -2,9 +2,9 @@
 
 use super::*;
 use crate::calibrate::Conditions;
-use crate::optics::{DirectionMap, View};
+use crate::instrument::optics::{DirectionMap, View};
 use crate::base::progress::Silent;
-use crate::rig::Tilt;
+use crate::instrument::rig::Tilt;
 use crate::setup::Setup;
 use crate::virtual_rig::{Tolerances, Truth};
 

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::*;
 use crate::hemisphere::judged::is_judged;
 use crate::multiplex::demultiplex;
-use crate::optics::{DirectionMap, View};
+use crate::instrument::optics::{DirectionMap, View};
 use crate::sample::parse;
 use crate::virtual_rig::{self, Behaviour, Held, Mischief, Noise, sense};
 

@@ -8,7 +8,7 @@ use std::thread;
 use super::*;
 use crate::camera::{Camera as _, CameraError};
 use crate::projector::Projector as _;
-use crate::rig::Rig;
+use crate::instrument::rig::Rig;
 use crate::virtual_rig::{
     Behaviour, Held, Mischief, Noise, Truth, VirtualCamera, VirtualProjector, VirtualRig,
 };

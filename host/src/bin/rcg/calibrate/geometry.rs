@@ -4,9 +4,9 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use rcg::calibrate::geometry::{Request, Views, calibrate, capture};
-use rcg::calibration::Geometry;
+use rcg::instrument::calibration::Geometry;
 use rcg::base::progress::Progress as _;
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 use rcg::store::Lock;
 
 use crate::Done;

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use rcg::calibrate::photometry::{Request, Views, calibrate, capture};
-use rcg::calibration::Photometry;
-use rcg::calibration::RIG;
+use rcg::instrument::calibration::Photometry;
+use rcg::instrument::calibration::RIG;
 use rcg::base::progress::Progress as _;
-use rcg::rig::{Rig, Tilt};
+use rcg::instrument::rig::{Rig, Tilt};
 use rcg::sample::parse;
 use rcg::store::Lock;
 use rcg::store::whole_file::write_whole;

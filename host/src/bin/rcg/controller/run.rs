@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use rcg::firing::{Bracket, Limits, Span};
 use rcg::records::{RecordFile, flag_names};
-use rcg::rig::Rig;
+use rcg::instrument::rig::Rig;
 use rcg_protocol::{Event, Extent, Micros, Pace, Polarity, Program, Start, State, Step, StepRecord};
 use serde_json::json;
 

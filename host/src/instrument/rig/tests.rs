@@ -98,7 +98,7 @@ fn a_camera_that_cannot_overlap_waits_for_its_read_out() {
 
 #[test]
 fn a_smaller_image_shows_the_same_directions() {
-    use crate::optics::View;
+    use crate::instrument::optics::View;
     let mut wide = Rig::load("rcg-1").expect("usable");
     wide.camera.lens.width_px = 3000;
     wide.camera.lens.centre_px = [1490.0, 1030.0];

@@ -8,7 +8,7 @@ use std::fmt::Display;
 use std::path::Path;
 
 use super::{Lens, Rig, RigError};
-use crate::optics::{Ellipsoid, Unmeasurable, View};
+use crate::instrument::optics::{Ellipsoid, Unmeasurable, View};
 use crate::base::text::listed;
 
 /// Side of the grid of pixels that is probed for a measurable direction.
@@ -154,7 +154,7 @@ impl Rig {
                 format!("{} metres", listed(&lens.offset_m)),
             ));
         }
-        if !crate::optics::Pinhole::of(lens).covers_image() {
+        if !crate::instrument::optics::Pinhole::of(lens).covers_image() {
             let expected = "a distortion that can be undone everywhere in the image";
             return Err(check.error(&field("distortion"), expected, listed(&lens.distortion)));
         }

@@ -7,7 +7,7 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::parts::Rig;
+use crate::instrument::parts::Rig;
 
 /// Rounding that still counts as "on the edge" of the hole, in the cosine.
 const EDGE: f64 = 1e-12;

@@ -184,7 +184,7 @@ fn weights(t: f32) -> [f32; 4] {
 mod tests {
     use super::*;
     use crate::hemisphere::direction::angle_between;
-    use crate::rig::{PRESETS, Rig};
+    use crate::instrument::rig::{PRESETS, Rig};
 
     #[test]
     fn the_table_is_as_good_as_it_says_and_knows_every_edge() {

@@ -12,7 +12,7 @@ use glam::{DMat3, DVec2, DVec3, EulerRot};
 
 use super::{Ellipsoid, Pinhole, SampleFrame, Unmeasurable, WireStrip, reflect};
 use crate::hemisphere::direction::HORIZON_COS;
-use crate::parts::{Lens, Rig};
+use crate::instrument::parts::{Lens, Rig};
 
 /// A direction this little below the horizon is rounding of a grazing one, which has its place in the image.
 const HORIZON: f64 = HORIZON_COS;

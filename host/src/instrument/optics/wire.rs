@@ -6,7 +6,7 @@
 
 use glam::DVec3;
 
-use crate::parts::Wire;
+use crate::instrument::parts::Wire;
 
 /// The hidden strip, in the mirror frame.
 #[derive(Debug, Clone, Copy, PartialEq)]

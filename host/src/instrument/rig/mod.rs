@@ -4,8 +4,8 @@
 //! preset files comment every key with its unit and are the reference for writing one's own.
 //!
 //! # Design
-//! [`Rig`] ([`crate::parts`]) holds numbers exactly as the file has them: metres, seconds, pixels and degrees, with the unit
-//! in the name. It computes nothing optical; [`crate::optics::View`] turns it into a map between pixels
+//! [`Rig`] ([`crate::instrument::parts`]) holds numbers exactly as the file has them: metres, seconds, pixels and degrees, with the unit
+//! in the name. It computes nothing optical; [`crate::instrument::optics::View`] turns it into a map between pixels
 //! and directions. Every way of reading a rig ends in [`Rig::validate`], so a rig that was read is one that
 //! can be built: each number is in its range and camera and projector see part of the hemisphere.
 //!
@@ -19,7 +19,7 @@ mod signal;
 mod tilt;
 mod validate;
 
-pub use crate::parts::{CameraPart, Lens, Light, Mirror, ProjectorPart, Rig, Sample, Wire};
+pub use crate::instrument::parts::{CameraPart, Lens, Light, Mirror, ProjectorPart, Rig, Sample, Wire};
 pub use error::RigError;
 pub(crate) use read::explain;
 pub use tilt::Tilt;

@@ -10,7 +10,7 @@
 
 use glam::{DMat2, DVec2, DVec3};
 
-use crate::parts::Lens;
+use crate::instrument::parts::Lens;
 
 /// Newton steps before the inverse of the distortion is given up.
 const MAX_STEPS: usize = 50;

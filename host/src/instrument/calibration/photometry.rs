@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::field::{self, SmoothField};
 use super::sight::Sight;
 use super::{CalibrationError, check_rig, file};
-use crate::rig::{Rig, Tilt};
+use crate::instrument::rig::{Rig, Tilt};
 
 /// Name of the file with what was found.
 pub const PHOTOMETRY: &str = "photometry.json";

@@ -16,7 +16,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::{Rig, RigError};
 use crate::hemisphere::direction::from_degrees;
-use crate::optics::SampleFrame;
+use crate::instrument::optics::SampleFrame;
 
 /// Largest tilt, degrees.
 const LARGEST_DEG: f64 = 80.0;

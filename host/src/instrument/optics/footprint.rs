@@ -50,7 +50,7 @@ impl View {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rig::Rig;
+    use crate::instrument::rig::Rig;
 
     /// A pixel's area in 15 × 15 places.
     fn sees_all_over(view: &View, index: usize, width_px: usize) -> bool {

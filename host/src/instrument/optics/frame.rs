@@ -7,7 +7,7 @@
 
 use glam::{DMat3, DVec3};
 
-use crate::parts::Sample;
+use crate::instrument::parts::Sample;
 
 /// Rotation between sample frame and mirror frame.
 #[derive(Debug, Clone, Copy, PartialEq)]

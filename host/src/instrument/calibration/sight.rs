@@ -13,7 +13,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::lights::{RINGS_DEG, SECTORS, around, corners};
-use crate::rig::Tilt;
+use crate::instrument::rig::Tilt;
 
 /// The standard was seen as bright as it should be.
 pub(crate) const SEEN: u8 = b'#';

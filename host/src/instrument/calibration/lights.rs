@@ -7,8 +7,8 @@
 use glam::DVec3;
 
 use crate::hemisphere::direction::{from_degrees, to_degrees};
-use crate::optics::View;
-use crate::rig::Rig;
+use crate::instrument::optics::View;
+use crate::instrument::rig::Rig;
 
 /// θ of the rings, degrees.
 pub(crate) const RINGS_DEG: [f64; 11] = [5.0, 15.0, 25.0, 35.0, 45.0, 55.0, 65.0, 75.0, 80.0, 85.0, 89.0];

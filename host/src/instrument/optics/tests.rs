@@ -7,7 +7,7 @@ use proptest::prelude::*;
 
 use super::{DirectionMap, Unmeasurable, View};
 use crate::hemisphere::direction::{angle_between, from_angles, from_degrees};
-use crate::rig::{PRESETS, Rig};
+use crate::instrument::rig::{PRESETS, Rig};
 
 fn preset(name: &str) -> Rig {
     Rig::load(name).expect("presets are valid")

@@ -1,8 +1,8 @@
 //! What the numbers of a rig say about its signal.
 
 use super::Rig;
-use crate::frame_format::FrameFormat;
-use crate::optics::cone_sr;
+use crate::instrument::frame_format::FrameFormat;
+use crate::instrument::optics::cone_sr;
 
 impl Rig {
     /// Shape of the camera's frames.

@@ -65,7 +65,7 @@ fn widths(a: DVec3, b: DVec3) -> [f64; 2] {
 mod tests {
     use super::*;
     use crate::hemisphere::direction::from_degrees;
-    use crate::rig::Rig;
+    use crate::instrument::rig::Rig;
 
     #[test]
     fn the_widths_span_the_solid_angle_and_an_aligned_rig_has_no_parallax() {

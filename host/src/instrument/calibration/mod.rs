@@ -25,7 +25,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::rig::{Rig, RigError, Tilt};
+use crate::instrument::rig::{Rig, RigError, Tilt};
 use crate::store::checksum::sum;
 use crate::store::whole_file::FileError;
 
