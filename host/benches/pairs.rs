@@ -9,7 +9,7 @@ use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use glam::DVec3;
 use rcg::hemisphere::direction::from_degrees;
-use rcg::sample::{MeasuredRgl, Sample};
+use rcg::brdf::sample::{MeasuredRgl, Sample};
 
 fn main() {
     divan::main();

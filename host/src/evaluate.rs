@@ -26,7 +26,7 @@ use serde::Serialize;
 use crate::brdf::Brdf;
 use crate::hemisphere::judged::is_judged;
 use crate::store::provenance::Provenance;
-use crate::sample::Sample;
+use crate::brdf::sample::Sample;
 use crate::store::StoreError;
 
 mod blur;

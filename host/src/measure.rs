@@ -16,7 +16,7 @@ use crate::plan::{Plan, Request};
 use crate::base::progress::Progress;
 use crate::report::{Elapsed, ReportError, Summary, report};
 use crate::instrument::rig::Rig;
-use crate::sample::SampleError;
+use crate::brdf::sample::SampleError;
 use crate::setup::{DEFAULT_SAMPLE, Setup, SetupError};
 use crate::store::StoreError;
 use crate::store::whole_file::FileError;
@@ -83,7 +83,7 @@ fn planned_like(
     progress: &dyn Progress,
 ) -> Result<(Rig, Plan), MeasureError> {
     // Checks what was asked for before anything is built.
-    crate::sample::parse(request.sample.as_deref().unwrap_or(DEFAULT_SAMPLE))?;
+    crate::brdf::sample::parse(request.sample.as_deref().unwrap_or(DEFAULT_SAMPLE))?;
     let given_s = like
         .map(Plan::exposures_s)
         .or_else(|| request.brackets.times_s())
@@ -227,7 +227,7 @@ pub fn complete(
         .sample
         .as_deref()
         .unwrap_or(DEFAULT_SAMPLE);
-    let sample = crate::sample::parse(spec)?;
+    let sample = crate::brdf::sample::parse(spec)?;
     measurement.check_inputs()?;
     progress.begin("evaluate", brdf.chunks(), "chunks");
     let evaluation = evaluate(&brdf, Some((spec, sample.as_ref())), &|done| progress.reach(done))?;

@@ -57,7 +57,7 @@ pub struct Request {
     /// Exposures of each pattern; a pilot capture chooses their times unless they are given here.
     #[serde(default, skip_serializing_if = "Brackets::is_one")]
     pub brackets: Brackets,
-    /// What the virtual rig measures, as [`crate::sample::parse`] takes it; `None` for a real instrument.
+    /// What the virtual rig measures, as [`crate::brdf::sample::parse`] takes it; `None` for a real instrument.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sample: Option<String>,
     /// File that says how the virtual rig really is, as [`crate::virtual_rig::Truth::load`] takes it; `None` if it is as
@@ -91,7 +91,7 @@ impl Request {
             let full = path.canonicalize().ok()?;
             full.to_str().map(str::to_owned)
         };
-        let sample = self.sample.as_deref().and_then(crate::sample::file_of);
+        let sample = self.sample.as_deref().and_then(crate::brdf::sample::file_of);
         if let Some(sample) = sample.and_then(full) {
             self.sample = Some(sample);
         }

@@ -15,9 +15,9 @@ use crate::goal::{Adapted, Stop};
 use crate::hemisphere::judged::{JUDGED_THETA_DEG, RECIPROCAL_THETA_DEG};
 use crate::measurement::Measurement;
 use crate::plan::Exposure;
-use crate::reflectance::Reflectance;
+use crate::brdf::reflectance::Reflectance;
 use crate::render::{PictureError, automatic_exposure, save, sheet, sphere, srgb};
-use crate::sample::Sample;
+use crate::brdf::sample::Sample;
 use crate::store::{RawStore, StoreError};
 use crate::store::whole_file::{FileError, write_whole};
 

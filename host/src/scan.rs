@@ -10,8 +10,8 @@ use std::path::Path;
 use crate::chart::{Axis, Chart, ChartError, Curve, Scale};
 use crate::hemisphere::direction::from_degrees;
 use crate::base::file_format::CHART_OR_TABLE;
-use crate::reflectance::Reflectance;
-use crate::reflectance::Value;
+use crate::brdf::reflectance::Reflectance;
+use crate::brdf::reflectance::Value;
 use crate::store::StoreError;
 use crate::store::whole_file::write_whole;
 
@@ -148,8 +148,8 @@ impl AzimuthScan {
 mod tests {
     use super::*;
     use crate::instrument::optics::Unmeasurable;
-    use crate::reflectance::Missing;
-    use crate::sample::parse;
+    use crate::brdf::reflectance::Missing;
+    use crate::brdf::sample::parse;
     use glam::DVec3;
 
     /// Lambert that cannot be seen for x > 0.

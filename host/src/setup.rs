@@ -9,7 +9,7 @@ use crate::device::{Device, DeviceError, Patience};
 use crate::link::{self, Link};
 use crate::plan::{PlanError, Request};
 use crate::instrument::rig::{Rig, RigError};
-use crate::sample::SampleError;
+use crate::brdf::sample::SampleError;
 use crate::virtual_rig::{Behaviour, Held, Mischief, Noise, Truth, VirtualRig, Wires, WiresError};
 
 /// What the virtual rig holds unless told otherwise.
@@ -63,7 +63,7 @@ impl Setup {
     /// [`SetupError`].
     pub fn open(&self, rig: &Rig, request: &Request) -> Result<Instrument, SetupError> {
         let spec = request.sample.as_deref().unwrap_or(DEFAULT_SAMPLE);
-        self.open_held(rig, Held::Sample(Arc::from(crate::sample::parse(spec)?)), request)
+        self.open_held(rig, Held::Sample(Arc::from(crate::brdf::sample::parse(spec)?)), request)
     }
 
     /// As [`open`](Self::open), with `held` in place of the sample.

@@ -3,7 +3,7 @@
 use rcg::brdf::Brdf;
 use rcg::store::provenance::Provenance;
 use rcg::instrument::rig::Rig;
-use rcg::sample::Sample;
+use rcg::brdf::sample::Sample;
 
 /// A rig of `preset` with a coarse projector, which makes runs quick.
 #[must_use]

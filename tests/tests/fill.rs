@@ -88,7 +88,7 @@ fn tilts_close_the_hole_and_every_origin_is_judged_by_itself() {
         "{:?}",
         filled.shares
     );
-    let sample = rcg::sample::parse(SAMPLE).unwrap();
+    let sample = rcg::brdf::sample::parse(SAMPLE).unwrap();
     for path in [&alone, &out] {
         let found = evaluate(
             &Brdf::open(path).unwrap(),

@@ -64,7 +64,7 @@ fn measured(dir: &Path, calibration: &Calibration, request: plan::Request) -> (M
 #[test]
 fn what_the_standard_did_not_fill_is_off_sample_and_the_rest_is_right() {
     let spec = "ggx:f0=0.4,ax=0.5,ay=0.6,rd=0.3";
-    let sample = rcg::sample::parse(spec).unwrap();
+    let sample = rcg::brdf::sample::parse(spec).unwrap();
     let (mut off_cells, mut off_lights, mut count, mut within) = (0, 0, 0_u32, 0_u32);
     let mut worst = 0.0_f64;
     for (seed, (preset, millimetres)) in DRAWS.into_iter().enumerate() {

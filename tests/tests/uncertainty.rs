@@ -106,7 +106,7 @@ fn calibration_brings_a_misaligned_and_uneven_rig_back() {
         let spec = request.sample.clone().unwrap();
         let measurement = measured(&folder.path().join(name), calibration, &nominal, request);
         let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
-        let sample = rcg::sample::parse(&spec).unwrap();
+        let sample = rcg::brdf::sample::parse(&spec).unwrap();
         let found = evaluate(&brdf, Some((&spec, sample.as_ref())), &|_| {}).unwrap();
         let error = found.against_reference.unwrap().relative_error;
         (error.median.value().unwrap(), error.p99.value().unwrap())
@@ -168,7 +168,7 @@ fn in_drawn_worlds_values_and_fits_hold_the_truth_tilted_or_not() {
         };
         let measurement = measured(&folder.path().join("m"), Some(&calibration), &nominal, request);
         let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
-        let sample = rcg::sample::parse(&spec).unwrap();
+        let sample = rcg::brdf::sample::parse(&spec).unwrap();
         let found: Vec<f64> = scored(&brdf, sample.as_ref())
             .iter()
             .map(|one| one.score)
@@ -227,7 +227,7 @@ fn blur_is_a_part_of_the_uncertainty_for_lobes_and_pixels_of_any_width() {
             request,
         );
         let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
-        let sample = rcg::sample::parse(&spec).unwrap();
+        let sample = rcg::brdf::sample::parse(&spec).unwrap();
         let found: Vec<f64> = scored(&brdf, sample.as_ref())
             .iter()
             .map(|one| one.score)
@@ -271,7 +271,7 @@ fn over_200_seeded_runs_the_interval_of_k_2_holds_the_truth() {
     let geometry = calibration.geometry.clone().unwrap();
 
     let spec = "ggx:f0=0.4,ax=0.5,ay=0.6,rd=0.3";
-    let sample = rcg::sample::parse(spec).unwrap();
+    let sample = rcg::brdf::sample::parse(spec).unwrap();
     // Incident directions all over the hemisphere.
     let directions_deg = (0..7)
         .map(|i| [32.0 + 7.0 * f64::from(i), 51.0 * f64::from(i) + 10.0])

@@ -8,7 +8,7 @@ use rcg::hemisphere::direction::from_degrees;
 use rcg::evaluate::{Evaluation, evaluate};
 use rcg::fit::{Fit, Model};
 use rcg::hemisphere::incident::Grid;
-use rcg::interpolation::Interpolation;
+use rcg::brdf::interpolation::Interpolation;
 use rcg::measure::{assemble_measurement, capture, complete};
 use rcg::measurement::Measurement;
 use rcg::plan::{Plan, Request};
@@ -56,7 +56,7 @@ fn measured(dir: &Path, preset: &str, request: Request, exposure_s: f64, moved: 
 fn judge(measurement: &Measurement) -> Evaluation {
     let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
     let spec = measurement.plan.request.sample.as_deref().unwrap();
-    let sample = rcg::sample::parse(spec).unwrap();
+    let sample = rcg::brdf::sample::parse(spec).unwrap();
     evaluate(&brdf, Some((spec, sample.as_ref())), &|_| {}).unwrap()
 }
 
@@ -98,7 +98,7 @@ fn between_captures_the_look_up_follows_the_highlight() {
     };
     let measurement = measured(&dir.path().join("m"), "rcg-2", request, 0.004, &Moved(0.0));
     let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
-    let sample = rcg::sample::parse("ward:brass").unwrap();
+    let sample = rcg::brdf::sample::parse("ward:brass").unwrap();
     // In the highlight, where interpolations differ: half vectors within 12° of the normal.
     let pairs: Vec<_> = (0..4000)
         .map(|i| {
@@ -342,7 +342,7 @@ fn a_known_brdf_is_judged_without_error_and_a_wrong_one_is_not() {
     assert!(measurement.path("figures/sphere.png").is_file() && measurement.path("report.html").is_file());
 
     let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
-    let wrong = rcg::sample::parse("lambert:0.45").unwrap();
+    let wrong = rcg::brdf::sample::parse("lambert:0.45").unwrap();
     let error = evaluate(&brdf, Some(("lambert:0.45", wrong.as_ref())), &|_| {}).unwrap();
     let median = error
         .against_reference

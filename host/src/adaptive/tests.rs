@@ -15,7 +15,7 @@ use crate::pattern::PatternMaker;
 use crate::plan::{Directions, Request};
 use crate::base::progress::Silent;
 use crate::instrument::rig::Rig;
-use crate::sample::Sample;
+use crate::brdf::sample::Sample;
 use crate::setup::Setup;
 
 /// Incident directions at which interpolation is judged.
@@ -90,7 +90,7 @@ fn psnr_db(sample: &dyn Sample, set: &IncidentSet, usable: &[bool]) -> (f64, f64
 /// Captures, then PSNR of adaptive and uniform directions, each (mean, worst), and the predicted one.
 fn compared(spec: &str, step_deg: f64) -> (usize, (f64, f64), (f64, f64), f64) {
     let rig = Rig::load("rcg-1").unwrap();
-    let sample = crate::sample::parse(spec).unwrap();
+    let sample = crate::brdf::sample::parse(spec).unwrap();
     let uniform = Directions::new(&rig, &Grid::EqualSolidAngle { step_deg }).unwrap();
     let budget = uniform.measurable().count();
     let usable: Vec<bool> = uniform.reasons.iter().map(Option::is_none).collect();

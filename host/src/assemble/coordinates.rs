@@ -7,7 +7,7 @@ use crate::instrument::calibration::Applied;
 use crate::instrument::calibration::Photometry;
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
-use crate::interpolation::{BRANCHES, Errors, REGIONS};
+use crate::brdf::interpolation::{BRANCHES, Errors, REGIONS};
 use crate::instrument::optics::Unmeasurable;
 use crate::plan::Plan;
 use crate::instrument::rig::Rig;

@@ -27,7 +27,7 @@ use crate::instrument::optics::View;
 use crate::pattern::PatternMaker;
 use crate::plan::{Directions, Plan};
 use crate::store::provenance::Provenance;
-use crate::quadrature::spot_rad;
+use crate::brdf::quadrature::spot_rad;
 use crate::resample::Resampling;
 use crate::instrument::rig::Rig;
 use crate::store::{BrdfRows, stored_sigma};

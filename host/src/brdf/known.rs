@@ -5,8 +5,8 @@ use glam::{DVec3, Vec3};
 use super::{Brdf, BrdfError, evidence};
 use crate::hemisphere::direction::is_above_horizon;
 use crate::hemisphere::incident::{IncidentSet, Neighbours};
-use crate::interpolation::{Cells, Image};
-use crate::sample::{Outgoing, Sample};
+use crate::brdf::interpolation::{Cells, Image};
+use crate::brdf::sample::{Outgoing, Sample};
 
 /// Memory that a file may take as a whole, in bytes.
 const MOST_BYTES: usize = 8_000_000_000;

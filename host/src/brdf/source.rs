@@ -5,8 +5,8 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::{Brdf, BrdfError};
-use crate::reflectance::{Reflectance, Value};
-use crate::sample::{Sample, SampleError, parse};
+use crate::brdf::reflectance::{Reflectance, Value};
+use crate::brdf::sample::{Sample, SampleError, parse};
 use crate::store::StoreError;
 
 impl Reflectance for Brdf {

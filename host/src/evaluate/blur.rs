@@ -8,8 +8,8 @@ use super::scoring::{Floor, channel_values};
 use super::{Quantiles, Resolution};
 use crate::brdf::Brdf;
 use crate::hemisphere::judged::is_judged;
-use crate::quadrature::{around, interpolated_pixel_rad, mean_f, spot_rad};
-use crate::sample::Sample;
+use crate::brdf::quadrature::{around, interpolated_pixel_rad, mean_f, spot_rad};
+use crate::brdf::sample::Sample;
 
 /// Incident directions for which the blur is computed.
 const DIRECTIONS: usize = 48;

@@ -11,7 +11,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use crate::brdf::Brdf;
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::judged::RECIPROCAL_THETA_DEG;
-use crate::sample::Sample;
+use crate::brdf::sample::Sample;
 use crate::store::StoreError;
 
 /// Pairs of directions that are tried.

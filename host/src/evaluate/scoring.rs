@@ -11,7 +11,7 @@ use std::f64::consts::PI;
 
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::disk::Disk;
-use crate::sample::Sample;
+use crate::brdf::sample::Sample;
 
 use crate::hemisphere::judged::{JUDGED_THETA_DEG, is_judged};
 
@@ -87,7 +87,7 @@ pub(super) fn channel_values(f: [f64; 3], channels: usize) -> impl Iterator<Item
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::parse;
+    use crate::brdf::sample::parse;
 
     #[test]
     fn the_floor_is_a_hundredth_of_the_median_or_of_white_with_the_same_albedo() {

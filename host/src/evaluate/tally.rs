@@ -11,7 +11,7 @@ use crate::brdf::Brdf;
 use crate::hemisphere::incident::IncidentSet;
 use crate::hemisphere::judged::is_judged;
 use crate::store::provenance::Provenance;
-use crate::sample::Sample;
+use crate::brdf::sample::Sample;
 use crate::store::StoreError;
 
 /// Bins of the polar angle in degrees where the incident directions form no rings.

@@ -14,7 +14,7 @@ use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::Grid;
 use crate::hemisphere::judged::is_judged;
 use crate::instrument::optics::Unmeasurable;
-use crate::sample::{Outgoing, parse};
+use crate::brdf::sample::{Outgoing, parse};
 use crate::store::{BrdfLayout, BrdfRows, BrdfWriter};
 
 const STEP_DEG: f64 = 22.5;

@@ -11,7 +11,7 @@ use crate::fit::{Fit, FitError, Model};
 use crate::instrument::optics::Unmeasurable;
 use crate::base::progress::Progress;
 use crate::store::provenance::Provenance;
-use crate::sample::Sample;
+use crate::brdf::sample::Sample;
 use crate::store::{BrdfRows, StoreError, stored_sigma};
 
 /// Cells beyond an occluded one where its neighbours are looked for.

@@ -38,7 +38,7 @@ use nalgebra::DMatrix;
 
 use crate::brdf::Brdf;
 use crate::chart::{Axis, Chart, ChartError, Curve, Scale};
-use crate::sample::Sample;
+use crate::brdf::sample::Sample;
 use crate::store::StoreError;
 
 pub use model::Model;

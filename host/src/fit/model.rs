@@ -3,8 +3,8 @@
 use std::f64::consts::FRAC_1_PI;
 
 use super::observations::Observation;
-use crate::quadrature::mean_f;
-use crate::sample::{Ggx, Sample, Ward};
+use crate::brdf::quadrature::mean_f;
+use crate::brdf::sample::{Ggx, Sample, Ward};
 
 /// Which model is fitted.
 ///

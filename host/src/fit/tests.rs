@@ -1,5 +1,5 @@
 use super::*;
-use crate::sample::{Ggx, Ward, parse};
+use crate::brdf::sample::{Ggx, Ward, parse};
 
 fn value(fit: &Fit, name: &str) -> f64 {
     let found = fit.parameters.iter().find(|parameter| parameter.name == name);

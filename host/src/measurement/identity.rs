@@ -20,7 +20,7 @@ const TRUTH: &str = "truth";
 
 /// The files that `request` names, and what for.
 fn files_of(request: &Request) -> impl Iterator<Item = (&'static str, PathBuf)> {
-    let sample = request.sample.as_deref().and_then(crate::sample::file_of);
+    let sample = request.sample.as_deref().and_then(crate::brdf::sample::file_of);
     let truth = request.truth.as_deref().map(Path::new);
     [(SAMPLE, sample), (TRUTH, truth)]
         .into_iter()

@@ -6,7 +6,7 @@ use crate::hemisphere::direction::from_degrees;
 use crate::instrument::optics::View;
 use crate::pattern::{LitSet, PatternMaker};
 use crate::instrument::rig::Rig;
-use crate::sample::{Sample, parse};
+use crate::brdf::sample::{Sample, parse};
 use crate::virtual_rig::{Noise, sense};
 
 /// Coded exposures by the definition: y_i = Σ_j S_ij x_j, [exposure, pixel] from [cell, pixel].

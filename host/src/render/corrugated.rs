@@ -16,7 +16,7 @@ use glam::DVec3;
 
 use super::{Content, Picture};
 use crate::hemisphere::direction::{HORIZON_COS, from_degrees};
-use crate::reflectance::Reflectance;
+use crate::brdf::reflectance::Reflectance;
 use crate::store::StoreError;
 
 /// Half of the width of the sheet, in half widths of the picture.
@@ -115,8 +115,8 @@ fn is_shaded(x: f64, light: DVec3) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reflectance::Value;
-    use crate::sample::parse;
+    use crate::brdf::reflectance::Value;
+    use crate::brdf::sample::parse;
 
     /// Radiance per column of a Lambert sheet of albedo 1, times π.
     fn columns(tilt_deg: f64, light_deg: (f64, f64)) -> Vec<Option<f64>> {

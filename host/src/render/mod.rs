@@ -17,7 +17,7 @@ use image::{ImageError, Rgb, RgbImage};
 use rayon::prelude::*;
 
 use crate::base::file_format::{FormatError, PICTURE};
-use crate::reflectance::Value;
+use crate::brdf::reflectance::Value;
 use crate::store::whole_file;
 
 pub use corrugated::corrugated;

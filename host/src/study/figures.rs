@@ -9,10 +9,10 @@ use super::{COMPARED_IMAGE_SIZE, IdealCaptures, Row, Study, StudyError};
 use crate::chart::{Axis, Chart, ChartError, Curve, Scale, captioned};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::Grid;
-use crate::interpolation::Interpolation;
-use crate::reflectance::Reflectance;
+use crate::brdf::interpolation::Interpolation;
+use crate::brdf::reflectance::Reflectance;
 use crate::render::{save, sheet, sphere};
-use crate::sample::Sample;
+use crate::brdf::sample::Sample;
 use crate::store::whole_file::write_whole;
 
 /// Lights of the comparison, one row each: polar angle and azimuth in degrees.

@@ -11,9 +11,9 @@ use rayon::prelude::*;
 
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::IncidentSet;
-use crate::reflectance::Reflectance;
-use crate::reflectance::{Missing, Value};
-use crate::sample::Sample;
+use crate::brdf::reflectance::Reflectance;
+use crate::brdf::reflectance::{Missing, Value};
+use crate::brdf::sample::Sample;
 use crate::store::StoreError;
 
 /// Neighbours in the incident grid.
@@ -169,7 +169,7 @@ mod tests {
     use super::*;
     use crate::hemisphere::direction::from_degrees;
     use crate::hemisphere::incident::Grid;
-    use crate::sample::parse;
+    use crate::brdf::sample::parse;
 
     fn theta_phi(step_deg: f64) -> IncidentSet {
         Grid::ThetaPhi { step_deg }.build().unwrap()

@@ -22,10 +22,10 @@ use serde::Serialize;
 use crate::chart::ChartError;
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
-use crate::interpolation::{Interpolation, Table};
+use crate::brdf::interpolation::{Interpolation, Table};
 use crate::base::progress::Progress;
-use crate::reflectance::Reflectance;
-use crate::sample::Sample;
+use crate::brdf::reflectance::Reflectance;
+use crate::brdf::sample::Sample;
 use crate::store::StoreError;
 use crate::store::whole_file::FileError;
 
@@ -312,7 +312,7 @@ pub fn reconstruction<'a>(
 mod tests {
     use super::*;
     use crate::base::progress::Silent;
-    use crate::sample::parse;
+    use crate::brdf::sample::parse;
 
     fn settings(intervals_deg: &[f64], image_sizes: &[usize]) -> Settings {
         Settings {

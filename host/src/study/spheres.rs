@@ -12,8 +12,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::reflectance::Reflectance;
-use crate::reflectance::Value;
+use crate::brdf::reflectance::Reflectance;
+use crate::brdf::reflectance::Value;
 use crate::render::LitSphere;
 use crate::store::StoreError;
 
@@ -162,7 +162,7 @@ fn ycbcr(r: f32, g: f32, b: f32) -> [f32; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::parse;
+    use crate::brdf::sample::parse;
 
     /// Truth plus a constant, in one channel.
     struct Off<'a>(&'a dyn Reflectance, [f32; 3]);
@@ -233,7 +233,7 @@ mod tests {
 
     impl Reflectance for Half {
         fn values(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Value>, StoreError> {
-            let hidden = Err(crate::reflectance::Missing::Saturated);
+            let hidden = Err(crate::brdf::reflectance::Missing::Saturated);
             Ok(pairs
                 .iter()
                 .map(|pair| if pair.1.x > 0.0 { hidden } else { Ok([0.2; 3]) })
@@ -246,7 +246,7 @@ mod tests {
 
     impl Reflectance for Nothing {
         fn values(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Value>, StoreError> {
-            Ok(vec![Err(crate::reflectance::Missing::Saturated); pairs.len()])
+            Ok(vec![Err(crate::brdf::reflectance::Missing::Saturated); pairs.len()])
         }
     }
 

@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use crate::instrument::optics::{View, reflect};
 use crate::instrument::rig::Rig;
-use crate::sample::Sample;
+use crate::brdf::sample::Sample;
 
 /// What the holder holds.
 #[derive(Clone)]

@@ -19,8 +19,8 @@ use crate::hemisphere::direction::from_angles;
 use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::optics::{DirectionMap, View};
 use crate::pattern::BitPattern;
-use crate::quadrature::mean_f;
-use crate::sample::{Sample, albedo};
+use crate::brdf::quadrature::mean_f;
+use crate::brdf::sample::{Sample, albedo};
 
 /// Offset of the two Gauss points from the centre of a pixel: 1/(2√3).
 const GAUSS: f64 = 0.288_675_134_594_812_9;

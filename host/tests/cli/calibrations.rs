@@ -252,7 +252,7 @@ fn every_preset_can_be_calibrated_and_measures_what_is_there() {
             "{preset}: {error} {stated}"
         );
         let brdf = folder.path().join("measured/brdf.zarr");
-        let sample = rcg::sample::parse("lambert:0.5").unwrap();
+        let sample = rcg::brdf::sample::parse("lambert:0.5").unwrap();
         let found = scores(&brdf, sample.as_ref(), &[Provenance::Measured]);
         assert!(
             found.count > 3000 && found.within_2 > 0.93 && found.worst < 6.0,

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use rcg::brdf::Brdf;
 use rcg::store::provenance::Provenance;
-use rcg::sample::Sample;
+use rcg::brdf::sample::Sample;
 
 /// Samples count up to this polar angle, degrees: nearer to the horizon lobes are narrower than these coarse pixels.
 const JUDGED_DEG: f64 = 80.0;

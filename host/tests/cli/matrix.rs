@@ -235,7 +235,7 @@ impl Trial<'_> {
     }
 
     fn scores(&self, path: &str, kinds: &[Provenance]) -> Scores {
-        let sample = rcg::sample::parse(&self.lab.sample(&self.case)).unwrap();
+        let sample = rcg::brdf::sample::parse(&self.lab.sample(&self.case)).unwrap();
         scores(Path::new(path), sample.as_ref(), kinds)
     }
 

@@ -7,7 +7,7 @@ use rcg::brdf::{Brdf, KnownBrdf};
 use rcg::evaluate::{Evaluation, Repeatability, evaluate, repeatability};
 use rcg::base::progress::Progress as _;
 use rcg::report::quantile;
-use rcg::sample::Sample;
+use rcg::brdf::sample::Sample;
 
 use crate::Done;
 use crate::failure::Failure;

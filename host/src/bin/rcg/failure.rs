@@ -23,7 +23,7 @@ use rcg::plan::PlanError;
 use rcg::records::RecordsError;
 use rcg::render::PictureError;
 use rcg::instrument::rig::RigError;
-use rcg::sample::SampleError;
+use rcg::brdf::sample::SampleError;
 use rcg::setup::SetupError;
 use rcg::store::StoreError;
 use rcg::study::StudyError;

@@ -43,7 +43,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             calibration.check_tilt(request.tilt)?;
         }
         let exposure_s = request.exposure_s.unwrap_or(rig.camera.exposure_s);
-        request.sample.as_deref().map(rcg::sample::parse).transpose()?;
+        request.sample.as_deref().map(rcg::brdf::sample::parse).transpose()?;
         let scaled = request.rig(&rig)?;
         Plan::new(request, &scaled, exposure_s)?
     };

@@ -3,8 +3,8 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use rcg::interpolation::Interpolation;
-use rcg::sample::parse;
+use rcg::brdf::interpolation::Interpolation;
+use rcg::brdf::sample::parse;
 use rcg::study::{Settings, Study, study};
 
 use crate::Done;

@@ -123,7 +123,7 @@ pub fn capture(
         .unwrap_or_default();
     let mut held: Vec<Held> = views.mirrors().into_iter().map(Held::Mirror).collect();
     held.push(Held::Sample(Arc::from(
-        crate::sample::parse(STANDARD).map_err(crate::setup::SetupError::from)?,
+        crate::brdf::sample::parse(STANDARD).map_err(crate::setup::SetupError::from)?,
     )));
     progress.begin("calibration views", layout.exposures, "exposures");
     let mut done = 0;

@@ -35,7 +35,7 @@ use crate::pattern::PatternMaker;
 use crate::plan;
 use crate::base::progress::Progress;
 use crate::instrument::rig::{Rig, Tilt};
-use crate::sample::Sample;
+use crate::brdf::sample::Sample;
 use crate::schedule::Timing;
 use crate::setup::Setup;
 use crate::store::{RawLayout, RawStore};
@@ -53,7 +53,7 @@ const SECOND: usize = 2;
 /// What is asked for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Request {
-    /// The reflectance standard, as [`crate::sample::parse`] takes it.
+    /// The reflectance standard, as [`crate::brdf::sample::parse`] takes it.
     pub standard: String,
     /// A second standard of another reflectance, for the interreflection.
     pub second_standard: Option<String>,
@@ -228,7 +228,7 @@ pub fn capture(
 ) -> Result<(), CalibrateError> {
     let full = Rig::load(&dir.join(RIG).display().to_string())?;
     let parse = |spec: &str| -> Result<Held, CalibrateError> {
-        let sample = crate::sample::parse(spec).map_err(crate::setup::SetupError::from)?;
+        let sample = crate::brdf::sample::parse(spec).map_err(crate::setup::SetupError::from)?;
         Ok(Held::Sample(Arc::from(sample)))
     };
     let standard = parse(&request.standard)?;

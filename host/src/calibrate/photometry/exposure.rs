@@ -183,7 +183,7 @@ mod tests {
     #[test]
     fn whatever_the_rig_the_exposures_fill_the_range_within_what_there_is_or_the_light_is_refused() {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(5);
-        let standard = Held::Sample(Arc::from(crate::sample::parse("lambert:0.98").unwrap()));
+        let standard = Held::Sample(Arc::from(crate::brdf::sample::parse("lambert:0.98").unwrap()));
         let (mut found, mut smaller, mut refused) = (0, 0, 0);
         for draw in 0..24 {
             let mut rig = drawn(crate::instrument::rig::PRESETS[draw % crate::instrument::rig::PRESETS.len()], &mut rng);

@@ -19,7 +19,7 @@ use crate::calibrate::CalibrateError;
 use crate::instrument::calibration::{CalibrationError, HIGHEST, SmoothField, TERMS, lights, terms};
 use crate::base::linear_fit::least_squares;
 use crate::instrument::optics::{DirectionMap, Unmeasurable, View};
-use crate::sample::Sample;
+use crate::brdf::sample::Sample;
 
 /// Pairs that take part, about.
 const PAIRS: usize = 60_000;

@@ -14,7 +14,7 @@ use super::Linear;
 use super::rank_one::{Fields, Seen, fit};
 use crate::instrument::calibration::lights;
 use crate::instrument::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
-use crate::sample::Sample;
+use crate::brdf::sample::Sample;
 
 /// Turns of fitting and judging, at most.
 const TURNS: usize = 8;

@@ -6,7 +6,7 @@ use super::*;
 use crate::hemisphere::judged::is_judged;
 use crate::multiplex::demultiplex;
 use crate::instrument::optics::{DirectionMap, View};
-use crate::sample::parse;
+use crate::brdf::sample::parse;
 use crate::virtual_rig::{self, Behaviour, Held, Mischief, Noise, sense};
 
 const GRID: Grid = Grid::ThetaPhi { step_deg: 7.5 };

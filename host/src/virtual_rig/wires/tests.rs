@@ -23,7 +23,7 @@ fn wired(address: &str) -> Result<(VirtualCamera, VirtualProjector), WiresError>
         seed: 1,
         mischief: Mischief::default(),
     };
-    let sample = Arc::from(crate::sample::parse("lambert:0.5").unwrap());
+    let sample = Arc::from(crate::brdf::sample::parse("lambert:0.5").unwrap());
     VirtualRig::wired(
         &Truth::of(&rig()),
         Held::Sample(sample),

@@ -7,7 +7,7 @@ use rcg::instrument::calibration::Photometry;
 use rcg::instrument::calibration::RIG;
 use rcg::base::progress::Progress as _;
 use rcg::instrument::rig::{Rig, Tilt};
-use rcg::sample::parse;
+use rcg::brdf::sample::parse;
 use rcg::store::Lock;
 use rcg::store::whole_file::write_whole;
 

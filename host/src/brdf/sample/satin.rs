@@ -113,7 +113,7 @@ impl Outgoing for Lit<'_> {
 mod tests {
     use super::*;
     use crate::hemisphere::direction::from_degrees;
-    use crate::sample::parse;
+    use crate::brdf::sample::parse;
 
     #[test]
     fn highlight_of_warp_is_a_streak_across_the_threads() {

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use crate::hemisphere::direction::is_above_horizon;
 use crate::instrument::optics::Unmeasurable;
-use crate::sample::Sample;
+use crate::brdf::sample::Sample;
 use crate::store::StoreError;
 
 /// Why there is no value.

@@ -5,7 +5,7 @@ use std::io::Cursor;
 use proptest::prelude::*;
 
 use super::*;
-use crate::sample::tensor_writer::{Data, write};
+use crate::brdf::sample::tensor_writer::{Data, write};
 
 fn open(bytes: &[u8]) -> Result<TensorFile<Cursor<&[u8]>>, SampleError> {
     TensorFile::new(Cursor::new(bytes), Path::new("x.bsdf"))

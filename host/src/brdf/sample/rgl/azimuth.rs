@@ -5,8 +5,8 @@ use std::path::Path;
 
 use glam::{DMat2, DVec2, DVec3};
 
-use crate::sample::SampleError;
-use crate::sample::tensor_file::file_error;
+use crate::brdf::sample::SampleError;
+use crate::brdf::sample::tensor_file::file_error;
 
 /// Allowed error of tabulated angles in rad: they are single-precision numbers, some written from rounded degrees.
 pub(super) const ANGLE_TOLERANCE_RAD: f64 = 1e-3;

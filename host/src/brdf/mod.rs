@@ -1,16 +1,21 @@
 //! A measured BRDF: look-up with interpolation, from files larger than memory.
 //!
 //! # Design
-//! Between incident directions [`crate::interpolation`] decides, by the errors that were found when the file was made.
+//! Between incident directions [`crate::brdf::interpolation`] decides, by the errors that were found when the file was made.
 //! Samples without a value take no part; if they would carry half of the weight or more, the answer is the reason
 //! why, never a guess. Queries come in batches and are answered chunk by chunk in the order of the file, so
 //! memory holds some chunks however large the table is.
+
+pub mod interpolation;
+pub(crate) mod quadrature;
+pub mod reflectance;
+pub mod sample;
 
 use std::path::{Path, PathBuf};
 
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
-use crate::interpolation::{Cells, Errors};
+use crate::brdf::interpolation::{Cells, Errors};
 use crate::instrument::optics::Unmeasurable;
 use crate::store::{BrdfReader, BrdfRows, StoreError};
 

@@ -6,9 +6,9 @@ use std::path::Path;
 
 use super::azimuth::{ANGLE_TOLERANCE_RAD, Azimuth};
 use super::{Facets, MeasuredRgl, Tables};
-use crate::sample::SampleError;
-use crate::sample::tensor_file::{Extent, TensorFile, file_error};
-use crate::sample::warp::Density;
+use crate::brdf::sample::SampleError;
+use crate::brdf::sample::tensor_file::{Extent, TensorFile, file_error};
+use crate::brdf::sample::warp::Density;
 
 impl MeasuredRgl {
     /// Reads the file at `path`.

@@ -53,7 +53,7 @@ pub trait Sample: Send + Sync + std::fmt::Debug {
 pub trait Outgoing: Send + Sync {
     /// f in sr⁻¹ towards the unit vector `wo`. If either direction is at or below the horizon f is not defined: this is zero
     /// there, for sums over light, to which such directions add nothing. Who answers with f itself asks
-    /// [`is_above_horizon`] first, as [`crate::reflectance`] does.
+    /// [`is_above_horizon`] first, as [`crate::brdf::reflectance`] does.
     fn f(&self, wo: DVec3) -> [f64; 3];
 }
 

@@ -9,9 +9,9 @@ use super::{Blend, Errors, Interpolation, learn};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::IncidentSet;
 use crate::instrument::optics::Unmeasurable;
-use crate::reflectance::Reflectance;
-use crate::reflectance::{Missing, Value};
-use crate::sample::Sample;
+use crate::brdf::reflectance::Reflectance;
+use crate::brdf::reflectance::{Missing, Value};
+use crate::brdf::sample::Sample;
 use crate::store::StoreError;
 
 /// What an ideal instrument captures of a known sample: f at the centre of every cell, for every incident direction.

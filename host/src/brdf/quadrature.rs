@@ -7,7 +7,7 @@
 
 use glam::DVec3;
 
-use crate::sample::Outgoing;
+use crate::brdf::sample::Outgoing;
 
 /// Light (s₁, s₂) goes with the places (+, s₁s₂) and (−, −s₁s₂).
 const PLACES: [[usize; 2]; 4] = [[0, 3], [1, 2], [1, 2], [0, 3]];

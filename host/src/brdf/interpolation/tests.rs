@@ -7,8 +7,8 @@ use super::{BRANCHES, Blend, Errors, Interpolation, RULES, Table};
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
-use crate::reflectance::Reflectance as _;
-use crate::sample::{Sample, parse};
+use crate::brdf::reflectance::Reflectance as _;
+use crate::brdf::sample::{Sample, parse};
 
 fn grid(step_deg: f64) -> IncidentSet {
     Grid::EqualSolidAngle { step_deg }.build().unwrap()
