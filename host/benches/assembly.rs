@@ -26,7 +26,7 @@ fn captured(dir: &Path) -> Measurement {
         grid: Grid::ThetaPhi { step_deg: 2.0 },
         image_size: 96,
         exposure_s: Some(0.004),
-        brackets: rcg::brackets::Brackets::One,
+        brackets: rcg::plan::brackets::Brackets::One,
         sample: Some("ward:brass".to_owned()),
         truth: None,
         tilt: None,

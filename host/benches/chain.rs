@@ -22,7 +22,7 @@ fn measure(bencher: Bencher, step_deg: f64) {
         grid: Grid::ThetaPhi { step_deg },
         image_size: 96,
         exposure_s: None,
-        brackets: rcg::brackets::Brackets::One,
+        brackets: rcg::plan::brackets::Brackets::One,
         sample: Some("ward:brass".to_owned()),
         truth: None,
         tilt: None,

@@ -5,7 +5,7 @@
 use divan::{Bencher, black_box, counter::ItemsCount};
 use rcg::hemisphere::incident::Rings;
 use rcg::instrument::optics::View;
-use rcg::pattern::{BitPattern, PatternMaker};
+use rcg::plan::pattern::{BitPattern, PatternMaker};
 use rcg::instrument::rig::Rig;
 
 fn main() {

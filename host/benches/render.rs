@@ -26,7 +26,7 @@ fn measured(dir: &Path) -> Brdf {
         grid: rcg::hemisphere::incident::Grid::ThetaPhi { step_deg: 3.0 },
         image_size: 96,
         exposure_s: Some(0.004),
-        brackets: rcg::brackets::Brackets::One,
+        brackets: rcg::plan::brackets::Brackets::One,
         sample: Some("satin".to_owned()),
         truth: None,
         tilt: None,

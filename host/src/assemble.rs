@@ -28,7 +28,7 @@ use glam::DVec3;
 use half::f16;
 use rayon::prelude::*;
 
-use crate::brackets::dark_noise_dn;
+use crate::plan::brackets::dark_noise_dn;
 use crate::brdf::{Brdf, BrdfError};
 use crate::instrument::calibration::Applied;
 use crate::hemisphere::disk::Disk;

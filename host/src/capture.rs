@@ -18,10 +18,10 @@ use crate::camera::{Camera, CameraError, Frame};
 use crate::device::{Device, DeviceError};
 use crate::link::Link;
 use crate::pairing::{Outcome, pair};
-use crate::pattern::{BitPattern, LitSet};
+use crate::plan::pattern::{BitPattern, LitSet};
 use crate::projector::{Projector, ProjectorError};
 use crate::run::Ending;
-use crate::schedule::Timing;
+use crate::plan::schedule::Timing;
 use crate::store::OrphanFrame;
 
 pub use crate::store::Tally;

@@ -10,7 +10,7 @@ use std::str::FromStr;
 use rcg_protocol::{Info, Micros, Pace, Pulse, Step, Ticks};
 
 use crate::instrument::rig::Rig;
-use crate::schedule::{ScheduleError, Timing};
+use crate::plan::schedule::{ScheduleError, Timing};
 
 /// A length of time with its unit: `5us`, `33.3 ms`, `3ticks`.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -20,7 +20,7 @@ use serde_json::{Map, Value, json};
 use crate::instrument::calibration::Applied;
 use crate::capture::{Instrument, Tally};
 use crate::instrument::optics::View;
-use crate::pattern::{LitSet, PatternMaker};
+use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::plan::{Directions, Exposure, Plan};
 use crate::instrument::rig::Rig;
 use crate::store::lock::{self, dangling};

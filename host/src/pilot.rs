@@ -5,10 +5,10 @@ use crate::hemisphere::incident::Grid;
 use crate::hemisphere::judged::is_judged;
 use crate::measurement::MeasurementError;
 use crate::instrument::optics::{DirectionMap, View};
-use crate::pattern::PatternMaker;
+use crate::plan::pattern::PatternMaker;
 use crate::plan::{Directions, PlanError, spot_deg};
 use crate::instrument::rig::Rig;
-use crate::schedule::{LONGEST_EXPOSURE_S, SHORTEST_EXPOSURE_S, Timing};
+use crate::plan::schedule::{LONGEST_EXPOSURE_S, SHORTEST_EXPOSURE_S, Timing};
 
 mod brackets;
 

@@ -1,6 +1,6 @@
 //! The seam to projectors: patterns that are loaded first and then advanced by the trigger line.
 
-use crate::pattern::BitPattern;
+use crate::plan::pattern::BitPattern;
 
 /// What a projector could not do.
 #[derive(Debug, thiserror::Error)]

@@ -7,7 +7,7 @@ use image::{Rgb, RgbImage};
 use serde::Serialize;
 
 use crate::assemble::Assembled;
-use crate::brackets::milliseconds;
+use crate::plan::brackets::milliseconds;
 use crate::brdf::Brdf;
 use crate::capture::Tally;
 use crate::evaluate::{Albedo, Evaluation, Quantile};

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use rcg::brackets::Brackets;
+use rcg::plan::brackets::Brackets;
 use rcg::brdf::Brdf;
 use rcg::hemisphere::direction::from_degrees;
 use rcg::evaluate::evaluate;

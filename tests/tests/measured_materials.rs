@@ -25,7 +25,7 @@ fn median_error(file: &str) -> Option<f64> {
         grid: Grid::ThetaPhi { step_deg: 6.0 },
         image_size: 96,
         exposure_s: None,
-        brackets: rcg::brackets::Brackets::One,
+        brackets: rcg::plan::brackets::Brackets::One,
         sample: Some(path.display().to_string()),
         truth: None,
         tilt: None,

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use rcg::brackets::Brackets;
+use rcg::plan::brackets::Brackets;
 use rcg::brdf::Brdf;
 use rcg::calibrate::Conditions;
 use rcg::calibrate::photometry::{self, Request};

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use rcg::brackets::Brackets;
+use rcg::plan::brackets::Brackets;
 use rcg::brdf::Brdf;
 use rcg::calibrate::{Conditions, geometry, photometry};
 use rcg::instrument::calibration::Calibration;

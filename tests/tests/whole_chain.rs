@@ -26,7 +26,7 @@ fn request(sample: &str, noise: bool) -> Request {
         grid: Grid::ThetaPhi { step_deg: 15.0 },
         image_size: 48,
         exposure_s: None,
-        brackets: rcg::brackets::Brackets::One,
+        brackets: rcg::plan::brackets::Brackets::One,
         sample: Some(sample.to_owned()),
         truth: None,
         tilt: None,

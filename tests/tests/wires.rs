@@ -10,11 +10,11 @@ use rcg::capture::Instrument;
 use rcg::device::DeviceError;
 use rcg::hemisphere::incident::Grid;
 use rcg::measure::{complete, prepare};
-use rcg::pattern::BitPattern;
+use rcg::plan::pattern::BitPattern;
 use rcg::plan::Request;
 use rcg::base::progress::Silent;
 use rcg::instrument::rig::Rig;
-use rcg::schedule::Timing;
+use rcg::plan::schedule::Timing;
 use rcg::setup::{Setup, TriggerBox};
 use rcg::virtual_rig::Mischief;
 use rcg_protocol::{Pace, Program, Start, State, Ticks};
@@ -47,7 +47,7 @@ fn request() -> Request {
         grid: Grid::ThetaPhi { step_deg: 15.0 },
         image_size: 32,
         exposure_s: None,
-        brackets: rcg::brackets::Brackets::One,
+        brackets: rcg::plan::brackets::Brackets::One,
         sample: Some("ward:brass".to_owned()),
         truth: None,
         tilt: None,

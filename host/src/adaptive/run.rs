@@ -19,11 +19,11 @@ use crate::hemisphere::incident::{DirectionList, Grid, IncidentSet};
 use crate::measure::{MeasureError, planned};
 use crate::measurement::{Measurement, MeasurementError, take_segment};
 use crate::instrument::optics::{Unmeasurable, View};
-use crate::pattern::{LitSet, PatternMaker};
+use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::plan::{BLACK_EXPOSURES, Directions, Exposure, Plan, PlanError, Request};
 use crate::base::progress::Progress;
 use crate::instrument::rig::Rig;
-use crate::schedule::Timing;
+use crate::plan::schedule::Timing;
 use crate::setup::Setup;
 use crate::store::Lock;
 

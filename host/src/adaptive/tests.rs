@@ -11,7 +11,7 @@ use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
 use crate::instrument::optics::View;
-use crate::pattern::PatternMaker;
+use crate::plan::pattern::PatternMaker;
 use crate::plan::{Directions, Request};
 use crate::base::progress::Silent;
 use crate::instrument::rig::Rig;
@@ -26,7 +26,7 @@ fn request(sample: &str) -> Request {
         grid: Grid::ThetaPhi { step_deg: 15.0 },
         image_size: 48,
         exposure_s: None,
-        brackets: crate::brackets::Brackets::One,
+        brackets: crate::plan::brackets::Brackets::One,
         sample: Some(sample.to_owned()),
         truth: None,
         tilt: None,

@@ -24,7 +24,7 @@ use crate::instrument::calibration::Applied;
 use crate::instrument::calibration::{Interreflection, Photometry};
 use crate::hemisphere::disk::Disk;
 use crate::instrument::optics::View;
-use crate::pattern::PatternMaker;
+use crate::plan::pattern::PatternMaker;
 use crate::plan::{Directions, Plan};
 use crate::store::provenance::Provenance;
 use crate::brdf::quadrature::spot_rad;

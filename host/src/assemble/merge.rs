@@ -24,7 +24,7 @@
 use glam::Vec4;
 
 use super::radiometry::Radiometry;
-use crate::brackets::MOST;
+use crate::plan::brackets::MOST;
 
 /// Samples with less than this share of the weight of the best are left out.
 const DARK_SHARE: f32 = 1.0 / 20.0;

@@ -17,7 +17,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use crate::brackets::Brackets;
+use crate::plan::brackets::Brackets;
 use crate::instrument::calibration::{CalibrationError, RIG, file};
 use crate::capture::{CaptureError, Captured, Instrument, Tally};
 use crate::hemisphere::incident::Grid;

@@ -2,9 +2,9 @@
 
 use super::MeasurementError;
 use crate::capture::{Instrument, Tally};
-use crate::pattern::LitSet;
+use crate::plan::pattern::LitSet;
 use crate::plan::Exposure;
-use crate::schedule::Timing;
+use crate::plan::schedule::Timing;
 use crate::store::{ExposureRecord, Segment};
 
 /// Takes one segment: the exposures of `timings` with each pattern of `lit`, with their records and their tally.

@@ -9,7 +9,7 @@
 use std::collections::HashMap;
 
 use super::code::{Code, CodeError};
-use crate::pattern::LitSet;
+use crate::plan::pattern::LitSet;
 
 /// Directions split into blocks of at most `order` cells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -23,7 +23,7 @@ use crate::hemisphere::incident::{Grid, IncidentError};
 use crate::measurement::MeasurementError;
 use crate::plan::PlanError;
 use crate::instrument::rig::Rig;
-use crate::schedule::Timing;
+use crate::plan::schedule::Timing;
 
 /// Orders that are tried unless one is asked for.
 const ORDERS: [usize; 6] = [7, 15, 31, 63, 127, 255];

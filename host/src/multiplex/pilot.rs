@@ -20,7 +20,7 @@ use crate::hemisphere::direction::angle_between;
 use crate::hemisphere::incident::Grid;
 use crate::hemisphere::judged::is_judged;
 use crate::instrument::optics::{DirectionMap, View};
-use crate::pattern::{LitSet, PatternMaker};
+use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::pilot::{PILOT_CLIPPED, PILOT_TARGET, Tests, spread};
 use crate::plan::{Directions, spot_deg};
 use crate::instrument::rig::Rig;

@@ -4,7 +4,7 @@ use super::cells::{check_disjoint, union};
 use super::*;
 use crate::hemisphere::direction::from_degrees;
 use crate::instrument::optics::View;
-use crate::pattern::{LitSet, PatternMaker};
+use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::instrument::rig::Rig;
 use crate::brdf::sample::{Sample, parse};
 use crate::virtual_rig::{Noise, sense};

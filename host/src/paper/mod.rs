@@ -20,7 +20,7 @@ use crate::hemisphere::incident::Grid;
 use crate::measure::{MeasureError, complete, prepare};
 use crate::measurement::{Measurement, MeasurementError};
 use crate::instrument::optics::View;
-use crate::pattern::{BitPattern, PatternMaker};
+use crate::plan::pattern::{BitPattern, PatternMaker};
 use crate::plan::Request;
 use crate::base::progress::Progress;
 use crate::brdf::reflectance::Reflectance;
@@ -126,7 +126,7 @@ pub fn paper(
             grid: Grid::ThetaPhi { step_deg },
             image_size,
             exposure_s: None,
-            brackets: crate::brackets::Brackets::One,
+            brackets: crate::plan::brackets::Brackets::One,
             sample: Some(sample.to_owned()),
             truth: None,
             tilt: None,

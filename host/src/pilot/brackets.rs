@@ -3,18 +3,18 @@
 //! # Design
 //! A few patterns, each exposed from the rig's default time down in steps of [`TEST_RATIO`], in one run. A pixel's rate comes
 //! from its longest exposure that does not saturate. The shortest bracket is made for the brightest pixel, the longest for
-//! the darkest; [`crate::brackets::RATIO`] says how many are between them.
+//! the darkest; [`crate::plan::brackets::RATIO`] says how many are between them.
 
 use std::fmt;
 
 use super::{judged, patterns};
-use crate::brackets::{Brackets, MOST, RATIO, geometric, largest_ratio, milliseconds};
+use crate::plan::brackets::{Brackets, MOST, RATIO, geometric, largest_ratio, milliseconds};
 use crate::capture::{Instrument, Tally};
 use crate::hemisphere::incident::Grid;
 use crate::measurement::MeasurementError;
 use crate::plan::PlanError;
 use crate::instrument::rig::Rig;
-use crate::schedule::Timing;
+use crate::plan::schedule::Timing;
 
 /// Exposure times of the pilot capture, each [`TEST_RATIO`] times shorter than the one before.
 const TESTS: i32 = 5;

@@ -1,8 +1,8 @@
 //! Whether the numbers of a plan file are those of a plan.
 
 use super::{Plan, PlanError, SEGMENT_MAX};
-use crate::brackets::MOST;
-use crate::schedule::LONGEST_PERIOD_S;
+use crate::plan::brackets::MOST;
+use crate::plan::schedule::LONGEST_PERIOD_S;
 
 impl Plan {
     /// Refuses numbers that no plan of this program has; `path` is where it was read.

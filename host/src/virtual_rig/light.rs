@@ -152,7 +152,7 @@ mod tests {
     use super::*;
     use crate::hemisphere::direction::from_degrees;
     use crate::instrument::optics::View;
-    use crate::pattern::PatternMaker;
+    use crate::plan::pattern::PatternMaker;
     use crate::instrument::rig::Rig;
 
     #[test]

@@ -34,7 +34,7 @@ use rayon::prelude::*;
 
 use crate::camera::{Camera, CameraError, Frame};
 use crate::instrument::frame_format::FrameFormat;
-use crate::pattern::BitPattern;
+use crate::plan::pattern::BitPattern;
 use crate::projector::{Projector, ProjectorError};
 use crate::instrument::rig::Rig;
 

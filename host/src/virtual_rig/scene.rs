@@ -18,7 +18,7 @@ use super::truth::Truth;
 use crate::hemisphere::direction::from_angles;
 use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::optics::{DirectionMap, View};
-use crate::pattern::BitPattern;
+use crate::plan::pattern::BitPattern;
 use crate::brdf::quadrature::mean_f;
 use crate::brdf::sample::{Sample, albedo};
 

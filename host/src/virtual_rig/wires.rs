@@ -18,7 +18,7 @@
 //! connect, go and connect again; while there is none, nobody answers and time goes on.
 //!
 //! # Tradeoffs
-//! All lines are active high, as in [`Timing::program`](crate::schedule::Timing::program), the default of the plan: the
+//! All lines are active high, as in [`Timing::program`](crate::plan::schedule::Timing::program), the default of the plan: the
 //! rig sees pads, and has no other way to know what is active.
 //!
 //! The host counts its time-outs, and its signs of life for the dead-man switch, in real time: the box's time may run

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use rcg::measurement::Measurement;
 use rcg::instrument::optics::View;
-use rcg::pattern::{BitPattern, PatternMaker};
+use rcg::plan::pattern::{BitPattern, PatternMaker};
 use rcg::plan::{Directions, PlanError, spot_deg};
 use rcg::base::progress::Progress as _;
 use rcg::render::save;

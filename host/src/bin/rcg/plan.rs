@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use rcg::assemble::dynamic_range;
-use rcg::brackets::milliseconds;
+use rcg::plan::brackets::milliseconds;
 use rcg::measure::{planned, prepare};
-use rcg::pace::Pace;
+use rcg::plan::pace::Pace;
 use rcg::plan::{Directions, Plan, PlanError};
 use rcg::report::duration;
 use rcg::instrument::rig::Rig;
-use rcg::schedule::Bound;
+use rcg::plan::schedule::Bound;
 use serde_json::{Value, json};
 
 use crate::Done;

@@ -10,15 +10,15 @@ use crate::capture::Tally;
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::incident::Grid;
 use crate::instrument::optics::View;
-use crate::pattern::{BitPattern, PatternMaker};
+use crate::plan::pattern::{BitPattern, PatternMaker};
 use crate::pilot::Tests;
 use crate::plan;
 use crate::base::progress::Progress;
 use crate::instrument::rig::Rig;
-use crate::schedule::{SHORTEST_EXPOSURE_S, Timing};
+use crate::plan::schedule::{SHORTEST_EXPOSURE_S, Timing};
 use crate::setup::Setup;
 use crate::store::{RawLayout, RawStore};
-use crate::stripes::Stripes;
+use crate::plan::stripes::Stripes;
 use crate::virtual_rig::Held;
 use crate::store::whole_file::FileError;
 

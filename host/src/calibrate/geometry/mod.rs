@@ -11,7 +11,7 @@
 //!
 //! Two kinds of view make the unknowns observable:
 //! - a flat first-surface mirror in the sample's place, at tilts that are known against the holder. Structured light
-//!   ([`crate::stripes`]) tells for each camera pixel which projector position it sees in it. The mirrored direction of the
+//!   ([`crate::plan::stripes`]) tells for each camera pixel which projector position it sees in it. The mirrored direction of the
 //!   one is that of the other, so the matches of one tilt tie the two maps of directions together, and those of several
 //!   tilts fix both in the sample's frame: no rotation but the identity commutes with reflections at three normals.
 //! - a diffuse standard under a single spot: the camera sees all of the mirror that it can, and where it ends: the edges of
@@ -42,7 +42,7 @@ use crate::instrument::calibration::{Found, GEOMETRY, Geometry, WORST_DEG, file,
 use crate::hemisphere::direction::from_degrees;
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
-use crate::schedule::SHORTEST_EXPOSURE_S;
+use crate::plan::schedule::SHORTEST_EXPOSURE_S;
 use crate::virtual_rig::FlatMirror;
 use crate::store::whole_file::write_whole;
 

@@ -4,7 +4,7 @@ use glam::DVec2;
 
 use super::Views;
 use crate::store::{RawStore, StoreError};
-use crate::stripes::Stripes;
+use crate::plan::stripes::Stripes;
 
 /// Matches of one view that take part, at most.
 const MATCHES: usize = 1500;

@@ -9,7 +9,7 @@
 use super::capture::Holder;
 use crate::calibrate::CalibrateError;
 use crate::pilot::Tests;
-use crate::schedule::{LONGEST_EXPOSURE_S, SHORTEST_EXPOSURE_S};
+use crate::plan::schedule::{LONGEST_EXPOSURE_S, SHORTEST_EXPOSURE_S};
 use crate::setup::Setup;
 use crate::virtual_rig::Held;
 

@@ -46,7 +46,7 @@ struct Truth {
 fn truth(rig: &Rig, spec: &str) -> Truth {
     let sample = parse(spec).unwrap();
     let directions = crate::plan::Directions::new(rig, &GRID).unwrap();
-    let maker = crate::pattern::PatternMaker::new(View::projector(rig), rig.light.spot_deg, 1.0);
+    let maker = crate::plan::pattern::PatternMaker::new(View::projector(rig), rig.light.spot_deg, 1.0);
     let camera = DirectionMap::of(&View::camera(rig));
     let pixels: Vec<_> = camera
         .measurable()
@@ -57,7 +57,7 @@ fn truth(rig: &Rig, spec: &str) -> Truth {
         .measurable()
         .filter_map(|index| maker.lit_set(directions.grid.direction(index)).ok())
         .collect();
-    let of = |lit: &crate::pattern::LitSet| -> Vec<f32> {
+    let of = |lit: &crate::plan::pattern::LitSet| -> Vec<f32> {
         let lobe = sample.incident(lit.centroid);
         let scale = rig.sensitivity_e() * lit.irradiance;
         pixels.iter().map(|wo| (lobe.f(*wo)[0] * scale) as f32).collect()

@@ -158,7 +158,7 @@ fn a_rounded_schedule_never_meets_a_busy_camera() {
         // Half a tick each is the worst: 4 ns.
         let (readout_ns, exposure_ns) = (26_000_000 + n, 10_000_000 + n / 8);
         rig.camera.readout_s = f64::from(readout_ns) / 1e9;
-        let timing = crate::schedule::Timing::new(&rig, f64::from(exposure_ns) / 1e9).unwrap();
+        let timing = crate::plan::schedule::Timing::new(&rig, f64::from(exposure_ns) / 1e9).unwrap();
         let step = timing.step(CLOCK_HZ);
         let mut stage = Stage::new(&rig, stage().behaviour, CLOCK_HZ);
         for start in [Ticks(3), Ticks(3) + step.period] {

@@ -86,7 +86,7 @@ fn edges_expose_and_the_strobe_answers() {
         let (mut camera, mut projector) = wired(address).unwrap();
         let (width_px, height_px) = projector.size_px();
         projector
-            .load(&crate::pattern::BitPattern::black(width_px, height_px))
+            .load(&crate::plan::pattern::BitPattern::black(width_px, height_px))
             .unwrap();
         camera.arm().unwrap();
         let frame = loop {

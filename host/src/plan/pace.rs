@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::plan::{BLACK_EXPOSURES, Directions, Plan};
 use crate::instrument::rig::Rig;
-use crate::schedule::periods_s;
+use crate::plan::schedule::periods_s;
 
 /// A limit of the rig on the length of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -136,7 +136,7 @@ mod tests {
             grid: Grid::ThetaPhi { step_deg },
             image_size: 32,
             exposure_s: None,
-            brackets: crate::brackets::Brackets::One,
+            brackets: crate::plan::brackets::Brackets::One,
             sample: None,
             truth: None,
             tilt: None,

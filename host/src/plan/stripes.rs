@@ -17,7 +17,7 @@ use std::f64::consts::TAU;
 
 use glam::DVec2;
 
-use crate::pattern::BitPattern;
+use crate::plan::pattern::BitPattern;
 
 /// Width of a stripe of the Gray code, projector pixels.
 pub const STRIPE_PX: usize = 8;

@@ -7,13 +7,19 @@
 //! taken in *segments*: one segment is one run of the controller, one
 //! load of the projector and one chunk of `raw.zarr`, and what a crash may cost.
 
+pub mod brackets;
+pub mod pace;
+pub mod pattern;
+pub mod schedule;
+pub mod stripes;
+
 use serde::{Deserialize, Serialize};
 
-use crate::brackets::{Brackets, largest_ratio};
+use crate::plan::brackets::{Brackets, largest_ratio};
 use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
 use crate::instrument::optics::{Unmeasurable, View};
 use crate::instrument::rig::{Rig, RigError, Tilt, explain};
-use crate::schedule::{ScheduleError, Timing};
+use crate::plan::schedule::{ScheduleError, Timing};
 
 mod check;
 
