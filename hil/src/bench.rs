@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use libtest_mimic::Failed;
-use rcg::device::{Device, Patience};
-use rcg::link::{Link, LinkError, SerialLink};
+use rcg::capture::device::{Device, Patience};
+use rcg::capture::link::{Link, LinkError, SerialLink};
 
 use crate::dut::{Dut, Jumper, Kind, LinkKind};
 use crate::figures::{Figures, Limit};

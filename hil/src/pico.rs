@@ -10,7 +10,7 @@ use std::io;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use rcg::link::{Link, LinkError};
+use rcg::capture::link::{Link, LinkError};
 
 use crate::dut::EmulatedPico;
 use crate::emulator::{Emulator, EmulatorError, Until, Why};

@@ -10,7 +10,7 @@ use rcg::assemble::{CHUNK, assemble};
 use rcg::instrument::calibration::Applied;
 use rcg::hemisphere::incident::Grid;
 use rcg::measure::capture;
-use rcg::measurement::Measurement;
+use rcg::capture::measurement::Measurement;
 use rcg::plan::{Plan, Request};
 use rcg::base::progress::Silent;
 use rcg::instrument::rig::Rig;

@@ -13,7 +13,7 @@ use crate::capture::Tally;
 use crate::evaluate::{Albedo, Evaluation, Quantile};
 use crate::goal::{Adapted, Stop};
 use crate::hemisphere::judged::{JUDGED_THETA_DEG, RECIPROCAL_THETA_DEG};
-use crate::measurement::Measurement;
+use crate::capture::measurement::Measurement;
 use crate::plan::Exposure;
 use crate::brdf::reflectance::Reflectance;
 use crate::render::{PictureError, automatic_exposure, save, sheet, sphere, srgb};

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use crate::instrument::calibration::Calibration;
 use crate::capture::Instrument;
-use crate::device::{Device, DeviceError, Patience};
-use crate::link::{self, Link};
+use crate::capture::device::{Device, DeviceError, Patience};
+use crate::capture::link::{self, Link};
 use crate::plan::{PlanError, Request};
 use crate::instrument::rig::{Rig, RigError};
 use crate::brdf::sample::SampleError;

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use proptest::prelude::*;
-use rcg::device::{Device, DeviceError, Patience};
-use rcg::link::{Link, LinkError, MemoryLink, memory_pair};
+use rcg::capture::device::{Device, DeviceError, Patience};
+use rcg::capture::link::{Link, LinkError, MemoryLink, memory_pair};
 use rcg::instrument::rig::Rig;
 use rcg::virtual_rig::VirtualController;
 use rcg_protocol::{

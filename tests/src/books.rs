@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use rcg::device::{Device, DeviceError, Patience};
-use rcg::link::Link;
+use rcg::capture::device::{Device, DeviceError, Patience};
+use rcg::capture::link::Link;
 use rcg_firmware::pulse::WordFormat;
 use rcg_protocol::{Extent, Program, Pulse, Request, RunId, Step, Ticks, ToDevice};
 

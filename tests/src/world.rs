@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::Duration;
 
-use rcg::link::{Link, LinkError};
+use rcg::capture::link::{Link, LinkError};
 use rcg_protocol::{Decoder, ToDevice};
 
 use crate::line::{Faults, Line, Tally};

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use rcg::device::{Device, DeviceError};
+use rcg::capture::device::{Device, DeviceError};
 use rcg_protocol::{Fault, State};
 use rcg_tests::books::{Client, PATIENCE, check, check_played, in_time, steps, table};
 use rcg_tests::{Controller, Faults, MockLink};

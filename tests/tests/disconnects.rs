@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use rcg::device::{Device, DeviceError};
-use rcg::link::{Link, LinkError};
+use rcg::capture::device::{Device, DeviceError};
+use rcg::capture::link::{Link, LinkError};
 use rcg_protocol::{Fault, Micros, Program, State};
 use rcg_tests::books::{Client, PATIENCE, check, check_played, steps, table};
 use rcg_tests::{Controller, Faults, MockLink};

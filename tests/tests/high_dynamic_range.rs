@@ -12,7 +12,7 @@ use rcg::plan::brackets::Brackets;
 use rcg::brdf::Brdf;
 use rcg::hemisphere::incident::Grid;
 use rcg::measure::{assemble_measurement, capture, prepare};
-use rcg::measurement::Measurement;
+use rcg::capture::measurement::Measurement;
 use rcg::plan::Request;
 use rcg::base::progress::Silent;
 use rcg::store::provenance::Provenance;

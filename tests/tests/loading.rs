@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use rcg::device::{Device, DeviceError};
+use rcg::capture::device::{Device, DeviceError};
 use rcg_protocol::{Command, Extent, Fault, Pulse, State, Ticks};
 use rcg_tests::books::{PATIENCE, check, check_played, in_time, program, steps, table};
 use rcg_tests::{Controller, Faults, MockLink};

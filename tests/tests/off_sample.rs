@@ -10,7 +10,7 @@ use rcg::calibrate::photometry::{self, Request};
 use rcg::instrument::calibration::{Calibration, RIG};
 use rcg::hemisphere::incident::Grid;
 use rcg::measure::{assemble_measurement, capture, prepare};
-use rcg::measurement::Measurement;
+use rcg::capture::measurement::Measurement;
 use rcg::instrument::optics::Unmeasurable;
 use rcg::plan;
 use rcg::base::progress::Silent;

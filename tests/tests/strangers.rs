@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use rcg::device::{Device, DeviceError};
-use rcg::link::Link;
+use rcg::capture::device::{Device, DeviceError};
+use rcg::capture::link::Link;
 use rcg_protocol::{PROTOCOL_VERSION, SCHEMA_HASH};
 use rcg_tests::books::{PATIENCE, in_time};
 use rcg_tests::strangers::{Echo, Noise, OtherVersion, Silent};

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use rcg::device::{Device, DeviceError, Feed};
-use rcg::link::Link as _;
+use rcg::capture::device::{Device, DeviceError, Feed};
+use rcg::capture::link::Link as _;
 use rcg_protocol::{Event, Extent, Fault, State};
 use rcg_tests::books::{Client, PATIENCE, check, check_played, program, steps};
 use rcg_tests::{Controller, Faults, MockLink};

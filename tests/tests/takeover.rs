@@ -1,6 +1,6 @@
 //! Law: a controller serves one session, the last that was opened, and tells the others.
 
-use rcg::device::Device;
+use rcg::capture::device::Device;
 use rcg_protocol::{Fault, State};
 use rcg_tests::books::{PATIENCE, check_shared, steps, table};
 use rcg_tests::{Controller, Faults, MockLink};
@@ -60,7 +60,7 @@ fn clients_that_take_over_from_each_other_on_bad_lines_are_never_mistaken_for_ea
                         let opened = client.open_session(100 + 2 * round + mine);
                         served += u32::from(opened.and_then(|()| client.ping(mine)).is_ok());
                     }
-                    Err(rcg::device::DeviceError::Timeout { .. }) => {}
+                    Err(rcg::capture::device::DeviceError::Timeout { .. }) => {}
                     Err(other) => panic!("seed {seed}: {other}"),
                 }
             }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use rcg::device::Device;
+use rcg::capture::device::Device;
 use rcg_protocol::{Event, State, Status, StepFlags, StepRecord};
 use rcg_tests::books::{Client, PATIENCE, check, steps, table};
 use rcg_tests::{Controller, Faults, MockLink};

@@ -10,7 +10,7 @@ use rcg::evaluate::evaluate;
 use rcg::fit::{Fit, Model};
 use rcg::hemisphere::incident::Grid;
 use rcg::measure::{assemble_measurement, capture, prepare};
-use rcg::measurement::Measurement;
+use rcg::capture::measurement::Measurement;
 use rcg::plan::Request;
 use rcg::base::progress::Silent;
 use rcg::instrument::rig::Rig;

@@ -10,7 +10,7 @@ use rcg::fit::{Fit, Model};
 use rcg::hemisphere::incident::Grid;
 use rcg::brdf::interpolation::Interpolation;
 use rcg::measure::{assemble_measurement, capture, complete};
-use rcg::measurement::Measurement;
+use rcg::capture::measurement::Measurement;
 use rcg::plan::{Plan, Request};
 use rcg::base::progress::Silent;
 use rcg::store::provenance::Provenance;

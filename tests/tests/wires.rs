@@ -5,9 +5,9 @@ use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
-use rcg::camera::Frame;
+use rcg::capture::camera::Frame;
 use rcg::capture::Instrument;
-use rcg::device::DeviceError;
+use rcg::capture::device::DeviceError;
 use rcg::hemisphere::incident::Grid;
 use rcg::measure::{complete, prepare};
 use rcg::plan::pattern::BitPattern;

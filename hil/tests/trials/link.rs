@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use rcg::link::Link as _;
+use rcg::capture::link::Link as _;
 use rcg_hil::bench::{Bench, Outcome};
 use rcg_hil::figures::Limit;
 use rcg_protocol::{Counters, RunId, State, Status};

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use rcg::device::DeviceError;
+use rcg::capture::device::DeviceError;
 use rcg_hil::bench::{Bench, Outcome};
 use rcg_hil::figures::Limit;
 use rcg_hil::image::Image;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use rcg::device::DeviceError;
+use rcg::capture::device::DeviceError;
 use rcg_hil::bench::{Bench, Outcome};
 use rcg_hil::figures::Limit;
 use rcg_protocol::{Event, Fault, Program, STEPS_PER_APPEND, State, Step, StepId};
@@ -78,7 +78,7 @@ fn stall(bench: &mut Bench, step: Step, count: u64, mid_frame: bool) -> Result<H
         let half = append
             .map(|frame| frame[..frame.len() / 2].to_vec())
             .unwrap_or_default();
-        rcg::link::Link::send(bench.device.link_mut(), &half)?;
+        rcg::capture::link::Link::send(bench.device.link_mut(), &half)?;
     }
     let heard = follow(bench, run, PATIENCE)?;
     bench.silence(Duration::from_millis(5))?;

@@ -19,7 +19,7 @@ use super::{Goal, GoalError};
 use crate::instrument::calibration::Applied;
 use crate::hemisphere::incident::{Grid, IncidentError};
 use crate::measure::MeasureError;
-use crate::measurement::{MeasurementError, Sums, sums_at, sums_of};
+use crate::capture::measurement::{MeasurementError, Sums, sums_at, sums_of};
 use crate::plan::{BLACK_EXPOSURES, Plan, Request};
 use crate::instrument::rig::{Rig, RigError, explain};
 use crate::store::checksum::sum;

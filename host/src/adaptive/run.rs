@@ -17,7 +17,7 @@ use crate::capture::Instrument;
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{DirectionList, Grid, IncidentSet};
 use crate::measure::{MeasureError, planned};
-use crate::measurement::{Measurement, MeasurementError, take_segment};
+use crate::capture::measurement::{Measurement, MeasurementError, take_segment};
 use crate::instrument::optics::{Unmeasurable, View};
 use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::plan::{BLACK_EXPOSURES, Directions, Exposure, Plan, PlanError, Request};

@@ -21,7 +21,7 @@ use crate::plan::brackets::Brackets;
 use crate::instrument::calibration::{CalibrationError, RIG, file};
 use crate::capture::{CaptureError, Captured, Instrument, Tally};
 use crate::hemisphere::incident::Grid;
-use crate::measurement::MeasurementError;
+use crate::capture::measurement::MeasurementError;
 use crate::plan::{self, PlanError};
 use crate::instrument::rig::{RigError, Tilt};
 use crate::setup::SetupError;

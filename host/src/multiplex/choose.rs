@@ -20,7 +20,7 @@ use super::cells::CellError;
 use super::pilot::{Singles, Sums, Value, blocks, dark_variance};
 use crate::capture::Instrument;
 use crate::hemisphere::incident::{Grid, IncidentError};
-use crate::measurement::MeasurementError;
+use crate::capture::measurement::MeasurementError;
 use crate::plan::PlanError;
 use crate::instrument::rig::Rig;
 use crate::plan::schedule::Timing;

@@ -21,7 +21,7 @@ use crate::hemisphere::incident::Grid;
 use crate::hemisphere::judged::is_judged;
 use crate::instrument::optics::{DirectionMap, View};
 use crate::plan::pattern::{LitSet, PatternMaker};
-use crate::pilot::{PILOT_CLIPPED, PILOT_TARGET, Tests, spread};
+use crate::capture::pilot::{PILOT_CLIPPED, PILOT_TARGET, Tests, spread};
 use crate::plan::{Directions, spot_deg};
 use crate::instrument::rig::Rig;
 

@@ -18,7 +18,7 @@ use crate::brdf::{Brdf, BrdfError};
 use crate::chart::{ChartError, captioned};
 use crate::hemisphere::incident::Grid;
 use crate::measure::{MeasureError, complete, prepare};
-use crate::measurement::{Measurement, MeasurementError};
+use crate::capture::measurement::{Measurement, MeasurementError};
 use crate::instrument::optics::View;
 use crate::plan::pattern::{BitPattern, PatternMaker};
 use crate::plan::Request;

@@ -15,7 +15,7 @@ use rcg_protocol::{Decoder, MAX_FRAME, Pace, Polarity, Start, Ticks, ToDevice, e
 
 use super::SharedStage;
 use super::stage::StrobeEdge;
-use crate::link::{Link, LinkError};
+use crate::capture::link::{Link, LinkError};
 
 /// Clock of the simulated controller, that of a Pico.
 pub const CLOCK_HZ: u32 = 125_000_000;

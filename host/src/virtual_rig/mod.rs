@@ -32,10 +32,10 @@ use std::time::Duration;
 
 use rayon::prelude::*;
 
-use crate::camera::{Camera, CameraError, Frame};
+use crate::capture::camera::{Camera, CameraError, Frame};
 use crate::instrument::frame_format::FrameFormat;
 use crate::plan::pattern::BitPattern;
-use crate::projector::{Projector, ProjectorError};
+use crate::capture::projector::{Projector, ProjectorError};
 use crate::instrument::rig::Rig;
 
 pub use controller::{CLOCK_HZ, VirtualController};
@@ -63,7 +63,7 @@ pub struct Behaviour {
 
 /// The three simulated ends of one rig.
 pub struct VirtualRig {
-    /// To be opened by a [`Device`](crate::device::Device).
+    /// To be opened by a [`Device`](crate::capture::device::Device).
     pub controller: VirtualController,
     /// Its camera.
     pub camera: VirtualCamera,

@@ -131,7 +131,7 @@ impl Stage {
         self.fingerprint = mix(self.fingerprint, u64::MAX);
     }
 
-    /// A part of the measurement begins; see [`Camera::begin_part`](crate::camera::Camera::begin_part).
+    /// A part of the measurement begins; see [`Camera::begin_part`](crate::capture::camera::Camera::begin_part).
     pub(super) const fn begin_part(&mut self, same_before: u64) {
         self.last_run = (0, 0);
         self.same_before = same_before;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use rcg::measurement::Measurement;
+use rcg::capture::measurement::Measurement;
 
 use crate::Done;
 use crate::output::Output;

@@ -5,8 +5,8 @@ mod run;
 
 use std::time::Duration;
 
-use rcg::device::{Device, Patience};
-use rcg::link::{self, Link};
+use rcg::capture::device::{Device, Patience};
+use rcg::capture::link::{self, Link};
 use rcg::instrument::rig::Rig;
 use rcg::virtual_rig::VirtualController;
 use rcg_protocol::{PROTOCOL_VERSION, State, Status};

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use rcg::fill::{Filled, fill};
-use rcg::measurement::Measurement;
+use rcg::capture::measurement::Measurement;
 
 use crate::Done;
 use crate::output::Output;

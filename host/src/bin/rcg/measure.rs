@@ -6,7 +6,7 @@ use std::time::Instant;
 use rcg::adaptive::{self, AdaptiveError, Begun, Goal};
 use rcg::hemisphere::incident::Grid;
 use rcg::measure::{complete, prepare_like};
-use rcg::measurement::Measurement;
+use rcg::capture::measurement::Measurement;
 use rcg::plan::{Plan, Request};
 use rcg::report::lines;
 use rcg::instrument::rig::Rig;

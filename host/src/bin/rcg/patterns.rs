@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use rcg::measurement::Measurement;
+use rcg::capture::measurement::Measurement;
 use rcg::instrument::optics::View;
 use rcg::plan::pattern::{BitPattern, PatternMaker};
 use rcg::plan::{Directions, PlanError, spot_deg};

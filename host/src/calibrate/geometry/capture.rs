@@ -11,7 +11,7 @@ use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::incident::Grid;
 use crate::instrument::optics::View;
 use crate::plan::pattern::{BitPattern, PatternMaker};
-use crate::pilot::Tests;
+use crate::capture::pilot::Tests;
 use crate::plan;
 use crate::base::progress::Progress;
 use crate::instrument::rig::Rig;

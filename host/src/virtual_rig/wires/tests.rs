@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::thread;
 
 use super::*;
-use crate::camera::{Camera as _, CameraError};
-use crate::projector::Projector as _;
+use crate::capture::camera::{Camera as _, CameraError};
+use crate::capture::projector::Projector as _;
 use crate::instrument::rig::Rig;
 use crate::virtual_rig::{
     Behaviour, Held, Mischief, Noise, Truth, VirtualCamera, VirtualProjector, VirtualRig,

@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use rcg::device::Feed;
-use rcg::link::Link as _;
+use rcg::capture::device::Feed;
+use rcg::capture::link::Link as _;
 use rcg_protocol::{Extent, Program, Pulse, Step, Ticks};
 use serde_json::json;
 

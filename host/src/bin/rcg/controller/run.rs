@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use rcg::firing::{Bracket, Limits, Span};
-use rcg::records::{RecordFile, flag_names};
+use rcg::capture::firing::{Bracket, Limits, Span};
+use rcg::capture::records::{RecordFile, flag_names};
 use rcg::instrument::rig::Rig;
 use rcg_protocol::{Event, Extent, Micros, Pace, Polarity, Program, Start, State, Step, StepRecord};
 use serde_json::json;
@@ -214,7 +214,7 @@ pub(super) fn run(args: &Args, rig: &Rig, device: &mut TriggerBox, output: &Outp
     value["duration_s"] = json!(duration_s);
     if let (State::Fault, Some(fault)) = (ending.state, ending.fault) {
         let done = ending.steps_done;
-        let port = rcg::link::Link::peer(device.link());
+        let port = rcg::capture::link::Link::peer(device.link());
         let error =
             anyhow::anyhow!("port {port}: expected {count} steps, found an end after {done}: {fault}");
         return Err(Failure::Partly(error, value));

@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use rcg_protocol::{Event, Fault, Program, RunId, State, Step, Ticks};
 
-use crate::device::{Device, DeviceError, Feed};
-use crate::link::Link;
+use crate::capture::device::{Device, DeviceError, Feed};
+use crate::capture::link::Link;
 
 /// While a run goes on, the host makes itself heard at least this often.
 const KEEP_ALIVE: Duration = Duration::from_millis(400);

@@ -9,7 +9,7 @@
 
 use rcg_protocol::{StepFlags, StepRecord, Strobe};
 
-use crate::camera::Frame;
+use crate::capture::camera::Frame;
 
 /// What became of one step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -16,7 +16,7 @@ use std::time::Duration;
 use rcg_protocol::{Command, Fault, MAX_FRAME, Reply, Request, Response, STEPS_PER_APPEND, Seq, State, Step};
 
 use super::{Device, DeviceError, News};
-use crate::link::Link;
+use crate::capture::link::Link;
 
 /// Batches under way. The controller keeps as many places for answers free of telemetry.
 const WINDOW: usize = 4;

@@ -16,7 +16,7 @@ use rcg_protocol::{
     Response, RunId, SCHEMA_HASH, STEPS_PER_APPEND, Seq, SessionId, Status, Step, ToDevice, ToHost, encode,
 };
 
-use crate::link::Link;
+use crate::capture::link::Link;
 
 mod error;
 mod feed;

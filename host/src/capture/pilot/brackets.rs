@@ -11,7 +11,7 @@ use super::{judged, patterns};
 use crate::plan::brackets::{Brackets, MOST, RATIO, geometric, largest_ratio, milliseconds};
 use crate::capture::{Instrument, Tally};
 use crate::hemisphere::incident::Grid;
-use crate::measurement::MeasurementError;
+use crate::capture::measurement::MeasurementError;
 use crate::plan::PlanError;
 use crate::instrument::rig::Rig;
 use crate::plan::schedule::Timing;

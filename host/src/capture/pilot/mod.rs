@@ -3,7 +3,7 @@
 use crate::capture::{Captured, Instrument, Tally};
 use crate::hemisphere::incident::Grid;
 use crate::hemisphere::judged::is_judged;
-use crate::measurement::MeasurementError;
+use crate::capture::measurement::MeasurementError;
 use crate::instrument::optics::{DirectionMap, View};
 use crate::plan::pattern::PatternMaker;
 use crate::plan::{Directions, PlanError, spot_deg};

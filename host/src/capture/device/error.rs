@@ -2,7 +2,7 @@
 
 use rcg_protocol::{Fault, PROTOCOL_VERSION, SCHEMA_HASH};
 
-use crate::link::LinkError;
+use crate::capture::link::LinkError;
 
 /// Why a request has no answer.
 #[derive(Debug, thiserror::Error)]

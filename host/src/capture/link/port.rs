@@ -24,7 +24,7 @@ pub fn open(name: &str) -> Result<Box<dyn Link>, LinkError> {
     Ok(Box::new(SerialLink::open(name)?))
 }
 
-/// A number for [`Device::connect`](crate::device::Device::connect) that differs from those before: the nanoseconds of
+/// A number for [`Device::connect`](crate::capture::device::Device::connect) that differs from those before: the nanoseconds of
 /// the system's clock.
 #[must_use]
 pub fn nonce() -> u32 {

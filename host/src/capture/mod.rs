@@ -10,17 +10,28 @@
 //! steps, played once for each pattern. A repetition of some of them shows the pattern before the first that is missing,
 //! each with its own exposure time, from a table that says so step by step.
 
+pub mod camera;
+pub mod device;
+pub mod firing;
+pub mod link;
+pub mod measurement;
+pub mod pairing;
+pub mod pilot;
+pub mod projector;
+pub mod records;
+pub mod run;
+
 use std::time::Duration;
 
 use rcg_protocol::{Event, State, Step, StepRecord, Ticks};
 
-use crate::camera::{Camera, CameraError, Frame};
-use crate::device::{Device, DeviceError};
-use crate::link::Link;
-use crate::pairing::{Outcome, pair};
+use crate::capture::camera::{Camera, CameraError, Frame};
+use crate::capture::device::{Device, DeviceError};
+use crate::capture::link::Link;
+use crate::capture::pairing::{Outcome, pair};
 use crate::plan::pattern::{BitPattern, LitSet};
-use crate::projector::{Projector, ProjectorError};
-use crate::run::Ending;
+use crate::capture::projector::{Projector, ProjectorError};
+use crate::capture::run::Ending;
 use crate::plan::schedule::Timing;
 use crate::store::OrphanFrame;
 
