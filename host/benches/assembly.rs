@@ -14,7 +14,7 @@ use rcg::capture::measurement::Measurement;
 use rcg::plan::{Plan, Request};
 use rcg::base::progress::Silent;
 use rcg::instrument::rig::Rig;
-use rcg::setup::Setup;
+use rcg::virtual_rig::setup::Setup;
 use rcg::store::{BrdfLayout, BrdfRows, BrdfWriter};
 
 fn main() {

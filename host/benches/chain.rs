@@ -9,7 +9,7 @@ use rcg::measure::{complete, prepare};
 use rcg::plan::Request;
 use rcg::base::progress::Silent;
 use rcg::instrument::rig::Rig;
-use rcg::setup::Setup;
+use rcg::virtual_rig::setup::Setup;
 
 fn main() {
     divan::main();

@@ -11,7 +11,7 @@ use rcg::plan::Request;
 use rcg::base::progress::Silent;
 use rcg::render::{Picture, corrugated, save, sheet, sphere};
 use rcg::instrument::rig::Rig;
-use rcg::setup::Setup;
+use rcg::virtual_rig::setup::Setup;
 
 fn main() {
     divan::main();

@@ -42,7 +42,6 @@ pub mod render;
 pub mod report;
 mod resample;
 pub mod scan;
-pub mod setup;
 pub mod store;
 pub mod study;
 pub mod virtual_rig;

@@ -17,7 +17,7 @@ use crate::base::progress::Progress;
 use crate::report::{Elapsed, ReportError, Summary, report};
 use crate::instrument::rig::Rig;
 use crate::brdf::sample::SampleError;
-use crate::setup::{DEFAULT_SAMPLE, Setup, SetupError};
+use crate::virtual_rig::setup::{DEFAULT_SAMPLE, Setup, SetupError};
 use crate::store::StoreError;
 use crate::store::whole_file::FileError;
 

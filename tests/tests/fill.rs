@@ -12,7 +12,7 @@ use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::plan::Request;
 use rcg::base::progress::Silent;
 use rcg::instrument::rig::Rig;
-use rcg::setup::Setup;
+use rcg::virtual_rig::setup::Setup;
 use rcg::virtual_rig::Truth;
 
 const SAMPLE: &str = "ggx:satin";

@@ -17,7 +17,7 @@ use rcg::plan::Request;
 use rcg::base::progress::Silent;
 use rcg::store::provenance::Provenance;
 use rcg::instrument::rig::Rig;
-use rcg::setup::Setup;
+use rcg::virtual_rig::setup::Setup;
 use rcg::store::{RawStore, Segment};
 use rcg::virtual_rig::Mischief;
 

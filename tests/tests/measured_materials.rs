@@ -10,7 +10,7 @@ use rcg::measure::{complete, prepare};
 use rcg::plan::Request;
 use rcg::base::progress::Silent;
 use rcg::instrument::rig::Rig;
-use rcg::setup::Setup;
+use rcg::virtual_rig::setup::Setup;
 
 /// Median relative error of `file` in the folder of measured materials, outside the hole, θ ≤ 80°.
 fn median_error(file: &str) -> Option<f64> {

@@ -15,7 +15,7 @@ use rcg::instrument::optics::Unmeasurable;
 use rcg::plan;
 use rcg::base::progress::Silent;
 use rcg::instrument::rig::Rig;
-use rcg::setup::Setup;
+use rcg::virtual_rig::setup::Setup;
 use rcg::virtual_rig::{Tolerances, Truth};
 use rcg_tests::measurements::{Scored, coarse, scored};
 

@@ -15,7 +15,7 @@ use rcg::plan::{Plan, Request};
 use rcg::base::progress::Silent;
 use rcg::store::provenance::Provenance;
 use rcg::instrument::rig::Rig;
-use rcg::setup::Setup;
+use rcg::virtual_rig::setup::Setup;
 use rcg::virtual_rig::Mischief;
 
 /// Moves the camera's pulse by this many seconds.

@@ -15,7 +15,7 @@ use rcg::plan::Request;
 use rcg::base::progress::Silent;
 use rcg::instrument::rig::Rig;
 use rcg::plan::schedule::Timing;
-use rcg::setup::{Setup, TriggerBox};
+use rcg::virtual_rig::setup::{Setup, TriggerBox};
 use rcg::virtual_rig::Mischief;
 use rcg_protocol::{Pace, Program, Start, State, Ticks};
 use rcg_tests::Bridge;

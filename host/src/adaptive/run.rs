@@ -24,7 +24,7 @@ use crate::plan::{BLACK_EXPOSURES, Directions, Exposure, Plan, PlanError, Reques
 use crate::base::progress::Progress;
 use crate::instrument::rig::Rig;
 use crate::plan::schedule::Timing;
-use crate::setup::Setup;
+use crate::virtual_rig::setup::Setup;
 use crate::store::Lock;
 
 /// Nothing is chosen nearer to the horizon than this polar angle, in degrees.

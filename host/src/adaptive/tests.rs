@@ -16,7 +16,7 @@ use crate::plan::{Directions, Request};
 use crate::base::progress::Silent;
 use crate::instrument::rig::Rig;
 use crate::brdf::sample::Sample;
-use crate::setup::Setup;
+use crate::virtual_rig::setup::Setup;
 
 /// Incident directions at which interpolation is judged.
 const JUDGED: usize = 300;

@@ -24,7 +24,7 @@ use crate::hemisphere::incident::Grid;
 use crate::capture::measurement::MeasurementError;
 use crate::plan::{self, PlanError};
 use crate::instrument::rig::{RigError, Tilt};
-use crate::setup::SetupError;
+use crate::virtual_rig::setup::SetupError;
 use crate::store::checksum::sum;
 use crate::store::raw::SUBJECT;
 use crate::store::{ExposureRecord, RawLayout, RawStore, Segment, StoreError};

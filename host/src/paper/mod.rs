@@ -29,7 +29,7 @@ use crate::report::Summary;
 use crate::instrument::rig::{Rig, RigError};
 use crate::brdf::sample::{SampleError, parse};
 use crate::scan::{AzimuthScan, INCIDENT_DEG, THETA_R_DEG};
-use crate::setup::Setup;
+use crate::virtual_rig::setup::Setup;
 use crate::store::{Lock, StoreError};
 use crate::study::{Settings, Study, StudyError, study};
 use crate::store::whole_file::{FileError, write_whole};

@@ -18,6 +18,7 @@
 //! Everything is a function of the rig, the sample and a seed: the same measurement, even if it was
 //! interrupted and resumed, gives the same bits.
 
+pub mod setup;
 mod controller;
 mod held;
 mod light;

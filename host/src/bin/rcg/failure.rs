@@ -24,7 +24,7 @@ use rcg::capture::records::RecordsError;
 use rcg::render::PictureError;
 use rcg::instrument::rig::RigError;
 use rcg::brdf::sample::SampleError;
-use rcg::setup::SetupError;
+use rcg::virtual_rig::setup::SetupError;
 use rcg::store::StoreError;
 use rcg::study::StudyError;
 use rcg::virtual_rig::WiresError;

@@ -5,7 +5,7 @@ use std::io::{self, Write as _};
 use rcg::hemisphere::direction::from_degrees;
 use rcg::instrument::optics::{Spread, Unmeasurable, View};
 use rcg::instrument::rig::{Rig, Tilt};
-use rcg::setup::Setup;
+use rcg::virtual_rig::setup::Setup;
 use serde_json::json;
 
 use crate::Done;

@@ -10,7 +10,7 @@ use rcg::capture::measurement::Measurement;
 use rcg::plan::{Plan, Request};
 use rcg::report::lines;
 use rcg::instrument::rig::Rig;
-use rcg::setup::Setup;
+use rcg::virtual_rig::setup::Setup;
 
 use crate::Done;
 use crate::failure::Failure;

@@ -7,7 +7,7 @@ use rcg::plan::Plan;
 use rcg::base::progress::Progress as _;
 use rcg::report::duration;
 use rcg::instrument::rig::Rig;
-use rcg::setup::DEFAULT_SAMPLE;
+use rcg::virtual_rig::setup::DEFAULT_SAMPLE;
 use serde_json::{Value, json};
 
 use crate::Done;

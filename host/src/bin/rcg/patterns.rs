@@ -10,7 +10,7 @@ use rcg::plan::{Directions, PlanError, spot_deg};
 use rcg::base::progress::Progress as _;
 use rcg::render::save;
 use rcg::instrument::rig::{Rig, Tilt};
-use rcg::setup::Setup;
+use rcg::virtual_rig::setup::Setup;
 use rcg::store::Lock;
 use rcg::store::whole_file::write_whole;
 use serde_json::json;

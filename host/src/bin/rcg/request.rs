@@ -8,8 +8,8 @@ use rcg::hemisphere::incident::Grid;
 use rcg::plan::{IMAGE_SIZES_PX, PlanError, Request};
 use rcg::instrument::rig::{Rig, Tilt};
 use rcg::plan::schedule::EXPOSURES_S;
-use rcg::setup::DEFAULT_SAMPLE;
-use rcg::setup::{Setup, TriggerBox};
+use rcg::virtual_rig::setup::DEFAULT_SAMPLE;
+use rcg::virtual_rig::setup::{Setup, TriggerBox};
 use rcg::virtual_rig::{Mischief, Truth};
 
 use crate::failure::Failure;

@@ -16,7 +16,7 @@ use crate::plan;
 use crate::base::progress::Progress;
 use crate::instrument::rig::Rig;
 use crate::plan::schedule::{SHORTEST_EXPOSURE_S, Timing};
-use crate::setup::Setup;
+use crate::virtual_rig::setup::Setup;
 use crate::store::{RawLayout, RawStore};
 use crate::plan::stripes::Stripes;
 use crate::virtual_rig::Held;
@@ -123,7 +123,7 @@ pub fn capture(
         .unwrap_or_default();
     let mut held: Vec<Held> = views.mirrors().into_iter().map(Held::Mirror).collect();
     held.push(Held::Sample(Arc::from(
-        crate::brdf::sample::parse(STANDARD).map_err(crate::setup::SetupError::from)?,
+        crate::brdf::sample::parse(STANDARD).map_err(crate::virtual_rig::setup::SetupError::from)?,
     )));
     progress.begin("calibration views", layout.exposures, "exposures");
     let mut done = 0;

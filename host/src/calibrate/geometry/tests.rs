@@ -4,7 +4,7 @@ use super::*;
 use crate::calibrate::Conditions;
 use crate::hemisphere::direction::angle_between;
 use crate::base::progress::Silent;
-use crate::setup::Setup;
+use crate::virtual_rig::setup::Setup;
 use crate::virtual_rig::{Tolerances, Truth};
 
 /// Captures and calibrates a rig that strays from `nominal` by as much as the tolerances say.

@@ -37,7 +37,7 @@ use crate::base::progress::Progress;
 use crate::instrument::rig::{Rig, Tilt};
 use crate::brdf::sample::Sample;
 use crate::plan::schedule::Timing;
-use crate::setup::Setup;
+use crate::virtual_rig::setup::Setup;
 use crate::store::{RawLayout, RawStore};
 use crate::virtual_rig::Held;
 
@@ -228,7 +228,7 @@ pub fn capture(
 ) -> Result<(), CalibrateError> {
     let full = Rig::load(&dir.join(RIG).display().to_string())?;
     let parse = |spec: &str| -> Result<Held, CalibrateError> {
-        let sample = crate::brdf::sample::parse(spec).map_err(crate::setup::SetupError::from)?;
+        let sample = crate::brdf::sample::parse(spec).map_err(crate::virtual_rig::setup::SetupError::from)?;
         Ok(Held::Sample(Arc::from(sample)))
     };
     let standard = parse(&request.standard)?;

@@ -10,7 +10,7 @@ use super::capture::Holder;
 use crate::calibrate::CalibrateError;
 use crate::capture::pilot::Tests;
 use crate::plan::schedule::{LONGEST_EXPOSURE_S, SHORTEST_EXPOSURE_S};
-use crate::setup::Setup;
+use crate::virtual_rig::setup::Setup;
 use crate::virtual_rig::Held;
 
 /// Exposure times of the series.

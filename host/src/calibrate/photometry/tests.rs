@@ -5,7 +5,7 @@ use crate::calibrate::Conditions;
 use crate::instrument::optics::{DirectionMap, View};
 use crate::base::progress::Silent;
 use crate::instrument::rig::Tilt;
-use crate::setup::Setup;
+use crate::virtual_rig::setup::Setup;
 use crate::virtual_rig::{Tolerances, Truth};
 
 const SIZE: u32 = 64;
