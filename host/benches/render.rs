@@ -9,7 +9,7 @@ use rcg::brdf::Brdf;
 use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::plan::Request;
 use rcg::base::progress::Silent;
-use rcg::render::{Picture, corrugated, save, sheet, sphere};
+use rcg::judge::render::{Picture, corrugated, save, sheet, sphere};
 use rcg::instrument::rig::Rig;
 use rcg::virtual_rig::setup::Setup;
 

@@ -21,6 +21,7 @@
 
 #![forbid(unsafe_code)]
 
+pub mod judge;
 pub mod instrument;
 pub mod hemisphere;
 pub mod base;
@@ -29,19 +30,14 @@ pub mod assemble;
 pub mod brdf;
 pub mod calibrate;
 pub mod capture;
-pub mod chart;
-pub mod evaluate;
 pub mod fill;
-pub mod fit;
 pub mod goal;
 pub mod measure;
 pub mod multiplex;
 pub mod paper;
 pub mod plan;
-pub mod render;
 pub mod report;
 mod resample;
-pub mod scan;
 pub mod store;
 pub mod study;
 pub mod virtual_rig;

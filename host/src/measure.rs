@@ -9,7 +9,7 @@ use crate::assemble::{AssembleError, Assembled, assemble};
 use crate::brdf::{Brdf, BrdfError};
 use crate::instrument::calibration::{Applied, Calibration, CalibrationError};
 use crate::capture::Tally;
-use crate::evaluate::evaluate;
+use crate::judge::evaluate::evaluate;
 use crate::capture::measurement::{Measurement, MeasurementError, State};
 use crate::capture::pilot::{pilot, propose};
 use crate::plan::{Plan, Request};

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use rcg::plan::brackets::Brackets;
 use rcg::brdf::Brdf;
 use rcg::hemisphere::direction::from_degrees;
-use rcg::evaluate::evaluate;
+use rcg::judge::evaluate::evaluate;
 use rcg::fill::{FillError, Filled, fill};
 use rcg::hemisphere::incident::Grid;
 use rcg::measure::{assemble_measurement, capture, prepare};

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use rcg::brdf::Brdf;
 use rcg::hemisphere::direction::from_degrees;
-use rcg::evaluate::{Evaluation, evaluate};
-use rcg::fit::{Fit, Model};
+use rcg::judge::evaluate::{Evaluation, evaluate};
+use rcg::judge::fit::{Fit, Model};
 use rcg::hemisphere::incident::Grid;
 use rcg::brdf::interpolation::Interpolation;
 use rcg::measure::{assemble_measurement, capture, complete};

@@ -85,7 +85,7 @@ pub enum CalibrateError {
     Rig(#[from] RigError),
     /// The picture of the residuals.
     #[error(transparent)]
-    Picture(#[from] crate::render::PictureError),
+    Picture(#[from] crate::judge::render::PictureError),
     /// The views do not determine the geometry.
     #[error("calibration views: expected {expected}, found {found}; {advice}")]
     Views {

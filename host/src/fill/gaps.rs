@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::{FillError, facts, finish, writer_like};
 use crate::brdf::Brdf;
 use crate::hemisphere::direction::is_above_horizon;
-use crate::fit::{Fit, FitError, Model};
+use crate::judge::fit::{Fit, FitError, Model};
 use crate::instrument::optics::Unmeasurable;
 use crate::base::progress::Progress;
 use crate::store::provenance::Provenance;

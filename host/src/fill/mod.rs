@@ -35,7 +35,7 @@ pub use merge::Alignment;
 use crate::assemble::{coordinates, interpolation_errors, list_attributes};
 use crate::brdf::{Brdf, BrdfError, evidence};
 use crate::hemisphere::direction::from_angles;
-use crate::fit::{Fit, FitError};
+use crate::judge::fit::{Fit, FitError};
 use crate::hemisphere::incident::IncidentSet;
 use crate::instrument::optics::Unmeasurable;
 use crate::base::progress::Progress;

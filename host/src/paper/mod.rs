@@ -15,7 +15,7 @@ use image::RgbImage;
 use serde::Serialize;
 
 use crate::brdf::{Brdf, BrdfError};
-use crate::chart::{ChartError, captioned};
+use crate::judge::chart::{ChartError, captioned};
 use crate::hemisphere::incident::Grid;
 use crate::measure::{MeasureError, complete, prepare};
 use crate::capture::measurement::{Measurement, MeasurementError};
@@ -24,11 +24,11 @@ use crate::plan::pattern::{BitPattern, PatternMaker};
 use crate::plan::Request;
 use crate::base::progress::Progress;
 use crate::brdf::reflectance::Reflectance;
-use crate::render::{automatic_exposure, corrugated, save, sheet, sphere};
+use crate::judge::render::{automatic_exposure, corrugated, save, sheet, sphere};
 use crate::report::Summary;
 use crate::instrument::rig::{Rig, RigError};
 use crate::brdf::sample::{SampleError, parse};
-use crate::scan::{AzimuthScan, INCIDENT_DEG, THETA_R_DEG};
+use crate::judge::scan::{AzimuthScan, INCIDENT_DEG, THETA_R_DEG};
 use crate::virtual_rig::setup::Setup;
 use crate::store::{Lock, StoreError};
 use crate::study::{Settings, Study, StudyError, study};
@@ -92,7 +92,7 @@ through!(
     StoreError => MeasureError,
     BrdfError => MeasureError,
     SampleError => MeasureError,
-    crate::render::PictureError => ChartError
+    crate::judge::render::PictureError => ChartError
 );
 
 impl From<RigError> for PaperError {

@@ -19,7 +19,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use crate::chart::ChartError;
+use crate::judge::chart::ChartError;
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
 use crate::brdf::interpolation::{Interpolation, Table};

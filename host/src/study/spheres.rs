@@ -14,7 +14,7 @@ use serde::Serialize;
 
 use crate::brdf::reflectance::Reflectance;
 use crate::brdf::reflectance::Value;
-use crate::render::LitSphere;
+use crate::judge::render::LitSphere;
 use crate::store::StoreError;
 
 /// Pixels a side of the pictures.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use rcg::brdf::Source;
 use rcg::brdf::{Brdf, KnownBrdf};
-use rcg::evaluate::{Evaluation, Repeatability, evaluate, repeatability};
+use rcg::judge::evaluate::{Evaluation, Repeatability, evaluate, repeatability};
 use rcg::base::progress::Progress as _;
 use rcg::report::quantile;
 use rcg::brdf::sample::Sample;

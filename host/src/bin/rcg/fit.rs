@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use rcg::brdf::Source;
 use rcg::base::file_format::CHART;
-use rcg::fit::{Fit, Model};
+use rcg::judge::fit::{Fit, Model};
 
 use crate::Done;
 use crate::failure::Failure;

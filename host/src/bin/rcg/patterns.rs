@@ -8,7 +8,7 @@ use rcg::instrument::optics::View;
 use rcg::plan::pattern::{BitPattern, PatternMaker};
 use rcg::plan::{Directions, PlanError, spot_deg};
 use rcg::base::progress::Progress as _;
-use rcg::render::save;
+use rcg::judge::render::save;
 use rcg::instrument::rig::{Rig, Tilt};
 use rcg::virtual_rig::setup::Setup;
 use rcg::store::Lock;

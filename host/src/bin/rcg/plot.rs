@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use rcg::brdf::Source;
 use rcg::hemisphere::direction::{from_degrees, is_above_horizon};
 use rcg::base::file_format::CHART_OR_TABLE;
-use rcg::scan::{AzimuthScan, INCIDENT_DEG, THETA_R_DEG};
+use rcg::judge::scan::{AzimuthScan, INCIDENT_DEG, THETA_R_DEG};
 use serde_json::json;
 
 use crate::Done;

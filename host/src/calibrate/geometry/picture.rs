@@ -8,8 +8,8 @@ use super::capture::Views;
 use super::sightings::Sightings;
 use super::solve::Solution;
 use crate::calibrate::CalibrateError;
-use crate::chart::captioned;
-use crate::render::save;
+use crate::judge::chart::captioned;
+use crate::judge::render::save;
 
 /// Side of a panel, pixels.
 const PANEL_PX: u32 = 300;

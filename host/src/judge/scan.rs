@@ -7,7 +7,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::chart::{Axis, Chart, ChartError, Curve, Scale};
+use crate::judge::chart::{Axis, Chart, ChartError, Curve, Scale};
 use crate::hemisphere::direction::from_degrees;
 use crate::base::file_format::CHART_OR_TABLE;
 use crate::brdf::reflectance::Reflectance;

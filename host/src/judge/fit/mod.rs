@@ -37,7 +37,7 @@ use std::path::Path;
 use nalgebra::DMatrix;
 
 use crate::brdf::Brdf;
-use crate::chart::{Axis, Chart, ChartError, Curve, Scale};
+use crate::judge::chart::{Axis, Chart, ChartError, Curve, Scale};
 use crate::brdf::sample::Sample;
 use crate::store::StoreError;
 

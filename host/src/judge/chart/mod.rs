@@ -14,7 +14,7 @@ use std::path::Path;
 use plotters::prelude::*;
 
 use crate::base::file_format::{CHART, FormatError};
-use crate::render::{PictureError, save};
+use crate::judge::render::{PictureError, save};
 use crate::store::whole_file::{FileError, write_whole};
 
 pub use axis::{Axis, Scale};
