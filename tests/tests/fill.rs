@@ -6,7 +6,7 @@ use rcg::plan::brackets::Brackets;
 use rcg::brdf::Brdf;
 use rcg::hemisphere::direction::from_degrees;
 use rcg::judge::evaluate::evaluate;
-use rcg::fill::{FillError, Filled, fill};
+use rcg::assemble::fill::{FillError, Filled, fill};
 use rcg::hemisphere::incident::Grid;
 use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::plan::Request;

@@ -28,7 +28,7 @@ use crate::plan::pattern::PatternMaker;
 use crate::plan::{Directions, Plan};
 use crate::store::provenance::Provenance;
 use crate::brdf::quadrature::spot_rad;
-use crate::resample::Resampling;
+use crate::assemble::resample::Resampling;
 use crate::instrument::rig::Rig;
 use crate::store::{BrdfRows, stored_sigma};
 

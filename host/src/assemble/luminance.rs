@@ -21,7 +21,7 @@ use crate::hemisphere::disk::Disk;
 use crate::instrument::optics::View;
 use crate::plan::{Directions, Plan};
 use crate::store::provenance::Provenance;
-use crate::resample::Resampling;
+use crate::assemble::resample::Resampling;
 use crate::instrument::rig::Rig;
 use crate::store::{BrdfRows, Segment};
 

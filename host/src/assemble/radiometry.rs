@@ -7,7 +7,7 @@ use half::slice::HalfFloatSliceExt as _;
 use super::merge::{Merge, Merged, lanes};
 use crate::instrument::calibration::CameraFound;
 use crate::store::provenance::Provenance;
-use crate::resample::{Resampling, Taps};
+use crate::assemble::resample::{Resampling, Taps};
 use crate::instrument::rig::Rig;
 use crate::store::{BrdfRows, LEAST_SIGMA, Segment, USELESS_SIGMA};
 

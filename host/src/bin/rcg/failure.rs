@@ -11,7 +11,7 @@ use rcg::instrument::calibration::CalibrationError;
 use rcg::judge::chart::ChartError;
 use rcg::capture::device::DeviceError;
 use rcg::base::file_format::FormatError;
-use rcg::fill::FillError;
+use rcg::assemble::fill::FillError;
 use rcg::capture::firing::FiringError;
 use rcg::judge::fit::FitError;
 use rcg::capture::link::LinkError;

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use rcg::fill::{Filled, fill};
+use rcg::assemble::fill::{Filled, fill};
 use rcg::capture::measurement::Measurement;
 
 use crate::Done;

@@ -20,6 +20,9 @@
 //!
 //! Frames are read ahead by one thread while the others compute and write; memory holds a few segments.
 
+pub mod fill;
+pub(crate) mod resample;
+
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::mpsc::sync_channel;
@@ -35,7 +38,7 @@ use crate::hemisphere::disk::Disk;
 use crate::instrument::optics::{Unmeasurable, View};
 use crate::plan::{BLACK_EXPOSURES, Directions, Plan};
 use crate::store::provenance::Provenance;
-use crate::resample::Resampling;
+use crate::assemble::resample::Resampling;
 use crate::instrument::rig::Rig;
 use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
 use crate::base::text::by;
