@@ -25,7 +25,7 @@ use crate::plan::Request;
 use crate::base::progress::Progress;
 use crate::brdf::reflectance::Reflectance;
 use crate::judge::render::{automatic_exposure, corrugated, save, sheet, sphere};
-use crate::report::Summary;
+use crate::measure::report::Summary;
 use crate::instrument::rig::{Rig, RigError};
 use crate::brdf::sample::{SampleError, parse};
 use crate::judge::scan::{AzimuthScan, INCIDENT_DEG, THETA_R_DEG};

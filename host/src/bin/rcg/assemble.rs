@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use rcg::capture::measurement::Measurement;
-use rcg::report::dynamic_range;
+use rcg::measure::report::dynamic_range;
 
 use crate::Done;
 use crate::output::Output;

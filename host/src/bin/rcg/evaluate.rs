@@ -6,7 +6,7 @@ use rcg::brdf::Source;
 use rcg::brdf::{Brdf, KnownBrdf};
 use rcg::judge::evaluate::{Evaluation, Repeatability, evaluate, repeatability};
 use rcg::base::progress::Progress as _;
-use rcg::report::quantile;
+use rcg::measure::report::quantile;
 use rcg::brdf::sample::Sample;
 
 use crate::Done;
@@ -60,7 +60,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         repeatability,
     };
     output.print(&answer, || {
-        let mut lines = rcg::report::evaluation_lines(&answer.evaluation);
+        let mut lines = rcg::measure::report::evaluation_lines(&answer.evaluation);
         if let Some(found) = &answer.repeatability {
             let figure = |figure: Option<String>| figure.unwrap_or_else(|| "none".to_owned());
             lines.push((

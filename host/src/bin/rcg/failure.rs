@@ -2,7 +2,7 @@
 
 use std::io;
 
-use rcg::adaptive::AdaptiveError;
+use rcg::measure::adaptive::AdaptiveError;
 use rcg::assemble::AssembleError;
 use rcg::brdf::BrdfError;
 use rcg::brdf::SourceError;

@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use rcg::adaptive::{self, AdaptiveError, Begun, Goal};
+use rcg::measure::adaptive::{self, AdaptiveError, Begun, Goal};
 use rcg::hemisphere::incident::Grid;
 use rcg::measure::{complete, prepare_like};
 use rcg::capture::measurement::Measurement;
 use rcg::plan::{Plan, Request};
-use rcg::report::lines;
+use rcg::measure::report::lines;
 use rcg::instrument::rig::Rig;
 use rcg::virtual_rig::setup::Setup;
 

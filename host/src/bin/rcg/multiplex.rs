@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use rcg::multiplex::choose::{Choice, Method, REGIONS, choose};
 use rcg::plan::Plan;
 use rcg::base::progress::Progress as _;
-use rcg::report::duration;
+use rcg::measure::report::duration;
 use rcg::instrument::rig::Rig;
 use rcg::virtual_rig::setup::DEFAULT_SAMPLE;
 use serde_json::{Value, json};

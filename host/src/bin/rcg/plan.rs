@@ -7,7 +7,7 @@ use rcg::plan::brackets::milliseconds;
 use rcg::measure::{planned, prepare};
 use rcg::plan::pace::Pace;
 use rcg::plan::{Directions, Plan, PlanError};
-use rcg::report::duration;
+use rcg::measure::report::duration;
 use rcg::instrument::rig::Rig;
 use rcg::plan::schedule::Bound;
 use serde_json::{Value, json};
@@ -92,7 +92,7 @@ fn lines(plan: &Plan, directions: &Directions, pace: &Pace, rig: &Rig) -> Vec<(&
         ),
         (
             "dynamic range",
-            rcg::report::dynamic_range(dynamic_range(rig, &plan.exposures_s())),
+            rcg::measure::report::dynamic_range(dynamic_range(rig, &plan.exposures_s())),
         ),
         (
             "time",

@@ -78,7 +78,7 @@ fn file(path: &Path, channels: usize, of: &mut dyn FnMut(usize, usize) -> One) -
 
 fn figures(brdf: &Brdf, reference: &dyn Sample) -> (Value, String) {
     let found = evaluate(brdf, Some(("it", reference)), &|_| {}).unwrap();
-    let lines = crate::report::evaluation_lines(&found);
+    let lines = crate::measure::report::evaluation_lines(&found);
     let text = lines
         .iter()
         .map(|(what, figure)| format!("{what} {figure}\n"))

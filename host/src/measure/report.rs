@@ -11,7 +11,7 @@ use crate::plan::brackets::milliseconds;
 use crate::brdf::Brdf;
 use crate::capture::Tally;
 use crate::judge::evaluate::{Albedo, Evaluation, Quantile};
-use crate::goal::{Adapted, Stop};
+use crate::measure::goal::{Adapted, Stop};
 use crate::hemisphere::judged::{JUDGED_THETA_DEG, RECIPROCAL_THETA_DEG};
 use crate::capture::measurement::Measurement;
 use crate::plan::Exposure;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::goal::Adapted;
+use crate::measure::goal::Adapted;
 use glam::DVec3;
 use serde_json::{Map, json};
 

@@ -27,7 +27,7 @@ mod predict;
 mod run;
 mod start;
 
-pub use crate::goal::{Adapted, Goal, GoalError, Stop};
+pub use crate::measure::goal::{Adapted, Goal, GoalError, Stop};
 pub use journal::AdaptiveError;
 pub use run::{Begun, begun, check_same, measure};
 

@@ -1,5 +1,9 @@
 //! The main job: plan, capture, assemble, evaluate and report on a virtual rig, in one go.
 
+pub mod adaptive;
+pub mod goal;
+pub mod report;
+
 use std::path::Path;
 use std::time::Duration;
 
@@ -14,7 +18,7 @@ use crate::capture::measurement::{Measurement, MeasurementError, State};
 use crate::capture::pilot::{pilot, propose};
 use crate::plan::{Plan, Request};
 use crate::base::progress::Progress;
-use crate::report::{Elapsed, ReportError, Summary, report};
+use crate::measure::report::{Elapsed, ReportError, Summary, report};
 use crate::instrument::rig::Rig;
 use crate::brdf::sample::SampleError;
 use crate::virtual_rig::setup::{DEFAULT_SAMPLE, Setup, SetupError};
