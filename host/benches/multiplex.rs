@@ -1,7 +1,7 @@
 //! Demultiplexing in bytes of f32 input per second, all cores; 96×96×3 pixels, or fewer where the code is long.
 
 use divan::{Bencher, counter::BytesCount};
-use rcg::multiplex::{Code, demultiplex};
+use rcg::study::multiplex::{Code, demultiplex};
 
 fn main() {
     divan::main();

@@ -30,8 +30,6 @@ pub mod brdf;
 pub mod calibrate;
 pub mod capture;
 pub mod measure;
-pub mod multiplex;
-pub mod paper;
 pub mod plan;
 pub mod store;
 pub mod study;

@@ -10,6 +10,8 @@
 //! An image is the equal-area [`Disk`] in which this crate stores captures. A camera's own image of the mirror, nearly
 //! stereographic, has pixels √2 as wide at the normal: for the same PSNR it needs about √2 as many a side.
 
+pub mod multiplex;
+pub mod paper;
 mod figures;
 mod ideal;
 mod spheres;

@@ -11,7 +11,7 @@
 //!
 //! # Tradeoffs
 //! Spots that touch count as one, which four nodes describe less well. Cells that are lit together are kept apart by
-//! [`crate::multiplex::cells`].
+//! [`crate::study::multiplex::cells`].
 
 use std::collections::HashMap;
 use std::sync::Arc;

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use rcg::multiplex::choose::{Choice, Method, REGIONS, choose};
+use rcg::study::multiplex::choose::{Choice, Method, REGIONS, choose};
 use rcg::plan::Plan;
 use rcg::base::progress::Progress as _;
 use rcg::measure::report::duration;

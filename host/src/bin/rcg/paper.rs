@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use rcg::paper::paper;
+use rcg::study::paper::paper;
 use rcg::study::Settings;
 
 use crate::Done;

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::*;
 use crate::hemisphere::judged::is_judged;
-use crate::multiplex::demultiplex;
+use crate::study::multiplex::demultiplex;
 use crate::instrument::optics::{DirectionMap, View};
 use crate::brdf::sample::parse;
 use crate::virtual_rig::{self, Behaviour, Held, Mischief, Noise, sense};
