@@ -7,15 +7,15 @@ use std::path::Path;
 use divan::{Bencher, counter::ItemsCount};
 use half::f16;
 use rcg::assemble::{CHUNK, assemble};
-use rcg::instrument::calibration::Applied;
-use rcg::hemisphere::incident::Grid;
-use rcg::measure::capture;
-use rcg::capture::measurement::Measurement;
-use rcg::plan::{Plan, Request};
 use rcg::base::progress::Silent;
+use rcg::capture::measurement::Measurement;
+use rcg::hemisphere::incident::Grid;
+use rcg::instrument::calibration::Applied;
 use rcg::instrument::rig::Rig;
-use rcg::virtual_rig::setup::Setup;
+use rcg::measure::capture;
+use rcg::plan::{Plan, Request};
 use rcg::store::{BrdfLayout, BrdfRows, BrdfWriter};
+use rcg::virtual_rig::setup::Setup;
 
 fn main() {
     divan::main();

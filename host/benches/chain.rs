@@ -4,11 +4,11 @@
 use std::time::Duration;
 
 use divan::{Bencher, counter::ItemsCount};
+use rcg::base::progress::Silent;
 use rcg::hemisphere::incident::Grid;
+use rcg::instrument::rig::Rig;
 use rcg::measure::{complete, prepare};
 use rcg::plan::Request;
-use rcg::base::progress::Silent;
-use rcg::instrument::rig::Rig;
 use rcg::virtual_rig::setup::Setup;
 
 fn main() {

@@ -8,8 +8,8 @@ use std::path::Path;
 use divan::counter::ItemsCount;
 use divan::{Bencher, black_box};
 use glam::DVec3;
-use rcg::hemisphere::direction::from_degrees;
 use rcg::brdf::sample::{MeasuredRgl, Sample};
+use rcg::hemisphere::direction::from_degrees;
 
 fn main() {
     divan::main();

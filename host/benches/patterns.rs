@@ -5,8 +5,8 @@
 use divan::{Bencher, black_box, counter::ItemsCount};
 use rcg::hemisphere::incident::Rings;
 use rcg::instrument::optics::View;
-use rcg::plan::pattern::{BitPattern, PatternMaker};
 use rcg::instrument::rig::Rig;
+use rcg::plan::pattern::{BitPattern, PatternMaker};
 
 fn main() {
     divan::main();

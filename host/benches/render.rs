@@ -5,12 +5,12 @@
 use std::path::Path;
 
 use divan::{Bencher, counter::ItemsCount};
+use rcg::base::progress::Silent;
 use rcg::brdf::Brdf;
+use rcg::instrument::rig::Rig;
+use rcg::judge::render::{Picture, corrugated, save, sheet, sphere};
 use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::plan::Request;
-use rcg::base::progress::Silent;
-use rcg::judge::render::{Picture, corrugated, save, sheet, sphere};
-use rcg::instrument::rig::Rig;
 use rcg::virtual_rig::setup::Setup;
 
 fn main() {

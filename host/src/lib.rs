@@ -21,14 +21,14 @@
 
 #![forbid(unsafe_code)]
 
-pub mod judge;
-pub mod instrument;
-pub mod hemisphere;
-pub mod base;
 pub mod assemble;
+pub mod base;
 pub mod brdf;
 pub mod calibrate;
 pub mod capture;
+pub mod hemisphere;
+pub mod instrument;
+pub mod judge;
 pub mod measure;
 pub mod plan;
 pub mod store;

@@ -1,9 +1,9 @@
 //! Measurements on virtual rigs, held against what is there.
 
 use rcg::brdf::Brdf;
-use rcg::store::provenance::Provenance;
-use rcg::instrument::rig::Rig;
 use rcg::brdf::sample::Sample;
+use rcg::instrument::rig::Rig;
+use rcg::store::provenance::Provenance;
 
 /// A rig of `preset` with a coarse projector, which makes runs quick.
 #[must_use]

@@ -2,18 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
-use rcg::plan::brackets::Brackets;
+use rcg::assemble::fill::{FillError, Filled, fill};
+use rcg::base::progress::Silent;
 use rcg::brdf::Brdf;
 use rcg::hemisphere::direction::from_degrees;
-use rcg::judge::evaluate::evaluate;
-use rcg::assemble::fill::{FillError, Filled, fill};
 use rcg::hemisphere::incident::Grid;
+use rcg::instrument::rig::Rig;
+use rcg::judge::evaluate::evaluate;
 use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::plan::Request;
-use rcg::base::progress::Silent;
-use rcg::instrument::rig::Rig;
-use rcg::virtual_rig::setup::Setup;
+use rcg::plan::brackets::Brackets;
 use rcg::virtual_rig::Truth;
+use rcg::virtual_rig::setup::Setup;
 
 const SAMPLE: &str = "ggx:satin";
 /// Captures that leave hardly a pair of directions in a hole, a wire or beyond a rim in all of them: leaning away from the

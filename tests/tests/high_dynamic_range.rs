@@ -8,18 +8,18 @@ use std::fs;
 use std::path::Path;
 
 use rcg::assemble::Assembled;
-use rcg::plan::brackets::Brackets;
-use rcg::brdf::Brdf;
-use rcg::hemisphere::incident::Grid;
-use rcg::measure::{assemble_measurement, capture, prepare};
-use rcg::capture::measurement::Measurement;
-use rcg::plan::Request;
 use rcg::base::progress::Silent;
-use rcg::store::provenance::Provenance;
+use rcg::brdf::Brdf;
+use rcg::capture::measurement::Measurement;
+use rcg::hemisphere::incident::Grid;
 use rcg::instrument::rig::Rig;
-use rcg::virtual_rig::setup::Setup;
+use rcg::measure::{assemble_measurement, capture, prepare};
+use rcg::plan::Request;
+use rcg::plan::brackets::Brackets;
+use rcg::store::provenance::Provenance;
 use rcg::store::{RawStore, Segment};
 use rcg::virtual_rig::Mischief;
+use rcg::virtual_rig::setup::Setup;
 
 /// The clock of the simulated trigger box.
 const CLOCK_HZ: f64 = 125e6;

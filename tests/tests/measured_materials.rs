@@ -5,11 +5,11 @@
 use std::path::Path;
 use std::time::Duration;
 
+use rcg::base::progress::Silent;
 use rcg::hemisphere::incident::Grid;
+use rcg::instrument::rig::Rig;
 use rcg::measure::{complete, prepare};
 use rcg::plan::Request;
-use rcg::base::progress::Silent;
-use rcg::instrument::rig::Rig;
 use rcg::virtual_rig::setup::Setup;
 
 /// Median relative error of `file` in the folder of measured materials, outside the hole, θ ≤ 80°.

@@ -3,18 +3,18 @@
 
 use std::path::Path;
 
-use rcg::plan::brackets::Brackets;
+use rcg::base::progress::Silent;
 use rcg::brdf::Brdf;
 use rcg::calibrate::Conditions;
 use rcg::calibrate::photometry::{self, Request};
-use rcg::instrument::calibration::{Calibration, RIG};
-use rcg::hemisphere::incident::Grid;
-use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::capture::measurement::Measurement;
+use rcg::hemisphere::incident::Grid;
+use rcg::instrument::calibration::{Calibration, RIG};
 use rcg::instrument::optics::Unmeasurable;
-use rcg::plan;
-use rcg::base::progress::Silent;
 use rcg::instrument::rig::Rig;
+use rcg::measure::{assemble_measurement, capture, prepare};
+use rcg::plan;
+use rcg::plan::brackets::Brackets;
 use rcg::virtual_rig::setup::Setup;
 use rcg::virtual_rig::{Tolerances, Truth};
 use rcg_tests::measurements::{Scored, coarse, scored};

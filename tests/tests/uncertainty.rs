@@ -2,18 +2,18 @@
 
 use std::path::Path;
 
-use rcg::plan::brackets::Brackets;
+use rcg::base::progress::Silent;
 use rcg::brdf::Brdf;
 use rcg::calibrate::{Conditions, geometry, photometry};
+use rcg::capture::measurement::Measurement;
+use rcg::hemisphere::incident::Grid;
 use rcg::instrument::calibration::Calibration;
+use rcg::instrument::rig::Rig;
 use rcg::judge::evaluate::evaluate;
 use rcg::judge::fit::{Fit, Model};
-use rcg::hemisphere::incident::Grid;
 use rcg::measure::{assemble_measurement, capture, prepare};
-use rcg::capture::measurement::Measurement;
 use rcg::plan::Request;
-use rcg::base::progress::Silent;
-use rcg::instrument::rig::Rig;
+use rcg::plan::brackets::Brackets;
 use rcg::virtual_rig::setup::Setup;
 use rcg::virtual_rig::{Tolerances, Truth};
 use rcg_tests::measurements::{Scored, coarse, scored};

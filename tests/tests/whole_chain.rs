@@ -3,20 +3,20 @@
 use std::path::Path;
 use std::time::Duration;
 
+use rcg::base::progress::Silent;
 use rcg::brdf::Brdf;
+use rcg::brdf::interpolation::Interpolation;
+use rcg::capture::measurement::Measurement;
 use rcg::hemisphere::direction::from_degrees;
+use rcg::hemisphere::incident::Grid;
+use rcg::instrument::rig::Rig;
 use rcg::judge::evaluate::{Evaluation, evaluate};
 use rcg::judge::fit::{Fit, Model};
-use rcg::hemisphere::incident::Grid;
-use rcg::brdf::interpolation::Interpolation;
 use rcg::measure::{assemble_measurement, capture, complete};
-use rcg::capture::measurement::Measurement;
 use rcg::plan::{Plan, Request};
-use rcg::base::progress::Silent;
 use rcg::store::provenance::Provenance;
-use rcg::instrument::rig::Rig;
-use rcg::virtual_rig::setup::Setup;
 use rcg::virtual_rig::Mischief;
+use rcg::virtual_rig::setup::Setup;
 
 /// Moves the camera's pulse by this many seconds.
 struct Moved(f64);

@@ -5,18 +5,18 @@ use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
-use rcg::capture::camera::Frame;
+use rcg::base::progress::Silent;
 use rcg::capture::Instrument;
+use rcg::capture::camera::Frame;
 use rcg::capture::device::DeviceError;
 use rcg::hemisphere::incident::Grid;
-use rcg::measure::{complete, prepare};
-use rcg::plan::pattern::BitPattern;
-use rcg::plan::Request;
-use rcg::base::progress::Silent;
 use rcg::instrument::rig::Rig;
+use rcg::measure::{complete, prepare};
+use rcg::plan::Request;
+use rcg::plan::pattern::BitPattern;
 use rcg::plan::schedule::Timing;
-use rcg::virtual_rig::setup::{Setup, TriggerBox};
 use rcg::virtual_rig::Mischief;
+use rcg::virtual_rig::setup::{Setup, TriggerBox};
 use rcg_protocol::{Pace, Program, Start, State, Ticks};
 use rcg_tests::Bridge;
 

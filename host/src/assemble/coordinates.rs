@@ -2,15 +2,15 @@
 
 use serde_json::{Map, Value, json};
 
+use crate::brdf::interpolation::{BRANCHES, Errors, REGIONS};
 use crate::brdf::{COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, ERRORS, UNCALIBRATED};
-use crate::instrument::calibration::Applied;
-use crate::instrument::calibration::Photometry;
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
-use crate::brdf::interpolation::{BRANCHES, Errors, REGIONS};
+use crate::instrument::calibration::Applied;
+use crate::instrument::calibration::Photometry;
 use crate::instrument::optics::Unmeasurable;
-use crate::plan::Plan;
 use crate::instrument::rig::Rig;
+use crate::plan::Plan;
 use crate::store::{SmallArray, SmallData};
 
 /// Words of the codes of reasons.

@@ -20,16 +20,16 @@
 use glam::{DVec2, DVec3};
 
 use super::shape::{ByShape, Shape};
+use crate::assemble::resample::Resampling;
+use crate::brdf::quadrature::spot_rad;
+use crate::hemisphere::disk::Disk;
 use crate::instrument::calibration::Applied;
 use crate::instrument::calibration::{Interreflection, Photometry};
-use crate::hemisphere::disk::Disk;
 use crate::instrument::optics::View;
+use crate::instrument::rig::Rig;
 use crate::plan::pattern::PatternMaker;
 use crate::plan::{Directions, Plan};
 use crate::store::provenance::Provenance;
-use crate::brdf::quadrature::spot_rad;
-use crate::assemble::resample::Resampling;
-use crate::instrument::rig::Rig;
 use crate::store::{BrdfRows, stored_sigma};
 
 /// Share of the correction for interreflection that its model may be wrong by (k = 1).

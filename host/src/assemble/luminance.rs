@@ -16,13 +16,13 @@ use super::edges::Edges;
 use super::off_sample::OffSample;
 use super::radiometry::{Radiometry, Work};
 use super::{AssembleError, chunk_rows, seen, unlit};
-use crate::instrument::calibration::Applied;
+use crate::assemble::resample::Resampling;
 use crate::hemisphere::disk::Disk;
+use crate::instrument::calibration::Applied;
 use crate::instrument::optics::View;
+use crate::instrument::rig::Rig;
 use crate::plan::{Directions, Plan};
 use crate::store::provenance::Provenance;
-use crate::assemble::resample::Resampling;
-use crate::instrument::rig::Rig;
 use crate::store::{BrdfRows, Segment};
 
 /// Turns the frames of single patterns into luminance on the disk, as assembly would.

@@ -31,17 +31,17 @@ use glam::DVec3;
 use half::f16;
 use rayon::prelude::*;
 
-use crate::plan::brackets::dark_noise_dn;
+use crate::assemble::resample::Resampling;
+use crate::base::text::by;
 use crate::brdf::{Brdf, BrdfError};
-use crate::instrument::calibration::Applied;
 use crate::hemisphere::disk::Disk;
+use crate::instrument::calibration::Applied;
 use crate::instrument::optics::{Unmeasurable, View};
+use crate::instrument::rig::Rig;
+use crate::plan::brackets::dark_noise_dn;
 use crate::plan::{BLACK_EXPOSURES, Directions, Plan};
 use crate::store::provenance::Provenance;
-use crate::assemble::resample::Resampling;
-use crate::instrument::rig::Rig;
 use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
-use crate::base::text::by;
 
 mod agreement;
 mod coordinates;

@@ -5,10 +5,10 @@ use half::f16;
 use half::slice::HalfFloatSliceExt as _;
 
 use super::merge::{Merge, Merged, lanes};
-use crate::instrument::calibration::CameraFound;
-use crate::store::provenance::Provenance;
 use crate::assemble::resample::{Resampling, Taps};
+use crate::instrument::calibration::CameraFound;
 use crate::instrument::rig::Rig;
+use crate::store::provenance::Provenance;
 use crate::store::{BrdfRows, LEAST_SIGMA, Segment, USELESS_SIGMA};
 
 /// Numbers that turn a frame into f, the same for all frames of one exposure time.

@@ -20,9 +20,9 @@
 
 use glam::{DVec2, DVec3};
 
+use crate::assemble::resample::Resampling;
 use crate::hemisphere::disk::Disk;
 use crate::instrument::optics::View;
-use crate::assemble::resample::Resampling;
 
 /// Squares of slopes count by what they have beyond so many times their variance by noise: two standard deviations, so that
 /// noise hardly ever passes for them.

@@ -9,9 +9,9 @@ use rayon::prelude::*;
 use sha2::{Digest as _, Sha256};
 
 use super::{Brdf, BrdfError};
-use crate::store::provenance::Provenance;
 use crate::store::StoreError;
 use crate::store::checksum::hex;
+use crate::store::provenance::Provenance;
 
 /// Attribute with the captures that a file was made of.
 pub(crate) const CAPTURES: &str = "captures";

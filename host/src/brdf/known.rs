@@ -3,10 +3,10 @@
 use glam::{DVec3, Vec3};
 
 use super::{Brdf, BrdfError, evidence};
-use crate::hemisphere::direction::is_above_horizon;
-use crate::hemisphere::incident::{IncidentSet, Neighbours};
 use crate::brdf::interpolation::{Cells, Image};
 use crate::brdf::sample::{Outgoing, Sample};
+use crate::hemisphere::direction::is_above_horizon;
+use crate::hemisphere::incident::{IncidentSet, Neighbours};
 
 /// Memory that a file may take as a whole, in bytes.
 const MOST_BYTES: usize = 8_000_000_000;

@@ -13,9 +13,9 @@ pub mod sample;
 
 use std::path::{Path, PathBuf};
 
+use crate::brdf::interpolation::{Cells, Errors};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
-use crate::brdf::interpolation::{Cells, Errors};
 use crate::instrument::optics::Unmeasurable;
 use crate::store::{BrdfReader, BrdfRows, StoreError};
 

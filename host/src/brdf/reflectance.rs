@@ -7,9 +7,9 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use crate::brdf::sample::Sample;
 use crate::hemisphere::direction::is_above_horizon;
 use crate::instrument::optics::Unmeasurable;
-use crate::brdf::sample::Sample;
 use crate::store::StoreError;
 
 /// Why there is no value.

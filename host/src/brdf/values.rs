@@ -6,14 +6,14 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Brdf;
-use crate::hemisphere::direction::is_above_horizon;
-use crate::hemisphere::incident::IncidentSet;
 use crate::brdf::interpolation::{
     Blend, Captures, Cells, Errors, Image, ImageOf, Interpolation, Lookup, learn, look_up,
 };
+use crate::brdf::reflectance::{Missing, Value};
+use crate::hemisphere::direction::is_above_horizon;
+use crate::hemisphere::incident::IncidentSet;
 use crate::instrument::optics::Unmeasurable;
 use crate::store::provenance::Provenance;
-use crate::brdf::reflectance::{Missing, Value};
 use crate::store::{BrdfRows, StoreError};
 
 /// Pairs that are answered together: each takes some 200 bytes meanwhile.

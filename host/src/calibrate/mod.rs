@@ -17,18 +17,18 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use crate::plan::brackets::Brackets;
-use crate::instrument::calibration::{CalibrationError, RIG, file};
+use crate::capture::measurement::MeasurementError;
 use crate::capture::{CaptureError, Captured, Instrument, Tally};
 use crate::hemisphere::incident::Grid;
-use crate::capture::measurement::MeasurementError;
-use crate::plan::{self, PlanError};
+use crate::instrument::calibration::{CalibrationError, RIG, file};
 use crate::instrument::rig::{RigError, Tilt};
-use crate::virtual_rig::setup::SetupError;
+use crate::plan::brackets::Brackets;
+use crate::plan::{self, PlanError};
 use crate::store::checksum::sum;
 use crate::store::raw::SUBJECT;
-use crate::store::{ExposureRecord, RawLayout, RawStore, Segment, StoreError};
 use crate::store::whole_file::FileError;
+use crate::store::{ExposureRecord, RawLayout, RawStore, Segment, StoreError};
+use crate::virtual_rig::setup::SetupError;
 
 /// Kind of exposures that show a view of a calibration.
 const VIEW: u8 = crate::store::exposure_record::KINDS[2].0;

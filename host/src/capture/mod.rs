@@ -29,9 +29,9 @@ use crate::capture::camera::{Camera, CameraError, Frame};
 use crate::capture::device::{Device, DeviceError};
 use crate::capture::link::Link;
 use crate::capture::pairing::{Outcome, pair};
-use crate::plan::pattern::{BitPattern, LitSet};
 use crate::capture::projector::{Projector, ProjectorError};
 use crate::capture::run::Ending;
+use crate::plan::pattern::{BitPattern, LitSet};
 use crate::plan::schedule::Timing;
 use crate::store::OrphanFrame;
 

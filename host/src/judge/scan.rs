@@ -7,11 +7,11 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::judge::chart::{Axis, Chart, ChartError, Curve, Scale};
-use crate::hemisphere::direction::from_degrees;
 use crate::base::file_format::CHART_OR_TABLE;
 use crate::brdf::reflectance::Reflectance;
 use crate::brdf::reflectance::Value;
+use crate::hemisphere::direction::from_degrees;
+use crate::judge::chart::{Axis, Chart, ChartError, Curve, Scale};
 use crate::store::StoreError;
 use crate::store::whole_file::write_whole;
 
@@ -147,9 +147,9 @@ impl AzimuthScan {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::instrument::optics::Unmeasurable;
     use crate::brdf::reflectance::Missing;
     use crate::brdf::sample::parse;
+    use crate::instrument::optics::Unmeasurable;
     use glam::DVec3;
 
     /// Lambert that cannot be seen for x > 0.

@@ -10,20 +10,20 @@ use std::time::Duration;
 use serde_json::{Map, json};
 
 use crate::assemble::{AssembleError, Assembled, assemble};
+use crate::base::progress::Progress;
+use crate::brdf::sample::SampleError;
 use crate::brdf::{Brdf, BrdfError};
-use crate::instrument::calibration::{Applied, Calibration, CalibrationError};
 use crate::capture::Tally;
-use crate::judge::evaluate::evaluate;
 use crate::capture::measurement::{Measurement, MeasurementError, State};
 use crate::capture::pilot::{pilot, propose};
-use crate::plan::{Plan, Request};
-use crate::base::progress::Progress;
-use crate::measure::report::{Elapsed, ReportError, Summary, report};
+use crate::instrument::calibration::{Applied, Calibration, CalibrationError};
 use crate::instrument::rig::Rig;
-use crate::brdf::sample::SampleError;
-use crate::virtual_rig::setup::{DEFAULT_SAMPLE, Setup, SetupError};
+use crate::judge::evaluate::evaluate;
+use crate::measure::report::{Elapsed, ReportError, Summary, report};
+use crate::plan::{Plan, Request};
 use crate::store::StoreError;
 use crate::store::whole_file::FileError;
+use crate::virtual_rig::setup::{DEFAULT_SAMPLE, Setup, SetupError};
 
 /// Why a measurement failed.
 #[derive(Debug, thiserror::Error)]

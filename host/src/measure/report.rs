@@ -7,19 +7,19 @@ use image::{Rgb, RgbImage};
 use serde::Serialize;
 
 use crate::assemble::Assembled;
-use crate::plan::brackets::milliseconds;
 use crate::brdf::Brdf;
-use crate::capture::Tally;
-use crate::judge::evaluate::{Albedo, Evaluation, Quantile};
-use crate::measure::goal::{Adapted, Stop};
-use crate::hemisphere::judged::{JUDGED_THETA_DEG, RECIPROCAL_THETA_DEG};
-use crate::capture::measurement::Measurement;
-use crate::plan::Exposure;
 use crate::brdf::reflectance::Reflectance;
-use crate::judge::render::{PictureError, automatic_exposure, save, sheet, sphere, srgb};
 use crate::brdf::sample::Sample;
-use crate::store::{RawStore, StoreError};
+use crate::capture::Tally;
+use crate::capture::measurement::Measurement;
+use crate::hemisphere::judged::{JUDGED_THETA_DEG, RECIPROCAL_THETA_DEG};
+use crate::judge::evaluate::{Albedo, Evaluation, Quantile};
+use crate::judge::render::{PictureError, automatic_exposure, save, sheet, sphere, srgb};
+use crate::measure::goal::{Adapted, Stop};
+use crate::plan::Exposure;
+use crate::plan::brackets::milliseconds;
 use crate::store::whole_file::{FileError, write_whole};
+use crate::store::{RawStore, StoreError};
 
 /// Lights of the sphere pictures: polar angle and azimuth in degrees.
 pub const LIGHTS_DEG: [(f64, f64); 3] = [(45.0, 90.0), (60.0, 0.0), (75.0, 200.0)];

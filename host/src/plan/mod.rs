@@ -15,10 +15,10 @@ pub mod stripes;
 
 use serde::{Deserialize, Serialize};
 
-use crate::plan::brackets::{Brackets, largest_ratio};
 use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
 use crate::instrument::optics::{Unmeasurable, View};
 use crate::instrument::rig::{Rig, RigError, Tilt, explain};
+use crate::plan::brackets::{Brackets, largest_ratio};
 use crate::plan::schedule::{ScheduleError, Timing};
 
 mod check;

@@ -7,9 +7,9 @@
 
 use serde::Serialize;
 
-use crate::plan::{BLACK_EXPOSURES, Directions, Plan};
 use crate::instrument::rig::Rig;
 use crate::plan::schedule::periods_s;
+use crate::plan::{BLACK_EXPOSURES, Directions, Plan};
 
 /// A limit of the rig on the length of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

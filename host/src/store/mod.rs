@@ -21,8 +21,6 @@
 //! bits, for a third of the speed. Chunks without compression have a known length, so a torn file is
 //! told from a damaged one, and the files need no C library.
 
-pub mod provenance;
-pub mod whole_file;
 mod array;
 pub mod atomic;
 pub mod brdf_file;
@@ -33,10 +31,12 @@ pub mod exposure_record;
 mod group;
 mod header;
 pub mod lock;
+pub mod provenance;
 pub mod raw;
 mod seal;
 pub mod small_array;
 pub mod tally;
+pub mod whole_file;
 
 pub use atomic::AtomicStore;
 pub use brdf_file::{BrdfLayout, BrdfReader, BrdfWriter};

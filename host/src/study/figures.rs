@@ -6,13 +6,13 @@ use std::path::Path;
 use image::RgbImage;
 
 use super::{COMPARED_IMAGE_SIZE, IdealCaptures, Row, Study, StudyError};
-use crate::judge::chart::{Axis, Chart, ChartError, Curve, Scale, captioned};
-use crate::hemisphere::disk::Disk;
-use crate::hemisphere::incident::Grid;
 use crate::brdf::interpolation::Interpolation;
 use crate::brdf::reflectance::Reflectance;
-use crate::judge::render::{save, sheet, sphere};
 use crate::brdf::sample::Sample;
+use crate::hemisphere::disk::Disk;
+use crate::hemisphere::incident::Grid;
+use crate::judge::chart::{Axis, Chart, ChartError, Curve, Scale, captioned};
+use crate::judge::render::{save, sheet, sphere};
 use crate::store::whole_file::write_whole;
 
 /// Lights of the comparison, one row each: polar angle and azimuth in degrees.

@@ -9,11 +9,11 @@
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-use crate::hemisphere::disk::Disk;
-use crate::hemisphere::incident::IncidentSet;
 use crate::brdf::reflectance::Reflectance;
 use crate::brdf::reflectance::{Missing, Value};
 use crate::brdf::sample::Sample;
+use crate::hemisphere::disk::Disk;
+use crate::hemisphere::incident::IncidentSet;
 use crate::store::StoreError;
 
 /// Neighbours in the incident grid.
@@ -167,9 +167,9 @@ impl Reflectance for IdealCaptures<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::brdf::sample::parse;
     use crate::hemisphere::direction::from_degrees;
     use crate::hemisphere::incident::Grid;
-    use crate::brdf::sample::parse;
 
     fn theta_phi(step_deg: f64) -> IncidentSet {
         Grid::ThetaPhi { step_deg }.build().unwrap()

@@ -10,10 +10,10 @@
 //! An image is the equal-area [`Disk`] in which this crate stores captures. A camera's own image of the mirror, nearly
 //! stereographic, has pixels √2 as wide at the normal: for the same PSNR it needs about √2 as many a side.
 
-pub mod multiplex;
-pub mod paper;
 mod figures;
 mod ideal;
+pub mod multiplex;
+pub mod paper;
 mod spheres;
 
 use std::fs;
@@ -21,13 +21,13 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use crate::judge::chart::ChartError;
-use crate::hemisphere::disk::Disk;
-use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
-use crate::brdf::interpolation::{Interpolation, Table};
 use crate::base::progress::Progress;
+use crate::brdf::interpolation::{Interpolation, Table};
 use crate::brdf::reflectance::Reflectance;
 use crate::brdf::sample::Sample;
+use crate::hemisphere::disk::Disk;
+use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
+use crate::judge::chart::ChartError;
 use crate::store::StoreError;
 use crate::store::whole_file::FileError;
 

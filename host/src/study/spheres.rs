@@ -246,7 +246,10 @@ mod tests {
 
     impl Reflectance for Nothing {
         fn values(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Value>, StoreError> {
-            Ok(vec![Err(crate::brdf::reflectance::Missing::Saturated); pairs.len()])
+            Ok(vec![
+                Err(crate::brdf::reflectance::Missing::Saturated);
+                pairs.len()
+            ])
         }
     }
 

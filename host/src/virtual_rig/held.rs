@@ -10,9 +10,9 @@ use std::sync::Arc;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
+use crate::brdf::sample::Sample;
 use crate::instrument::optics::{View, reflect};
 use crate::instrument::rig::Rig;
-use crate::brdf::sample::Sample;
 
 /// What the holder holds.
 #[derive(Clone)]

@@ -152,8 +152,8 @@ mod tests {
     use super::*;
     use crate::hemisphere::direction::from_degrees;
     use crate::instrument::optics::View;
-    use crate::plan::pattern::PatternMaker;
     use crate::instrument::rig::Rig;
+    use crate::plan::pattern::PatternMaker;
 
     #[test]
     fn four_nodes_have_the_moments_of_the_lit_pixels() {

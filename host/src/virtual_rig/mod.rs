@@ -18,12 +18,12 @@
 //! Everything is a function of the rig, the sample and a seed: the same measurement, even if it was
 //! interrupted and resumed, gives the same bits.
 
-pub mod setup;
 mod controller;
 mod held;
 mod light;
 mod scene;
 mod sensor;
+pub mod setup;
 mod stage;
 mod truth;
 mod wires;
@@ -34,10 +34,10 @@ use std::time::Duration;
 use rayon::prelude::*;
 
 use crate::capture::camera::{Camera, CameraError, Frame};
-use crate::instrument::frame_format::FrameFormat;
-use crate::plan::pattern::BitPattern;
 use crate::capture::projector::{Projector, ProjectorError};
+use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::rig::Rig;
+use crate::plan::pattern::BitPattern;
 
 pub use controller::{CLOCK_HZ, VirtualController};
 pub use held::{FlatMirror, Held};

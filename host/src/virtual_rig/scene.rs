@@ -15,12 +15,12 @@ use super::light::{Glow, Light};
 use super::sensor::Sensor;
 use super::stage::Shot;
 use super::truth::Truth;
+use crate::brdf::quadrature::mean_f;
+use crate::brdf::sample::{Sample, albedo};
 use crate::hemisphere::direction::from_angles;
 use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::optics::{DirectionMap, View};
 use crate::plan::pattern::BitPattern;
-use crate::brdf::quadrature::mean_f;
-use crate::brdf::sample::{Sample, albedo};
 
 /// Offset of the two Gauss points from the centre of a pixel: 1/(2√3).
 const GAUSS: f64 = 0.288_675_134_594_812_9;

@@ -3,13 +3,13 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::instrument::calibration::Calibration;
+use crate::brdf::sample::SampleError;
 use crate::capture::Instrument;
 use crate::capture::device::{Device, DeviceError, Patience};
 use crate::capture::link::{self, Link};
-use crate::plan::{PlanError, Request};
+use crate::instrument::calibration::Calibration;
 use crate::instrument::rig::{Rig, RigError};
-use crate::brdf::sample::SampleError;
+use crate::plan::{PlanError, Request};
 use crate::virtual_rig::{Behaviour, Held, Mischief, Noise, Truth, VirtualRig, Wires, WiresError};
 
 /// What the virtual rig holds unless told otherwise.
@@ -63,7 +63,11 @@ impl Setup {
     /// [`SetupError`].
     pub fn open(&self, rig: &Rig, request: &Request) -> Result<Instrument, SetupError> {
         let spec = request.sample.as_deref().unwrap_or(DEFAULT_SAMPLE);
-        self.open_held(rig, Held::Sample(Arc::from(crate::brdf::sample::parse(spec)?)), request)
+        self.open_held(
+            rig,
+            Held::Sample(Arc::from(crate::brdf::sample::parse(spec)?)),
+            request,
+        )
     }
 
     /// As [`open`](Self::open), with `held` in place of the sample.

@@ -4,8 +4,8 @@ use std::fmt;
 use std::path::Path;
 
 use rcg::brdf::Brdf;
-use rcg::store::provenance::Provenance;
 use rcg::brdf::sample::Sample;
+use rcg::store::provenance::Provenance;
 
 /// Samples count up to this polar angle, degrees: nearer to the horizon lobes are narrower than these coarse pixels.
 const JUDGED_DEG: f64 = 80.0;

@@ -171,7 +171,10 @@ fn a_bracket_is_fired_as_a_table_or_as_a_stream_and_recorded_step_by_step() {
     assert_eq!(fire("low.csv", &rest_high), table);
     // A SYNC of 60 Hz: 70 ms are more than four of its periods, so each step begins five after the one before.
     let paced = fire("paced.csv", &["--each-on-sync", "--sync-timeout", "1s"]);
-    let sync_s = rcg::instrument::rig::Rig::load("rcg-1").unwrap().projector.min_period_s;
+    let sync_s = rcg::instrument::rig::Rig::load("rcg-1")
+        .unwrap()
+        .projector
+        .min_period_s;
     let sync = (sync_s * 125e6).round() as u64;
     let between = 8_750_000_u64.div_ceil(sync) * sync;
     assert!(paced.windows(2).all(|pair| pair[1][0] - pair[0][0] == between));

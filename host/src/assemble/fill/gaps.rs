@@ -5,13 +5,13 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::{FillError, facts, finish, writer_like};
-use crate::brdf::Brdf;
-use crate::hemisphere::direction::is_above_horizon;
-use crate::judge::fit::{Fit, FitError, Model};
-use crate::instrument::optics::Unmeasurable;
 use crate::base::progress::Progress;
-use crate::store::provenance::Provenance;
+use crate::brdf::Brdf;
 use crate::brdf::sample::Sample;
+use crate::hemisphere::direction::is_above_horizon;
+use crate::instrument::optics::Unmeasurable;
+use crate::judge::fit::{Fit, FitError, Model};
+use crate::store::provenance::Provenance;
 use crate::store::{BrdfRows, StoreError, stored_sigma};
 
 /// Cells beyond an occluded one where its neighbours are looked for.

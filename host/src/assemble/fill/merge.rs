@@ -25,11 +25,11 @@ use serde_json::json;
 
 use super::union::Union;
 use super::{FillError, facts, finish, writer_like};
+use crate::base::linear_fit::least_squares;
+use crate::base::progress::Progress;
 use crate::brdf::{Brdf, COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, UNCALIBRATED};
 use crate::hemisphere::direction::from_angles;
-use crate::base::linear_fit::least_squares;
 use crate::instrument::optics::Unmeasurable;
-use crate::base::progress::Progress;
 use crate::store::provenance::Provenance;
 use crate::store::{BrdfRows, LEAST_SIGMA, StoreError, USELESS_SIGMA};
 

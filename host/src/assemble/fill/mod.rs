@@ -33,12 +33,12 @@ use serde_json::{Map, Value, json};
 pub use merge::Alignment;
 
 use crate::assemble::{coordinates, interpolation_errors, list_attributes};
+use crate::base::progress::Progress;
 use crate::brdf::{Brdf, BrdfError, evidence};
 use crate::hemisphere::direction::from_angles;
-use crate::judge::fit::{Fit, FitError};
 use crate::hemisphere::incident::IncidentSet;
 use crate::instrument::optics::Unmeasurable;
-use crate::base::progress::Progress;
+use crate::judge::fit::{Fit, FitError};
 use crate::store::provenance::Provenance;
 use crate::store::{BrdfLayout, BrdfWriter, StoreError};
 

@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
+use rcg::base::progress::Progress as _;
 use rcg::brdf::Source;
+use rcg::brdf::sample::Sample;
 use rcg::brdf::{Brdf, KnownBrdf};
 use rcg::judge::evaluate::{Evaluation, Repeatability, evaluate, repeatability};
-use rcg::base::progress::Progress as _;
 use rcg::measure::report::quantile;
-use rcg::brdf::sample::Sample;
 
 use crate::Done;
 use crate::failure::Failure;

@@ -2,33 +2,33 @@
 
 use std::io;
 
-use rcg::measure::adaptive::AdaptiveError;
 use rcg::assemble::AssembleError;
+use rcg::assemble::fill::FillError;
+use rcg::base::file_format::FormatError;
 use rcg::brdf::BrdfError;
 use rcg::brdf::SourceError;
+use rcg::brdf::sample::SampleError;
 use rcg::calibrate::CalibrateError;
-use rcg::instrument::calibration::CalibrationError;
-use rcg::judge::chart::ChartError;
 use rcg::capture::device::DeviceError;
-use rcg::base::file_format::FormatError;
-use rcg::assemble::fill::FillError;
 use rcg::capture::firing::FiringError;
-use rcg::judge::fit::FitError;
 use rcg::capture::link::LinkError;
-use rcg::measure::MeasureError;
 use rcg::capture::measurement::MeasurementError;
+use rcg::capture::records::RecordsError;
+use rcg::instrument::calibration::CalibrationError;
+use rcg::instrument::rig::RigError;
+use rcg::judge::chart::ChartError;
+use rcg::judge::fit::FitError;
+use rcg::judge::render::PictureError;
+use rcg::measure::MeasureError;
+use rcg::measure::adaptive::AdaptiveError;
+use rcg::plan::PlanError;
+use rcg::store::StoreError;
+use rcg::store::whole_file::FileError;
+use rcg::study::StudyError;
 use rcg::study::multiplex::MultiplexError;
 use rcg::study::paper::PaperError;
-use rcg::plan::PlanError;
-use rcg::capture::records::RecordsError;
-use rcg::judge::render::PictureError;
-use rcg::instrument::rig::RigError;
-use rcg::brdf::sample::SampleError;
-use rcg::virtual_rig::setup::SetupError;
-use rcg::store::StoreError;
-use rcg::study::StudyError;
 use rcg::virtual_rig::WiresError;
-use rcg::store::whole_file::FileError;
+use rcg::virtual_rig::setup::SetupError;
 
 /// A failed command.
 #[derive(Debug)]

@@ -3,8 +3,8 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use rcg::brdf::Source;
 use rcg::base::file_format::CHART;
+use rcg::brdf::Source;
 use rcg::judge::fit::{Fit, Model};
 
 use crate::Done;

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use rcg::measure::adaptive::{self, AdaptiveError, Begun, Goal};
-use rcg::hemisphere::incident::Grid;
-use rcg::measure::{complete, prepare_like};
 use rcg::capture::measurement::Measurement;
-use rcg::plan::{Plan, Request};
-use rcg::measure::report::lines;
+use rcg::hemisphere::incident::Grid;
 use rcg::instrument::rig::Rig;
+use rcg::measure::adaptive::{self, AdaptiveError, Begun, Goal};
+use rcg::measure::report::lines;
+use rcg::measure::{complete, prepare_like};
+use rcg::plan::{Plan, Request};
 use rcg::virtual_rig::setup::Setup;
 
 use crate::Done;

@@ -2,11 +2,11 @@
 
 use std::fmt::Write as _;
 
-use rcg::study::multiplex::choose::{Choice, Method, REGIONS, choose};
-use rcg::plan::Plan;
 use rcg::base::progress::Progress as _;
-use rcg::measure::report::duration;
 use rcg::instrument::rig::Rig;
+use rcg::measure::report::duration;
+use rcg::plan::Plan;
+use rcg::study::multiplex::choose::{Choice, Method, REGIONS, choose};
 use rcg::virtual_rig::setup::DEFAULT_SAMPLE;
 use serde_json::{Value, json};
 

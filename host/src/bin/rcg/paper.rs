@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use rcg::study::paper::paper;
 use rcg::study::Settings;
+use rcg::study::paper::paper;
 
 use crate::Done;
 use crate::output::Output;

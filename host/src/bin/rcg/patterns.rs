@@ -3,16 +3,16 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use rcg::base::progress::Progress as _;
 use rcg::capture::measurement::Measurement;
 use rcg::instrument::optics::View;
+use rcg::instrument::rig::{Rig, Tilt};
+use rcg::judge::render::save;
 use rcg::plan::pattern::{BitPattern, PatternMaker};
 use rcg::plan::{Directions, PlanError, spot_deg};
-use rcg::base::progress::Progress as _;
-use rcg::judge::render::save;
-use rcg::instrument::rig::{Rig, Tilt};
-use rcg::virtual_rig::setup::Setup;
 use rcg::store::Lock;
 use rcg::store::whole_file::write_whole;
+use rcg::virtual_rig::setup::Setup;
 use serde_json::json;
 
 use crate::Done;

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use rcg::assemble::dynamic_range;
-use rcg::plan::brackets::milliseconds;
-use rcg::measure::{planned, prepare};
-use rcg::plan::pace::Pace;
-use rcg::plan::{Directions, Plan, PlanError};
-use rcg::measure::report::duration;
 use rcg::instrument::rig::Rig;
+use rcg::measure::report::duration;
+use rcg::measure::{planned, prepare};
+use rcg::plan::brackets::milliseconds;
+use rcg::plan::pace::Pace;
 use rcg::plan::schedule::Bound;
+use rcg::plan::{Directions, Plan, PlanError};
 use serde_json::{Value, json};
 
 use crate::Done;
@@ -43,7 +43,11 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             calibration.check_tilt(request.tilt)?;
         }
         let exposure_s = request.exposure_s.unwrap_or(rig.camera.exposure_s);
-        request.sample.as_deref().map(rcg::brdf::sample::parse).transpose()?;
+        request
+            .sample
+            .as_deref()
+            .map(rcg::brdf::sample::parse)
+            .transpose()?;
         let scaled = request.rig(&rig)?;
         Plan::new(request, &scaled, exposure_s)?
     };

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
+use rcg::base::file_format::CHART_OR_TABLE;
 use rcg::brdf::Source;
 use rcg::hemisphere::direction::{from_degrees, is_above_horizon};
-use rcg::base::file_format::CHART_OR_TABLE;
 use rcg::judge::scan::{AzimuthScan, INCIDENT_DEG, THETA_R_DEG};
 use serde_json::json;
 

@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use rcg::brdf::Source;
 use rcg::base::file_format::PICTURE;
+use rcg::brdf::Source;
 use rcg::judge::render::{automatic_exposure, corrugated, save, share_with_values, sheet, sphere};
 use serde_json::json;
 

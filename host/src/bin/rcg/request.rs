@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-use rcg::plan::brackets::Brackets;
-use rcg::instrument::calibration::Calibration;
 use rcg::hemisphere::incident::Grid;
-use rcg::plan::{IMAGE_SIZES_PX, PlanError, Request};
+use rcg::instrument::calibration::Calibration;
 use rcg::instrument::rig::{Rig, Tilt};
+use rcg::plan::brackets::Brackets;
 use rcg::plan::schedule::EXPOSURES_S;
+use rcg::plan::{IMAGE_SIZES_PX, PlanError, Request};
 use rcg::virtual_rig::setup::DEFAULT_SAMPLE;
 use rcg::virtual_rig::setup::{Setup, TriggerBox};
 use rcg::virtual_rig::{Mischief, Truth};

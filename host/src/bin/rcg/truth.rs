@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use rcg::base::file_format::TRUTH;
 use rcg::instrument::rig::Rig;
-use rcg::virtual_rig::{Tolerances, Truth};
 use rcg::store::whole_file::write_whole;
+use rcg::virtual_rig::{Tolerances, Truth};
 use serde_json::json;
 
 use crate::Done;

@@ -4,8 +4,8 @@ use glam::{DVec3, Vec3};
 
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::IncidentSet;
-use crate::store::provenance::Provenance;
 use crate::store::StoreError;
+use crate::store::provenance::Provenance;
 
 /// The cells of a disk as an image is read.
 ///

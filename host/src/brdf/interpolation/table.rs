@@ -6,12 +6,12 @@ use rayon::prelude::*;
 use super::captures::{Captures, Cells, Image, ImageOf};
 use super::lookup::look_up;
 use super::{Blend, Errors, Interpolation, learn};
-use crate::hemisphere::disk::Disk;
-use crate::hemisphere::incident::IncidentSet;
-use crate::instrument::optics::Unmeasurable;
 use crate::brdf::reflectance::Reflectance;
 use crate::brdf::reflectance::{Missing, Value};
 use crate::brdf::sample::Sample;
+use crate::hemisphere::disk::Disk;
+use crate::hemisphere::incident::IncidentSet;
+use crate::instrument::optics::Unmeasurable;
 use crate::store::StoreError;
 
 /// What an ideal instrument captures of a known sample: f at the centre of every cell, for every incident direction.

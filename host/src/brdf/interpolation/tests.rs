@@ -4,11 +4,11 @@ use glam::DVec3;
 
 use super::region::{REGIONS, around, region};
 use super::{BRANCHES, Blend, Errors, Interpolation, RULES, Table};
+use crate::brdf::reflectance::Reflectance as _;
+use crate::brdf::sample::{Sample, parse};
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
-use crate::brdf::reflectance::Reflectance as _;
-use crate::brdf::sample::{Sample, parse};
 
 fn grid(step_deg: f64) -> IncidentSet {
     Grid::EqualSolidAngle { step_deg }.build().unwrap()

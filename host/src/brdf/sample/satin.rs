@@ -112,8 +112,8 @@ impl Outgoing for Lit<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::hemisphere::direction::from_degrees;
     use crate::brdf::sample::parse;
+    use crate::hemisphere::direction::from_degrees;
 
     #[test]
     fn highlight_of_warp_is_a_streak_across_the_threads() {

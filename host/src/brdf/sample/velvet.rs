@@ -174,7 +174,10 @@ mod tests {
             let sin2 = (f64::from(i) + 0.5) / f64::from(n_sin2);
             let theta_rad = sin2.sqrt().asin();
             for j in 0..n_phi {
-                let h = crate::hemisphere::direction::from_angles(theta_rad, f64::from(j) / f64::from(n_phi) * 2.0 * PI);
+                let h = crate::hemisphere::direction::from_angles(
+                    theta_rad,
+                    f64::from(j) / f64::from(n_phi) * 2.0 * PI,
+                );
                 covered += velvet.f(h, h)[0] * 4.0 * (2.0 * h.z - h.z * h.z);
             }
         }

@@ -5,22 +5,22 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use crate::base::progress::Progress;
 use crate::calibrate::{CalibrateError, Conditions, create_raw, file, open_raw, segment_of};
 use crate::capture::Tally;
+use crate::capture::pilot::Tests;
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::incident::Grid;
 use crate::instrument::optics::View;
-use crate::plan::pattern::{BitPattern, PatternMaker};
-use crate::capture::pilot::Tests;
-use crate::plan;
-use crate::base::progress::Progress;
 use crate::instrument::rig::Rig;
+use crate::plan;
+use crate::plan::pattern::{BitPattern, PatternMaker};
 use crate::plan::schedule::{SHORTEST_EXPOSURE_S, Timing};
-use crate::virtual_rig::setup::Setup;
-use crate::store::{RawLayout, RawStore};
 use crate::plan::stripes::Stripes;
-use crate::virtual_rig::Held;
 use crate::store::whole_file::FileError;
+use crate::store::{RawLayout, RawStore};
+use crate::virtual_rig::Held;
+use crate::virtual_rig::setup::Setup;
 
 /// Name of the raw frames.
 pub(super) const RAW: &str = "geometry.raw.zarr";

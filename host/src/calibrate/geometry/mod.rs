@@ -38,13 +38,13 @@ use sightings::Sightings;
 use solve::{Solution, moved, solve};
 
 use super::{CalibrateError, RIG};
-use crate::instrument::calibration::{Found, GEOMETRY, Geometry, WORST_DEG, file, rig_hash};
 use crate::hemisphere::direction::from_degrees;
+use crate::instrument::calibration::{Found, GEOMETRY, Geometry, WORST_DEG, file, rig_hash};
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
 use crate::plan::schedule::SHORTEST_EXPOSURE_S;
-use crate::virtual_rig::FlatMirror;
 use crate::store::whole_file::write_whole;
+use crate::virtual_rig::FlatMirror;
 
 /// Name of the picture of the residuals.
 pub const RESIDUALS: &str = "geometry-residuals.png";

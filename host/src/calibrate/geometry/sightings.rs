@@ -3,8 +3,8 @@
 use glam::DVec2;
 
 use super::Views;
-use crate::store::{RawStore, StoreError};
 use crate::plan::stripes::Stripes;
+use crate::store::{RawStore, StoreError};
 
 /// Matches of one view that take part, at most.
 const MATCHES: usize = 1500;

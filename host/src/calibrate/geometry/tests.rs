@@ -1,9 +1,9 @@
 //! From a rig that is 3 mm and 2° off the true one is found, and views that do not determine it are refused.
 
 use super::*;
+use crate::base::progress::Silent;
 use crate::calibrate::Conditions;
 use crate::hemisphere::direction::angle_between;
-use crate::base::progress::Silent;
 use crate::virtual_rig::setup::Setup;
 use crate::virtual_rig::{Tolerances, Truth};
 

@@ -25,21 +25,21 @@ use serde::{Deserialize, Serialize};
 
 use super::exposure::{Exposures, light};
 use super::rank_one::positive;
+use crate::base::progress::Progress;
+use crate::brdf::sample::Sample;
 use crate::calibrate::{CalibrateError, Conditions, RIG, create_raw, file, open_raw, segment_of};
-use crate::instrument::calibration::{CalibrationError, lights};
 use crate::capture::{Instrument, Tally};
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::incident::Grid;
+use crate::instrument::calibration::{CalibrationError, lights};
 use crate::instrument::optics::View;
-use crate::plan::pattern::PatternMaker;
-use crate::plan;
-use crate::base::progress::Progress;
 use crate::instrument::rig::{Rig, Tilt};
-use crate::brdf::sample::Sample;
+use crate::plan;
+use crate::plan::pattern::PatternMaker;
 use crate::plan::schedule::Timing;
-use crate::virtual_rig::setup::Setup;
 use crate::store::{RawLayout, RawStore};
 use crate::virtual_rig::Held;
+use crate::virtual_rig::setup::Setup;
 
 /// Name of the raw frames.
 pub(super) const RAW: &str = "photometry.raw.zarr";

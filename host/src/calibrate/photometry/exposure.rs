@@ -10,8 +10,8 @@ use super::capture::Holder;
 use crate::calibrate::CalibrateError;
 use crate::capture::pilot::Tests;
 use crate::plan::schedule::{LONGEST_EXPOSURE_S, SHORTEST_EXPOSURE_S};
-use crate::virtual_rig::setup::Setup;
 use crate::virtual_rig::Held;
+use crate::virtual_rig::setup::Setup;
 
 /// Exposure times of the series.
 const TIMES: usize = 8;
@@ -186,7 +186,10 @@ mod tests {
         let standard = Held::Sample(Arc::from(crate::brdf::sample::parse("lambert:0.98").unwrap()));
         let (mut found, mut smaller, mut refused) = (0, 0, 0);
         for draw in 0..24 {
-            let mut rig = drawn(crate::instrument::rig::PRESETS[draw % crate::instrument::rig::PRESETS.len()], &mut rng);
+            let mut rig = drawn(
+                crate::instrument::rig::PRESETS[draw % crate::instrument::rig::PRESETS.len()],
+                &mut rng,
+            );
             if draw % 3 == 0 {
                 // A little brighter than the shortest series takes, with whole spots.
                 rig.light.spot_deg = 4.0;

@@ -40,15 +40,15 @@ use rank_one::Seen;
 use share::{Frames, fit_whole};
 
 use super::{CalibrateError, RIG};
+use crate::base::text::by;
+use crate::brdf::sample::{Sample, albedo};
+use crate::hemisphere::direction::from_degrees;
 use crate::instrument::calibration::{
     CalibrationError, CameraFound, Interreflection, PHOTOMETRY, PHOTOMETRY_VERSION, Photometry, check_rig,
     file, rig_hash,
 };
-use crate::hemisphere::direction::from_degrees;
 use crate::instrument::rig::Rig;
-use crate::brdf::sample::{Sample, albedo};
 use crate::store::Segment;
-use crate::base::text::by;
 
 /// What writes the files.
 const COMMAND: &str = "rcg calibrate photometry --out DIR";
@@ -139,7 +139,8 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         / length as f64;
     let projector_response = linear.levels(&frames_of(Shows::Levels), &black);
 
-    let standard = crate::brdf::sample::parse(&views.standard).map_err(crate::virtual_rig::setup::SetupError::from)?;
+    let standard =
+        crate::brdf::sample::parse(&views.standard).map_err(crate::virtual_rig::setup::SetupError::from)?;
     let (mut all, mut frames) = (Vec::new(), Vec::new());
     let blacks: Vec<Vec<f64>> = (0..views.stands.len())
         .map(|stand| linear.mean(&frames_of(Shows::Black(stand))))
@@ -189,7 +190,8 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     let interreflection = match &views.second_standard {
         None => None,
         Some(spec) => {
-            let second = crate::brdf::sample::parse(spec).map_err(crate::virtual_rig::setup::SetupError::from)?;
+            let second =
+                crate::brdf::sample::parse(spec).map_err(crate::virtual_rig::setup::SetupError::from)?;
             let black = linear.mean(&frames_of(Shows::SecondBlack));
             let mut other = Seen::new(&views, 0)?;
             other.judged = all[0].judged.clone();

@@ -15,11 +15,11 @@ use nalgebra::{DMatrix, DVector};
 use super::Linear;
 use super::capture::{Stand, Views, maker};
 use super::share::Judged;
+use crate::base::linear_fit::least_squares;
+use crate::brdf::sample::Sample;
 use crate::calibrate::CalibrateError;
 use crate::instrument::calibration::{CalibrationError, HIGHEST, SmoothField, TERMS, lights, terms};
-use crate::base::linear_fit::least_squares;
 use crate::instrument::optics::{DirectionMap, Unmeasurable, View};
-use crate::brdf::sample::Sample;
 
 /// Pairs that take part, about.
 const PAIRS: usize = 60_000;

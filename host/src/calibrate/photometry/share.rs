@@ -12,9 +12,9 @@ use glam::DVec3;
 
 use super::Linear;
 use super::rank_one::{Fields, Seen, fit};
+use crate::brdf::sample::Sample;
 use crate::instrument::calibration::lights;
 use crate::instrument::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
-use crate::brdf::sample::Sample;
 
 /// Turns of fitting and judging, at most.
 const TURNS: usize = 8;

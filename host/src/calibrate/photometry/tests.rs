@@ -1,9 +1,9 @@
 //! A rig with ±30 % in light and throughput is found to better than half a percent, and so are the camera's numbers.
 
 use super::*;
+use crate::base::progress::Silent;
 use crate::calibrate::Conditions;
 use crate::instrument::optics::{DirectionMap, View};
-use crate::base::progress::Silent;
 use crate::instrument::rig::Tilt;
 use crate::virtual_rig::setup::Setup;
 use crate::virtual_rig::{Tolerances, Truth};

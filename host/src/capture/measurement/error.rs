@@ -1,10 +1,10 @@
 //! Why a measurement cannot go on.
 
-use crate::instrument::calibration::CalibrationError;
 use crate::capture::CaptureError;
 use crate::hemisphere::incident::IncidentError;
-use crate::plan::PlanError;
+use crate::instrument::calibration::CalibrationError;
 use crate::instrument::rig::RigError;
+use crate::plan::PlanError;
 use crate::store::StoreError;
 use crate::store::whole_file::FileError;
 

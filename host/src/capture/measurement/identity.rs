@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use super::{Measurement, MeasurementError, io};
 use crate::instrument::calibration::Applied;
-use crate::plan::{Plan, Request};
 use crate::instrument::rig::Rig;
+use crate::plan::{Plan, Request};
 use crate::store::checksum::{sum, sum_of};
 
 /// SHA-256, in hexadecimal digits, by what it is of.

@@ -17,17 +17,17 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
-use crate::instrument::calibration::Applied;
 use crate::capture::{Instrument, Tally};
+use crate::instrument::calibration::Applied;
 use crate::instrument::optics::View;
+use crate::instrument::rig::Rig;
 use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::plan::{Directions, Exposure, Plan};
-use crate::instrument::rig::Rig;
 use crate::store::lock::{self, dangling};
 use crate::store::raw::SUBJECT;
-use crate::store::{Lock, RawLayout, RawStore, Segment, StoreError};
 use crate::store::whole_file::is_partial;
 use crate::store::whole_file::write_whole;
+use crate::store::{Lock, RawLayout, RawStore, Segment, StoreError};
 
 mod error;
 mod files;

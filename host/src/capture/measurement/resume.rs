@@ -2,8 +2,8 @@
 
 use super::{Measurement, MeasurementError};
 use crate::instrument::calibration::{Applied, Calibration, rig_hash};
-use crate::plan::Request;
 use crate::instrument::rig::Rig;
+use crate::plan::Request;
 
 impl Measurement {
     /// Refuses to go on with a `rig` (as loaded, or that of `calibration`) or a `calibration` that is not the one with which

@@ -2,8 +2,8 @@
 
 use super::MeasurementError;
 use crate::capture::{Instrument, Tally};
-use crate::plan::pattern::LitSet;
 use crate::plan::Exposure;
+use crate::plan::pattern::LitSet;
 use crate::plan::schedule::Timing;
 use crate::store::{ExposureRecord, Segment};
 

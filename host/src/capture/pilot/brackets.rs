@@ -8,12 +8,12 @@
 use std::fmt;
 
 use super::{judged, patterns};
-use crate::plan::brackets::{Brackets, MOST, RATIO, geometric, largest_ratio, milliseconds};
+use crate::capture::measurement::MeasurementError;
 use crate::capture::{Instrument, Tally};
 use crate::hemisphere::incident::Grid;
-use crate::capture::measurement::MeasurementError;
-use crate::plan::PlanError;
 use crate::instrument::rig::Rig;
+use crate::plan::PlanError;
+use crate::plan::brackets::{Brackets, MOST, RATIO, geometric, largest_ratio, milliseconds};
 use crate::plan::schedule::Timing;
 
 /// Exposure times of the pilot capture, each [`TEST_RATIO`] times shorter than the one before.

@@ -1,14 +1,14 @@
 //! The pilot capture, which chooses the exposure time, or those of several exposures.
 
+use crate::capture::measurement::MeasurementError;
 use crate::capture::{Captured, Instrument, Tally};
 use crate::hemisphere::incident::Grid;
 use crate::hemisphere::judged::is_judged;
-use crate::capture::measurement::MeasurementError;
 use crate::instrument::optics::{DirectionMap, View};
-use crate::plan::pattern::PatternMaker;
-use crate::plan::{Directions, PlanError, spot_deg};
 use crate::instrument::rig::Rig;
+use crate::plan::pattern::PatternMaker;
 use crate::plan::schedule::{LONGEST_EXPOSURE_S, SHORTEST_EXPOSURE_S, Timing};
+use crate::plan::{Directions, PlanError, spot_deg};
 
 mod brackets;
 

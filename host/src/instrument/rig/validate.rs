@@ -8,8 +8,8 @@ use std::fmt::Display;
 use std::path::Path;
 
 use super::{Lens, Rig, RigError};
-use crate::instrument::optics::{Ellipsoid, Unmeasurable, View};
 use crate::base::text::listed;
+use crate::instrument::optics::{Ellipsoid, Unmeasurable, View};
 
 /// Side of the grid of pixels that is probed for a measurable direction.
 const PROBES: u32 = 48;

@@ -7,9 +7,9 @@ use super::histogram::LogHistogram;
 use super::scoring::{Floor, channel_values};
 use super::{Quantiles, Resolution};
 use crate::brdf::Brdf;
-use crate::hemisphere::judged::is_judged;
 use crate::brdf::quadrature::{around, interpolated_pixel_rad, mean_f, spot_rad};
 use crate::brdf::sample::Sample;
+use crate::hemisphere::judged::is_judged;
 
 /// Incident directions for which the blur is computed.
 const DIRECTIONS: usize = 48;

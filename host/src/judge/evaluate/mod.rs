@@ -24,10 +24,10 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::brdf::Brdf;
-use crate::hemisphere::judged::is_judged;
-use crate::store::provenance::Provenance;
 use crate::brdf::sample::Sample;
+use crate::hemisphere::judged::is_judged;
 use crate::store::StoreError;
+use crate::store::provenance::Provenance;
 
 mod blur;
 mod histogram;

@@ -9,9 +9,9 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::brdf::Brdf;
+use crate::brdf::sample::Sample;
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::judged::RECIPROCAL_THETA_DEG;
-use crate::brdf::sample::Sample;
 use crate::store::StoreError;
 
 /// Pairs of directions that are tried.

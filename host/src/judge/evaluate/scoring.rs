@@ -9,9 +9,9 @@
 
 use std::f64::consts::PI;
 
+use crate::brdf::sample::Sample;
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::disk::Disk;
-use crate::brdf::sample::Sample;
 
 use crate::hemisphere::judged::{JUDGED_THETA_DEG, is_judged};
 

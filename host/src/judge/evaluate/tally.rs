@@ -8,11 +8,11 @@ use super::Albedo;
 use super::histogram::LogHistogram;
 use super::scoring::{Floor, channel_values};
 use crate::brdf::Brdf;
+use crate::brdf::sample::Sample;
 use crate::hemisphere::incident::IncidentSet;
 use crate::hemisphere::judged::is_judged;
-use crate::store::provenance::Provenance;
-use crate::brdf::sample::Sample;
 use crate::store::StoreError;
+use crate::store::provenance::Provenance;
 
 /// Bins of the polar angle in degrees where the incident directions form no rings.
 const LIST_BIN_DEG: f64 = 5.0;

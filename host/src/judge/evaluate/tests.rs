@@ -9,12 +9,12 @@ use serde_json::{Map, Value, json};
 
 use super::*;
 use crate::assemble::coordinates;
+use crate::brdf::sample::{Outgoing, parse};
 use crate::brdf::{BrdfError, KnownBrdf};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::Grid;
 use crate::hemisphere::judged::is_judged;
 use crate::instrument::optics::Unmeasurable;
-use crate::brdf::sample::{Outgoing, parse};
 use crate::store::{BrdfLayout, BrdfRows, BrdfWriter};
 
 const STEP_DEG: f64 = 22.5;

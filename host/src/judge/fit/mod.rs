@@ -37,8 +37,8 @@ use std::path::Path;
 use nalgebra::DMatrix;
 
 use crate::brdf::Brdf;
-use crate::judge::chart::{Axis, Chart, ChartError, Curve, Scale};
 use crate::brdf::sample::Sample;
+use crate::judge::chart::{Axis, Chart, ChartError, Curve, Scale};
 use crate::store::StoreError;
 
 pub use model::Model;

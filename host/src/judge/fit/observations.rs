@@ -7,11 +7,11 @@ use rayon::prelude::*;
 
 use super::FitError;
 use crate::brdf::Brdf;
+use crate::brdf::quadrature::{around, interpolated_pixel_rad, spot_rad};
+use crate::brdf::sample::Sample;
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::judged::is_judged;
 use crate::store::provenance::Provenance;
-use crate::brdf::quadrature::{around, interpolated_pixel_rad, spot_rad};
-use crate::brdf::sample::Sample;
 
 /// Samples that take part, about: enough for every parameter of a lobe, and few enough for seconds.
 const SAMPLES: usize = 200_000;

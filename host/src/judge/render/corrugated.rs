@@ -15,8 +15,8 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 use glam::DVec3;
 
 use super::{Content, Picture};
-use crate::hemisphere::direction::{HORIZON_COS, from_degrees};
 use crate::brdf::reflectance::Reflectance;
+use crate::hemisphere::direction::{HORIZON_COS, from_degrees};
 use crate::store::StoreError;
 
 /// Half of the width of the sheet, in half widths of the picture.

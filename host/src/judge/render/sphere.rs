@@ -3,9 +3,9 @@
 use glam::DVec3;
 
 use super::{Content, Picture};
-use crate::hemisphere::direction::{HORIZON_COS, from_degrees};
 use crate::brdf::reflectance::Reflectance;
 use crate::brdf::reflectance::Value;
+use crate::hemisphere::direction::{HORIZON_COS, from_degrees};
 use crate::store::StoreError;
 
 /// Radius of the sphere in half widths of the picture.

@@ -16,16 +16,16 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::{Goal, GoalError};
-use crate::instrument::calibration::Applied;
-use crate::hemisphere::incident::{Grid, IncidentError};
-use crate::measure::MeasureError;
 use crate::capture::measurement::{MeasurementError, Sums, sums_at, sums_of};
-use crate::plan::{BLACK_EXPOSURES, Plan, Request};
+use crate::hemisphere::incident::{Grid, IncidentError};
+use crate::instrument::calibration::Applied;
 use crate::instrument::rig::{Rig, RigError, explain};
+use crate::measure::MeasureError;
+use crate::plan::{BLACK_EXPOSURES, Plan, Request};
 use crate::store::checksum::sum;
 use crate::store::raw::SUBJECT;
-use crate::store::{RawLayout, RawStore, StoreError};
 use crate::store::whole_file::{FileError, write_whole};
+use crate::store::{RawLayout, RawStore, StoreError};
 
 const ASKED: &str = "adaptive.toml";
 const DIRECTIONS: &str = "directions.txt";

@@ -12,20 +12,20 @@ use super::predict::{Image, judged_cells, leave_one_out};
 use super::start::{beginning, grid, in_degrees, listed};
 use super::{BATCH, Goal, Stop};
 use crate::assemble::{FrameAssembler, certainly_lit};
-use crate::instrument::calibration::{Applied, Calibration};
+use crate::base::progress::Progress;
 use crate::capture::Instrument;
+use crate::capture::measurement::{Measurement, MeasurementError, take_segment};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{DirectionList, Grid, IncidentSet};
-use crate::measure::{MeasureError, planned};
-use crate::capture::measurement::{Measurement, MeasurementError, take_segment};
+use crate::instrument::calibration::{Applied, Calibration};
 use crate::instrument::optics::{Unmeasurable, View};
-use crate::plan::pattern::{LitSet, PatternMaker};
-use crate::plan::{BLACK_EXPOSURES, Directions, Exposure, Plan, PlanError, Request};
-use crate::base::progress::Progress;
 use crate::instrument::rig::Rig;
+use crate::measure::{MeasureError, planned};
+use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::plan::schedule::Timing;
-use crate::virtual_rig::setup::Setup;
+use crate::plan::{BLACK_EXPOSURES, Directions, Exposure, Plan, PlanError, Request};
 use crate::store::Lock;
+use crate::virtual_rig::setup::Setup;
 
 /// Nothing is chosen nearer to the horizon than this polar angle, in degrees.
 const GRAZING_DEG: f64 = 85.0;

@@ -7,15 +7,15 @@ use rayon::prelude::*;
 
 use super::predict::{Image, judged_cells, mse};
 use super::{Goal, measure};
+use crate::base::progress::Silent;
+use crate::brdf::sample::Sample;
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
 use crate::instrument::optics::View;
+use crate::instrument::rig::Rig;
 use crate::plan::pattern::PatternMaker;
 use crate::plan::{Directions, Request};
-use crate::base::progress::Silent;
-use crate::instrument::rig::Rig;
-use crate::brdf::sample::Sample;
 use crate::virtual_rig::setup::Setup;
 
 /// Incident directions at which interpolation is judged.

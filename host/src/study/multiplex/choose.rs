@@ -19,10 +19,10 @@ use serde::Serialize;
 use super::cells::CellError;
 use super::pilot::{Singles, Sums, Value, blocks, dark_variance};
 use crate::capture::Instrument;
-use crate::hemisphere::incident::{Grid, IncidentError};
 use crate::capture::measurement::MeasurementError;
-use crate::plan::PlanError;
+use crate::hemisphere::incident::{Grid, IncidentError};
 use crate::instrument::rig::Rig;
+use crate::plan::PlanError;
 use crate::plan::schedule::Timing;
 
 /// Orders that are tried unless one is asked for.

@@ -15,15 +15,15 @@
 
 use super::cells::{Blocks, CellError, check_disjoint, union};
 use super::choose::MultiplexError;
+use crate::capture::pilot::{PILOT_CLIPPED, PILOT_TARGET, Tests, spread};
 use crate::capture::{Captured, Instrument};
 use crate::hemisphere::direction::angle_between;
 use crate::hemisphere::incident::Grid;
 use crate::hemisphere::judged::is_judged;
 use crate::instrument::optics::{DirectionMap, View};
-use crate::plan::pattern::{LitSet, PatternMaker};
-use crate::capture::pilot::{PILOT_CLIPPED, PILOT_TARGET, Tests, spread};
-use crate::plan::{Directions, spot_deg};
 use crate::instrument::rig::Rig;
+use crate::plan::pattern::{LitSet, PatternMaker};
+use crate::plan::{Directions, spot_deg};
 
 /// Cells that are lit for each order to learn the sums: blocks are taken until there are about so many …
 const CELLS: usize = 512;

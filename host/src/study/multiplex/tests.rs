@@ -2,11 +2,11 @@ use proptest::prelude::*;
 
 use super::cells::{check_disjoint, union};
 use super::*;
+use crate::brdf::sample::{Sample, parse};
 use crate::hemisphere::direction::from_degrees;
 use crate::instrument::optics::View;
-use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::instrument::rig::Rig;
-use crate::brdf::sample::{Sample, parse};
+use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::virtual_rig::{Noise, sense};
 
 /// Coded exposures by the definition: y_i = Σ_j S_ij x_j, [exposure, pixel] from [cell, pixel].
@@ -152,7 +152,8 @@ fn the_measured_variance_is_the_predicted_one_at_251_cells() {
 fn lit_sets(spot_deg: f64, step_deg: f64) -> Vec<LitSet> {
     let rig = Rig::load("rcg-2").unwrap();
     let directions =
-        crate::plan::Directions::new(&rig, &crate::hemisphere::incident::Grid::ThetaPhi { step_deg }).unwrap();
+        crate::plan::Directions::new(&rig, &crate::hemisphere::incident::Grid::ThetaPhi { step_deg })
+            .unwrap();
     let maker = PatternMaker::new(View::projector(&rig), spot_deg, 1.0);
     let lit = directions
         .measurable()

@@ -14,25 +14,25 @@ use std::time::Duration;
 use image::RgbImage;
 use serde::Serialize;
 
-use crate::brdf::{Brdf, BrdfError};
-use crate::judge::chart::{ChartError, captioned};
-use crate::hemisphere::incident::Grid;
-use crate::measure::{MeasureError, complete, prepare};
-use crate::capture::measurement::{Measurement, MeasurementError};
-use crate::instrument::optics::View;
-use crate::plan::pattern::{BitPattern, PatternMaker};
-use crate::plan::Request;
 use crate::base::progress::Progress;
 use crate::brdf::reflectance::Reflectance;
-use crate::judge::render::{automatic_exposure, corrugated, save, sheet, sphere};
-use crate::measure::report::Summary;
-use crate::instrument::rig::{Rig, RigError};
 use crate::brdf::sample::{SampleError, parse};
+use crate::brdf::{Brdf, BrdfError};
+use crate::capture::measurement::{Measurement, MeasurementError};
+use crate::hemisphere::incident::Grid;
+use crate::instrument::optics::View;
+use crate::instrument::rig::{Rig, RigError};
+use crate::judge::chart::{ChartError, captioned};
+use crate::judge::render::{automatic_exposure, corrugated, save, sheet, sphere};
 use crate::judge::scan::{AzimuthScan, INCIDENT_DEG, THETA_R_DEG};
-use crate::virtual_rig::setup::Setup;
+use crate::measure::report::Summary;
+use crate::measure::{MeasureError, complete, prepare};
+use crate::plan::Request;
+use crate::plan::pattern::{BitPattern, PatternMaker};
+use crate::store::whole_file::{FileError, write_whole};
 use crate::store::{Lock, StoreError};
 use crate::study::{Settings, Study, StudyError, study};
-use crate::store::whole_file::{FileError, write_whole};
+use crate::virtual_rig::setup::Setup;
 
 /// What stands in for the paper's cloths.
 pub const CLOTHS: [&str; 2] = ["velvet", "satin"];

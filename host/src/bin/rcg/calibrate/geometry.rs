@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use rcg::base::progress::Progress as _;
 use rcg::calibrate::geometry::{Request, Views, calibrate, capture};
 use rcg::instrument::calibration::Geometry;
-use rcg::base::progress::Progress as _;
 use rcg::instrument::rig::Rig;
 use rcg::store::Lock;
 

@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
+use rcg::base::progress::Progress as _;
+use rcg::brdf::sample::parse;
 use rcg::calibrate::photometry::{Request, Views, calibrate, capture};
 use rcg::instrument::calibration::Photometry;
 use rcg::instrument::calibration::RIG;
-use rcg::base::progress::Progress as _;
 use rcg::instrument::rig::{Rig, Tilt};
-use rcg::brdf::sample::parse;
 use rcg::store::Lock;
 use rcg::store::whole_file::write_whole;
 

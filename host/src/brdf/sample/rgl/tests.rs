@@ -9,10 +9,10 @@ use std::path::Path;
 use proptest::prelude::*;
 
 use super::*;
-use crate::hemisphere::direction::{from_angles, from_degrees};
 use crate::brdf::sample::tensor_file::TensorFile;
 use crate::brdf::sample::tensor_writer::{Data, Field, write};
 use crate::brdf::sample::{Ggx, SampleError, parse};
+use crate::hemisphere::direction::{from_angles, from_degrees};
 
 /// A file of identity warps: ndf = 1, sigma = 1/4, vndf = 1, and `rgb` (P × T × 3 × side × side) as it is.
 struct Plain {

@@ -3,10 +3,10 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::*;
-use crate::hemisphere::judged::is_judged;
-use crate::study::multiplex::demultiplex;
-use crate::instrument::optics::{DirectionMap, View};
 use crate::brdf::sample::parse;
+use crate::hemisphere::judged::is_judged;
+use crate::instrument::optics::{DirectionMap, View};
+use crate::study::multiplex::demultiplex;
 use crate::virtual_rig::{self, Behaviour, Held, Mischief, Noise, sense};
 
 const GRID: Grid = Grid::ThetaPhi { step_deg: 7.5 };
