@@ -1,20 +1,25 @@
 //! Host of the RCG (Rapid Catadioptric Gonioreflectometer).
 //!
 //! # Design
-//! The way through the crate is that of a measurement:
+//! Rooms, each of which knows those above it in this table and no other (a test holds the imports to that):
 //!
-//! | stage | modules |
+//! | room | holds |
 //! |---|---|
-//! | the instrument | [`rig`] (its description), [`optics`] (pixels ↔ directions), [`direction`] |
-//! | what to measure | [`incident`] (directions of light), [`pattern`], [`schedule`], [`pilot`] (exposure time), [`brackets`] (several of them), [`plan`], [`pace`] (how long it takes) |
-//! | the world | [`link`], [`device`] and [`run`] (trigger box), [`firing`] and [`records`] (by itself), [`camera`], [`projector`], or [`virtual_rig`] for all three |
-//! | capture | [`setup`] (which instrument), [`capture`] (fire, collect, repeat), [`pairing`] (which frame belongs to which trigger) |
-//! | files | [`store`] (Zarr), [`measurement`] (the directory and its stages), [`whole_file`] (whole or not there), [`file_format`], [`text`] |
-//! | many directions at once | [`multiplex`] (codes, cells, demultiplexing) |
-//! | the result | [`assemble`] (with the private `resample`), [`disk`] (outgoing directions), [`provenance`], [`brdf`] (look-up) |
-//! | judgement | [`sample`] (known materials), [`reflectance`], [`evaluate`], [`fit`], [`render`], [`scan`], [`study`], [`chart`], [`report`], [`paper`] |
+//! | [`base`] | words, progress, formats of files by their names, linear fits |
+//! | [`hemisphere`] | directions, grids of incident ones, the disk of outgoing ones, which are judged |
+//! | [`store`] | Zarr arrays, frames and BRDFs on disk, provenance, files that are whole or not there |
+//! | [`instrument`] | the rig, its optics, the shape of frames, what calibration found |
+//! | [`brdf`] | what has values of f: known samples, measured tables, interpolation between directions |
+//! | [`plan`] | what is captured and when: schedule, brackets, patterns, stripes, time on the instrument |
+//! | [`capture`] | trigger box, camera, projector, pairing, pilot captures, the measurement's directory |
+//! | [`virtual_rig`] | the simulated side of box, camera and projector, and which instrument a run gets |
+//! | [`judge`] | errors, fits, pictures, charts, scans |
+//! | [`calibrate`] | how the instrument really is, found with targets in place of the sample |
+//! | [`assemble`] | frames → BRDF with uncertainties, and what fills its gaps |
+//! | [`measure`] | the job from end to end, directions chosen on the way, the report |
+//! | [`study`] | sampling study, many directions at once, the figures of the paper |
 //!
-//! [`measure`] does all of it in one go; [`adaptive`] chooses the directions on the way. From the raw frames on, every stage reads files only.
+//! From the raw frames on, every stage reads files only.
 //!
 //! Directions are unit vectors away from the surface, f is in sr⁻¹ without the cosine, and names carry units.
 //! Time, chance and progress are arguments: the crate has no clock, no random source and no voice of its own.

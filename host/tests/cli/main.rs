@@ -45,6 +45,7 @@ mod outputs;
 mod pictures;
 mod pipes;
 mod plain_words;
+mod rooms;
 mod studies;
 mod tensor_file;
 mod texts;
