@@ -11,11 +11,14 @@
 
 use core::cell::RefCell;
 
+use embassy_rp::bind_interrupts;
 use embassy_rp::interrupt::{self, InterruptExt, typelevel};
 use embassy_sync::blocking_mutex::{Mutex, raw::CriticalSectionRawMutex};
 use heapless::Deque;
 use rcg_firmware::session::{Engine as Command, Session};
-use rcg_protocol::{Fault, FrameError, Request, Response, Seq, SessionId, State, ToDevice, ToHost, encode};
+use rcg_protocol::{
+    Decoder, Fault, FrameError, Request, Response, Seq, SessionId, State, ToDevice, ToHost, decode, encode,
+};
 use static_cell::StaticCell;
 
 use crate::board::engine::Engine;
@@ -68,8 +71,15 @@ fn with<R>(work: impl FnOnce(&mut Controller) -> R) -> Option<R> {
     CONTROLLER.lock(|cell| cell.borrow_mut().as_deref_mut().map(work))
 }
 
+bind_interrupts!(
+    /// The DMA's interrupt; [`crate::board`] has the others.
+    struct Refill {
+        DMA_IRQ_0 => RefillHandler;
+    }
+);
+
 /// Refills the pulse engine when a block is through.
-pub(crate) struct RefillHandler;
+struct RefillHandler;
 
 impl typelevel::Handler<typelevel::DMA_IRQ_0> for RefillHandler {
     unsafe fn on_interrupt() {
@@ -82,8 +92,21 @@ fn service() {
     while with(Controller::turn).unwrap_or(false) {}
 }
 
+/// Cuts frames out of the `bytes` that came in over `link`, and takes the requests that they hold.
+pub(crate) fn cut(link: LinkId, decoder: &mut Decoder, mut bytes: &[u8]) {
+    while let Some(frame) = decoder.frame(&mut bytes) {
+        match frame {
+            Ok(frame) => match decode(frame) {
+                Ok(message) => receive(link, &message),
+                Err(error) => receive_corrupt(link, error),
+            },
+            Err(error) => receive_corrupt(link, error),
+        }
+    }
+}
+
 /// Takes a request that came in over `link`.
-pub(crate) fn receive(link: LinkId, message: &ToDevice) {
+fn receive(link: LinkId, message: &ToDevice) {
     // The answer shall tell how things stand now, and what is commanded shall be done before it is sent. But steps that
     // are appended are fetched when there is room for them: the DMA and the poll will tell.
     let telling = !matches!(message.request, Request::Append { .. } | Request::Ping(_));
@@ -98,7 +121,7 @@ pub(crate) fn receive(link: LinkId, message: &ToDevice) {
 }
 
 /// Takes a frame from `link` that is none.
-pub(crate) fn receive_corrupt(link: LinkId, error: FrameError) {
+fn receive_corrupt(link: LinkId, error: FrameError) {
     defmt::warn!("{}: {}", link, error);
     with(|controller| controller.session.corrupt_frame());
 }

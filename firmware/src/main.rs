@@ -19,6 +19,8 @@ mod lamp;
 #[cfg(target_os = "none")]
 mod links;
 #[cfg(target_os = "none")]
+mod uart;
+#[cfg(target_os = "none")]
 mod usb;
 
 /// Boots, then serves for ever.
@@ -38,7 +40,7 @@ async fn main(spawner: embassy_executor::Spawner) {
         seed,
     } = board::Board::take();
     controller::install(clock, seed, pulse);
-    links::spawn(spawner, uart);
+    uart::spawn(spawner, uart);
     usb::spawn(spawner, usb);
 
     let mut shown = rcg_protocol::State::Idle;

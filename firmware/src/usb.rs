@@ -20,8 +20,8 @@ use rcg_protocol::{Decoder, MAX_FRAME};
 use static_cell::StaticCell;
 
 use crate::board::Irqs;
-use crate::controller::next_frame;
-use crate::links::{LinkId, receive, woken};
+use crate::controller::{cut, next_frame};
+use crate::links::{LinkId, woken};
 
 /// Vendor and product for tests of open hardware (pid.codes); a product that is sold needs its own.
 const VENDOR_PRODUCT: (u16, u16) = (0x1209, 0x0001);
@@ -85,7 +85,7 @@ async fn usb_in(mut receiver: Receiver<'static, UsbDriver>, control: ControlChan
             match select(receiver.read_packet(&mut packet.0), control.control_changed()).await {
                 Either::First(Ok(count)) => {
                     LISTENED_TO.store(true, Ordering::Relaxed);
-                    receive(LinkId::Usb, &mut decoder, &packet.0[..count]);
+                    cut(LinkId::Usb, &mut decoder, &packet.0[..count]);
                 }
                 Either::First(Err(_)) => break,
                 Either::Second(()) => decoder.reset(), // the port was opened or closed

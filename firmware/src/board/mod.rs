@@ -70,12 +70,11 @@ pub(crate) const POLL: Duration = Duration::from_millis(1);
 pub(crate) const WATCHDOG: Duration = Duration::from_millis(500);
 
 bind_interrupts!(
-    /// Who serves which interrupt.
+    /// Who serves which interrupt; that of the DMA is the controller's.
     pub(crate) struct Irqs {
         UART0_IRQ => embassy_rp::uart::BufferedInterruptHandler<UART0>;
         USBCTRL_IRQ => embassy_rp::usb::InterruptHandler<USB>;
         PIO0_IRQ_0 => embassy_rp::pio::InterruptHandler<PIO0>;
-        DMA_IRQ_0 => crate::controller::RefillHandler;
     }
 );
 
