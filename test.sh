@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # All tests of RCG, on a fresh Debian machine with rustup too: builds the firmware for its real targets, checks
-# format and lints with warnings as errors, runs every test, and the firmware's trials in an emulated Pico. Installs what
+# format, lints and documentation with warnings as errors, runs every test, and the firmware's trials in an emulated Pico. Installs what
 # is missing where it can. `./test.sh full` tries all pairs of options with each other, not only some.
 set -euo pipefail
 cd "$(dirname "$0")"
@@ -68,6 +68,9 @@ cargo clippy --profile firmware --package rcg-firmware --bin rcg-firmware --targ
 
 step "host: lints"
 cargo clippy --workspace --all-targets --all-features -- -D warnings
+
+step "documentation"
+RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --all-features --quiet
 
 if [ -d hil/emulator/node_modules ]; then
     step "emulator: tests"

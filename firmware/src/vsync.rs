@@ -4,7 +4,7 @@
 //! Nobody tells the box the projector's period, so it learns it: two intervals in a row that agree within a
 //! quarter are taken for it, and it follows slow drift. From then on an edge after less than half a period is
 //! one too many, and one after more than one and a half means that at least one was missed. An edge too many
-//! does not move the count. When [`RELEARN_AFTER`] intervals in a row are irregular the source has another
+//! does not move the count. When `RELEARN_AFTER` intervals in a row are irregular the source has another
 //! period now, and learning begins again.
 //!
 //! # Tradeoffs

@@ -4,7 +4,7 @@
 //! Everything lives in virtual time, which passes only while a client waits, and every fault is drawn from
 //! a seed: a test of ten seconds' patience takes a millisecond, and what failed once fails again.
 //!
-//! - [`line`]: one direction of a link, with what can go wrong on it
+//! - [`mod@line`]: one direction of a link, with what can go wrong on it
 //! - [`world`]: the clock, the lines, the peer; and [`MockLink`], a client's end of it
 //! - [`books`]: the laws that hold after whatever has happened
 //! - [`bridge`]: the firmware's own logic behind a real port and real wires; the one thing in real time

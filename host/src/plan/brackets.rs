@@ -117,7 +117,7 @@ impl Brackets {
 }
 
 /// The largest ratio of neighbouring exposure times on `rig`: where the longer one saturates, the shorter one's signal
-/// is still [`CLEAR`] times its noise without light.
+/// is still `CLEAR` times its noise without light.
 #[must_use]
 pub fn largest_ratio(rig: &Rig) -> f64 {
     let range_dn = f64::from(rig.saturation_dn()) - rig.camera.dark_dn;

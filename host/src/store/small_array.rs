@@ -2,7 +2,7 @@
 //!
 //! # Design
 //! A small array is one chunk, written when the file is made and read as a whole. Should the chunk be lost, other programs
-//! read NaN, or [`NO_CODE`] where 0 is a code like any other.
+//! read NaN, or `NO_CODE` where 0 is a code like any other.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

@@ -138,7 +138,7 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     file.finish()
 }
 
-/// As [`write`], with an error that names the file.
+/// As [`write()`], with an error that names the file.
 ///
 /// # Errors
 /// [`FileError`].

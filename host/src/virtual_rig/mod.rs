@@ -6,14 +6,14 @@
 //! the sum over all patterns that were visible during the exposure, weighted by how long. So wrong timing
 //! smears patterns into each other as it would in the lab.
 //!
-//! - [`stage`]: edges → which pattern was lit for how long in which exposure
-//! - [`light`]: lit pixels → light at the sample
-//! - [`scene`]: light and sample → charge of every camera pixel
-//! - [`held`]: what stands in the holder: a sample or, for calibration, a flat mirror
-//! - [`truth`]: how the rig really is, if that is not what its rig file says
-//! - [`sensor`]: charge → digital numbers, with noise
-//! - [`controller`]: the firmware's own library in virtual time
-//! - [`wires`]: the edges of a trigger box elsewhere, in place of the simulated one
+//! - `stage`: edges → which pattern was lit for how long in which exposure
+//! - `light`: lit pixels → light at the sample
+//! - `scene`: light and sample → charge of every camera pixel
+//! - `held`: what stands in the holder: a sample or, for calibration, a flat mirror
+//! - `truth`: how the rig really is, if that is not what its rig file says
+//! - `sensor`: charge → digital numbers, with noise
+//! - `controller`: the firmware's own library in virtual time
+//! - `wires`: the edges of a trigger box elsewhere, in place of the simulated one
 //!
 //! Everything is a function of the rig, the sample and a seed: the same measurement, even if it was
 //! interrupted and resumed, gives the same bits.

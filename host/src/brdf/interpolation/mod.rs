@@ -14,7 +14,7 @@
 //! outgoing direction: the captures are used twice.
 //!
 //! No rule is best everywhere. How wrong each of these *branches* is, is found from the captures themselves: each image
-//! is predicted from those around it as if it had not been captured ([`learn`]), region by region ([`Regions`]). A
+//! is predicted from those around it as if it had not been captured (`learn`), region by region ([`Regions`]). A
 //! look-up is the mean of the branches, weighted by the inverse fourth power of their errors in that region ([`Blend`]),
 //! which all but chooses the best one and changes smoothly from one to another.
 //!

@@ -162,7 +162,7 @@ impl DirectionList {
     }
 
     /// Whether interpolation at `w` is as near to directions of the list as it is elsewhere: the empty circle around it is no
-    /// more than [`GAP`] times as wide as they usually are, and it is no farther beyond the hull. Else `w` is in a gap, such
+    /// more than `GAP` times as wide as they usually are, and it is no farther beyond the hull. Else `w` is in a gap, such
     /// as the hole of a mirror, of which the list says nothing.
     #[must_use]
     pub fn is_spanned(&self, w: DVec3) -> bool {

@@ -169,7 +169,7 @@ impl Photometry {
     /// Where the standard was seen at `tilt`.
     ///
     /// # Errors
-    /// [`CalibrationError::Views`] if it was not captured there.
+    /// [`CalibrationError::NoStandard`] if it was not captured there.
     pub fn sight(&self, tilt: Option<Tilt>) -> Result<&Sight, CalibrationError> {
         let found = self.sights.iter().find(|sight| Tilt::is_same(sight.tilt, tilt));
         let name = |tilt: Option<Tilt>| tilt.map_or_else(|| "none".to_owned(), |tilt| tilt.to_string());

@@ -2,11 +2,11 @@
 //!
 //! # Design
 //! A closed loop in batches of [`BATCH`] captures through the same instrument as every measurement:
-//! 1. Some tens of directions that are far apart come first, or those of any grid ([`start`]).
-//! 2. Each captured image is predicted from its Delaunay neighbours as if it had not been captured ([`predict`]); the
+//! 1. Some tens of directions that are far apart come first, or those of any grid (`start`).
+//! 2. Each captured image is predicted from its Delaunay neighbours as if it had not been captured (`predict`); the
 //!    mean squared difference less the noise is the interpolation error there, at that spacing.
 //! 3. Each triangle of captured directions inherits the errors of its corners, scaled to its own spacing; the triangles
-//!    of the largest error × solid angle are captured next, at the centres of their empty circles ([`choose`]).
+//!    of the largest error × solid angle are captured next, at the centres of their empty circles (`choose`).
 //! 4. The mean error over all triangles is the predicted PSNR. The loop ends at the target, at the budget, or where
 //!    more captures cannot help: noise rules, or all spots of light would overlap.
 //!
@@ -14,7 +14,7 @@
 //! and up to θ = 80°, as far as the camera sees them.
 //!
 //! The loop sees what assembly makes of its captures: brackets merged, calibration and tilt taken into account. What comes out is an ordinary measurement: its plan holds a list of directions, in the order of their capture, and
-//! can be measured again. Until then `adaptive.toml`, `directions.txt` and `adaptive.zarr` ([`journal`]) hold what was
+//! can be measured again. Until then `adaptive.toml`, `directions.txt` and `adaptive.zarr` (`journal`) hold what was
 //! asked for and captured; a run that was killed goes on with the next batch.
 //!
 //! # Tradeoffs

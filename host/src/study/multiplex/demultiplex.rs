@@ -4,7 +4,7 @@
 //! S⁻¹·y is −2/(n+1) times the Walsh–Hadamard transform of (0, y), less its first row. That first row is Σ_i y_i, all
 //! that the variance needs ([`Code::variance`]).
 //!
-//! The transform runs over exposures, the same for all pixels. A tile of [`LANES`] pixels of all exposures is copied
+//! The transform runs over exposures, the same for all pixels. A tile of `LANES` pixels of all exposures is copied
 //! to where the first-level cache holds it, transformed by butterflies of whole rows (radix 4), and copied back: main
 //! memory is read once and written once. Tiles are independent, so all cores share them.
 //!
