@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # All tests of RCG, on a fresh Debian machine with rustup too: builds the firmware for its real targets, checks
-# format, lints and documentation with warnings as errors, runs every test, and the firmware's trials in an emulated Pico. Installs what
-# is missing where it can. `./test.sh full` tries all pairs of options with each other, not only some.
+# format, lints and documentation with warnings as errors, runs every test, and the firmware's trials in an emulated
+# Pico. Installs what is missing where it can. `./test.sh full` tries all pairs of options with each other, not only some.
 set -euo pipefail
 cd "$(dirname "$0")"
 case "${1:-}" in

@@ -168,13 +168,7 @@ fn in_drawn_worlds_values_and_fits_hold_the_truth_tilted_or_not() {
         };
         let measurement = measured(&folder.path().join("m"), Some(&calibration), &nominal, request);
         let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
-        let sample = rcg::brdf::sample::parse(&spec).unwrap();
-        let found: Vec<f64> = scored(&brdf, sample.as_ref())
-            .iter()
-            .map(|one| one.score)
-            .collect();
-        let share = within(&found);
-        let worst = found.iter().fold(0.0_f64, |worst, score| worst.max(score.abs()));
+        let (found, share, worst) = judged(&brdf, &spec);
         let model = if is_ward { Model::Ward } else { Model::Ggx };
         let fit = Fit::of_brdf(model, &brdf).unwrap();
         let scores = fit.parameters.iter().map(|parameter| {
@@ -227,13 +221,7 @@ fn blur_is_a_part_of_the_uncertainty_for_lobes_and_pixels_of_any_width() {
             request,
         );
         let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
-        let sample = rcg::brdf::sample::parse(&spec).unwrap();
-        let found: Vec<f64> = scored(&brdf, sample.as_ref())
-            .iter()
-            .map(|one| one.score)
-            .collect();
-        let share = within(&found);
-        let worst = found.iter().fold(0.0_f64, |worst, score| worst.max(score.abs()));
+        let (found, share, worst) = judged(&brdf, &spec);
         println!(
             "{preset} {image_size} px {spec}: {share:.3} of {} within k = 2, worst {worst:.1}",
             found.len()
@@ -254,6 +242,18 @@ fn blur_is_a_part_of_the_uncertainty_for_lobes_and_pixels_of_any_width() {
     );
     assert!((0.94..0.99).contains(&within(&all)), "{}", within(&all));
     assert!(beyond(6.0) < 1e-4, "{}", beyond(6.0));
+}
+
+/// The scores of all values of `brdf` against the sample `spec`, the share of them within k = 2, and the farthest.
+fn judged(brdf: &Brdf, spec: &str) -> (Vec<f64>, f64, f64) {
+    let sample = rcg::brdf::sample::parse(spec).unwrap();
+    let scores: Vec<f64> = scored(brdf, sample.as_ref())
+        .iter()
+        .map(|one| one.score)
+        .collect();
+    let worst = scores.iter().fold(0.0_f64, |worst, score| worst.max(score.abs()));
+    let share = within(&scores);
+    (scores, share, worst)
 }
 
 /// Share of `scores` within k = 2.

@@ -6,8 +6,7 @@
 //! | [`geometry`] | poses, lenses, mirror, sample frame | a flat mirror at known tilts, a diffuse standard |
 //! | [`photometry`] | camera, projector's response, light and throughput, interreflection | reflectance standards |
 //!
-//! A calibration is a directory. `rig.toml` in it is the calibrated rig, which measurements take in place of the nominal
-//! one; the JSON files beside it say what was found, how certain it is, and for which rig.
+//! What is found, and its files, is [`crate::instrument::calibration`].
 
 pub mod geometry;
 pub mod photometry;
@@ -32,6 +31,7 @@ use crate::virtual_rig::setup::SetupError;
 
 /// Kind of exposures that show a view of a calibration.
 const VIEW: u8 = crate::store::exposure_record::KINDS[2].0;
+
 /// How the views of a calibration are captured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Conditions {

@@ -15,6 +15,9 @@
 //! | [`lock`] | one writer at a time |
 //! | [`brdf_rows`] | the three together, and NaN where there is no value |
 //! | [`small_array`] | coordinates and masks beside them |
+//! | [`provenance`] | where a value comes from |
+//! | `checksum` | SHA-256 of contents |
+//! | [`whole_file`] | any other file, whole or not there |
 //!
 //! # Tradeoffs
 //! Nothing is compressed. zstd at level 1 takes 12-bit frames with shot noise to 75 %: the four unused

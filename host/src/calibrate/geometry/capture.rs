@@ -11,6 +11,7 @@ use crate::capture::Tally;
 use crate::capture::pilot::Tests;
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::incident::Grid;
+use crate::instrument::calibration::geometry::COMMAND;
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
 use crate::plan;
@@ -60,7 +61,7 @@ pub struct Views {
 impl Views {
     /// What `dir` holds, with the frames that were captured of it.
     pub(super) fn read(dir: &Path) -> Result<(Self, RawStore), CalibrateError> {
-        let views = file::read(&dir.join(VIEWS), super::COMMAND)?;
+        let views = file::read(&dir.join(VIEWS), COMMAND)?;
         Ok((views, open_raw(dir, RAW, VIEWS)?))
     }
 

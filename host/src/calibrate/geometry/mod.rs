@@ -48,8 +48,6 @@ use crate::virtual_rig::FlatMirror;
 
 /// Name of the picture of the residuals.
 pub const RESIDUALS: &str = "geometry-residuals.png";
-/// What writes the files.
-const COMMAND: &str = "rcg calibrate geometry --out DIR";
 /// Fewest matches.
 const FEWEST: usize = 500;
 /// Positions along each side of an image at which the uncertainty of its directions is found.

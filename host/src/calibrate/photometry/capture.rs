@@ -31,6 +31,7 @@ use crate::calibrate::{CalibrateError, Conditions, RIG, create_raw, file, open_r
 use crate::capture::{Instrument, Tally};
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::incident::Grid;
+use crate::instrument::calibration::photometry::COMMAND;
 use crate::instrument::calibration::{CalibrationError, lights};
 use crate::instrument::optics::View;
 use crate::instrument::rig::{Rig, Tilt};
@@ -119,7 +120,7 @@ impl Views {
     /// What `dir` holds, with the frames that were captured of it.
     pub(super) fn read(dir: &Path) -> Result<(Self, RawStore), CalibrateError> {
         let path = dir.join(VIEWS);
-        let views: Self = file::read(&path, super::COMMAND)?;
+        let views: Self = file::read(&path, COMMAND)?;
         views.check(&path)?;
         Ok((views, open_raw(dir, RAW, VIEWS)?))
     }

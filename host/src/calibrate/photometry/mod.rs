@@ -50,8 +50,6 @@ use crate::instrument::calibration::{
 use crate::instrument::rig::Rig;
 use crate::store::Segment;
 
-/// What writes the files.
-const COMMAND: &str = "rcg calibrate photometry --out DIR";
 /// The reflectances of two standards that show the interreflection differ at least by this.
 const APART: f64 = 0.3;
 /// Share of saturated values in frames of the standard that is too much.

@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use super::{Measurement, MeasurementError, io};
+use super::{Measurement, MeasurementError};
 use crate::instrument::calibration::Applied;
 use crate::instrument::rig::Rig;
 use crate::plan::{Plan, Request};
 use crate::store::checksum::{sum, sum_of};
+use crate::store::whole_file::FileError;
 
 /// SHA-256, in hexadecimal digits, by what it is of.
 pub(crate) type Sums = BTreeMap<String, String>;
@@ -34,7 +35,7 @@ fn files_of(request: &Request) -> impl Iterator<Item = (&'static str, PathBuf)> 
 pub(crate) fn sums_of(request: &Request) -> Result<Sums, MeasurementError> {
     files_of(request)
         .map(|(what, path)| {
-            let sum = sum_of(&path).map_err(|source| io(&path, source))?;
+            let sum = sum_of(&path).map_err(|source| FileError::at(&path, source))?;
             Ok((what.to_owned(), sum))
         })
         .collect()
@@ -50,7 +51,7 @@ pub(crate) fn sums_at(dir: &Path, rig: &Rig, plan: &Plan) -> Result<Sums, Measur
     sums.insert(FILES[1].to_owned(), sum(plan.to_toml().as_bytes()));
     let path = dir.join(Applied::FILE);
     if path.is_file() {
-        let sum = sum_of(&path).map_err(|source| io(&path, source))?;
+        let sum = sum_of(&path).map_err(|source| FileError::at(&path, source))?;
         sums.insert(Applied::FILE.to_owned(), sum);
     }
     Ok(sums)
@@ -70,7 +71,7 @@ impl Measurement {
         let found = match sum_of(path) {
             Ok(found) => Some(found),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
-            Err(source) => return Err(io(path, source)),
+            Err(source) => return Err(FileError::at(path, source).into()),
         };
         if held == found.as_ref() {
             return Ok(());

@@ -25,8 +25,7 @@ use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::plan::{Directions, Exposure, Plan};
 use crate::store::lock::{self, dangling};
 use crate::store::raw::SUBJECT;
-use crate::store::whole_file::is_partial;
-use crate::store::whole_file::write_whole;
+use crate::store::whole_file::{FileError, is_partial, write_whole};
 use crate::store::{Lock, RawLayout, RawStore, Segment, StoreError};
 
 mod error;
@@ -37,7 +36,7 @@ mod resume;
 mod segment;
 
 pub use error::MeasurementError;
-use files::{io, write_synced};
+use files::write_synced;
 pub(crate) use identity::{Sums, sums_at, sums_of};
 use manifest::{MANIFEST, Manifest};
 pub(crate) use segment::take_segment;
@@ -108,7 +107,7 @@ impl Measurement {
             Ok(true) => Err(taken(dir, "one with files in it")),
             Err(_) if !dir.exists() => Ok(()),
             Err(_) if !dir.is_dir() => Err(taken(dir, "a file")),
-            Err(source) => Err(io(dir, source)),
+            Err(source) => Err(FileError::at(dir, source).into()),
         }
     }
 
@@ -122,7 +121,7 @@ impl Measurement {
             return Ok(());
         }
         let _lock = Lock::folder(dir)?;
-        let entries = fs::read_dir(dir).map_err(|source| io(dir, source))?;
+        let entries = fs::read_dir(dir).map_err(|source| FileError::at(dir, source))?;
         let names: Vec<_> = entries.flatten().map(|entry| entry.file_name()).collect();
         let all_of = |ours: &[&str]| {
             let is_ours = |name: &OsString| is_partial(name) || ours.iter().any(|one| name == one);
@@ -133,7 +132,7 @@ impl Measurement {
         if has_plan && all_of(&BEGINNINGS) || all_of(&[lock::NAME]) {
             for name in names.iter().filter(|name| *name != lock::NAME) {
                 let path = dir.join(name);
-                fs::remove_file(&path).map_err(|source| io(&path, source))?;
+                fs::remove_file(&path).map_err(|source| FileError::at(&path, source))?;
             }
         }
         Ok(())
@@ -203,7 +202,7 @@ impl Measurement {
         let seed = measurement.plan.request.seed;
         Manifest::new(dir, &measurement.sums, seed, facts).write()?;
         let path = measurement.path("plan.toml");
-        fs::rename(&temporary, &path).map_err(|source| io(&path, source))?;
+        fs::rename(&temporary, &path).map_err(|source| FileError::at(&path, source))?;
         Ok(measurement)
     }
 

@@ -8,8 +8,8 @@ use super::{CalibrationError, file};
 
 /// Name of the file with what was found.
 pub const GEOMETRY: &str = "geometry.json";
-/// What writes the file.
-const COMMAND: &str = "rcg calibrate geometry --out DIR";
+/// What writes the files of this calibration.
+pub(crate) const COMMAND: &str = "rcg calibrate geometry --out DIR";
 /// Standard uncertainty of the directions above which the views do not determine the geometry, degrees, RMS.
 pub const WORST_DEG: f64 = 0.1;
 

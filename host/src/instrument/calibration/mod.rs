@@ -16,9 +16,9 @@
 
 mod field;
 pub(crate) mod file;
-mod geometry;
+pub(crate) mod geometry;
 pub(crate) mod lights;
-mod photometry;
+pub(crate) mod photometry;
 mod sight;
 
 use std::path::Path;
@@ -112,6 +112,10 @@ impl Calibration {
     }
 }
 
+/// Refuses a `rig` whose hash is not the `found` one of the file at `path`.
+///
+/// # Errors
+/// [`CalibrationError::OtherRig`].
 pub(crate) fn check_rig(path: &Path, rig: &Rig, found: &str) -> Result<(), CalibrationError> {
     let expected = rig_hash(rig);
     if expected == found {

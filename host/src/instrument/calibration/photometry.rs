@@ -11,8 +11,8 @@ use crate::instrument::rig::{Rig, Tilt};
 
 /// Name of the file with what was found.
 pub const PHOTOMETRY: &str = "photometry.json";
-/// What writes the file.
-const COMMAND: &str = "rcg calibrate photometry --out DIR";
+/// What writes the files of this calibration.
+pub(crate) const COMMAND: &str = "rcg calibrate photometry --out DIR";
 /// Version of `photometry.json`: 2 says where the standard was seen, 3 what the end of a field's series leaves.
 pub(crate) const PHOTOMETRY_VERSION: u32 = 3;
 

@@ -5,9 +5,9 @@
 //! the standard, and there will be none of a sample. What was seen is kept as a picture of the camera's image and one of
 //! the incident directions, one character for each ([`SEEN`], [`UNSEEN`], [`EDGE`], [`BLIND`]), stand by stand.
 //!
-//! A pixel of a measurement, of whatever size, counts as on the sample if the standard was seen all over it, and none of the pixels of the picture beside it is dark; an incident direction, if none of the corners of its cell is, nor, where nothing is said of a corner, one
-//! beside them. So what lies between light and darkness, and
-//! may be on the sample in part, is left out.
+//! A pixel of a measurement, of whatever size, counts as on the sample if the standard was seen all over it, and none of the
+//! pixels of the picture beside it is dark; an incident direction, if none of the corners of its cell is, nor, where nothing is
+//! said of a corner, one beside them. So what lies between light and darkness, and may be on the sample in part, is left out.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};

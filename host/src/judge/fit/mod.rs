@@ -13,8 +13,8 @@
 //! not pass for roughness. The covariance follows from the residuals as they turned out, so that it holds too where the
 //! model is wrong by more than the noise, and where samples of one incident direction or of one cell of the disk share an
 //! error. To it come, fully correlated, a tenth of what the blur shifts each parameter by (how well the blur is known limits
-//! the fit of a sharp lobe), and what the uncertainty of the standard and of the directions does to all samples alike. What was not calibrated is not
-//! in it, and named.
+//! the fit of a sharp lobe), and what the uncertainty of the standard and of the directions does to all samples alike. What was
+//! not calibrated is not in it, and named.
 //!
 //! A fit is *acceptable* if it has converged to physical parameters and its residuals support the model: by χ², and by
 //! the systematic part of the residuals relative to f, which no uncertainty swallows. One that is not says why, in words,
@@ -180,7 +180,8 @@ impl Fit {
                 solution = solve::solve(model, seen, &points, &bounded, range)?;
             }
         }
-        let sharp = solve::solve(model, &points, &points, &solution.unknowns, range)?;
+        let (sharp, is_sharp_converged) =
+            solve::unknowns(model, &points, &points, &solution.unknowns, range)?;
         let unknowns = &solution.unknowns;
         if !stands_out(&solution) {
             return Err(FitError::NoLobe {
@@ -191,7 +192,7 @@ impl Fit {
         let scale = |at: usize| if at < 2 { unknowns[at].exp() } else { 1.0 };
         let value = |at: usize| if at < 2 { scale(at) } else { unknowns[at] };
         let degrees = (seen.all.len() * seen.channels - unknowns.len()) as f64;
-        let shift = (&sharp.unknowns - unknowns) * BLUR_UNCERTAINTY;
+        let shift = (&sharp - unknowns) * BLUR_UNCERTAINTY;
         let covariance = &solution.covariance + &shift * shift.transpose();
         let covariance = DMatrix::from_fn(unknowns.len(), unknowns.len(), |i, j| {
             let left = if i == j { LEFT * value(i) } else { 0.0 };
@@ -230,7 +231,7 @@ impl Fit {
             samples: seen.all.len(),
             chi_squared_per_degree: solution.chi_squared / degrees,
             lack_of_fit_percent: None,
-            converged: solution.is_converged && sharp.is_converged,
+            converged: solution.is_converged && is_sharp_converged,
             acceptable: true,
             warnings: Vec::new(),
             residuals: Vec::new(),

@@ -166,6 +166,8 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
 
 /// The best fit of `model` to `seen`, beginning at the unknowns `from`; `sharp` are the same samples without blur.
 ///
+/// # Errors
+/// As [`minimum`].
 pub(super) fn solve(
     model: Model,
     seen: &Observations,
@@ -173,6 +175,71 @@ pub(super) fn solve(
     from: &DVector<f64>,
     range: Range,
 ) -> Result<Solution, FitError> {
+    let Minimum {
+        problem,
+        is_converged,
+        jacobian,
+        bread,
+    } = minimum(model, seen, sharp, from, range)?;
+    let residuals = problem.residuals().expect("invariant: always there");
+    let chi_squared = residuals.norm_squared();
+    let mut covariance = covariance(seen, &jacobian, &residuals, &bread);
+    let weights = DVector::from_column_slice(&problem.weights);
+    let fitted = |seen: &Observations| {
+        let parts = problem.parts_at(alpha(&problem.unknowns), seen);
+        DVector::from_fn(weights.len(), |at, _| {
+            problem.f(parts[at / seen.channels], at % seen.channels)
+        })
+    };
+    for error in systematic::errors(seen, fitted) {
+        let weighed = error.component_mul(&weights);
+        let shift = &bread * jacobian.tr_mul(&weighed);
+        covariance.ger(1.0, &shift, &shift, 1.0);
+    }
+    Ok(Solution {
+        unknowns: problem.unknowns,
+        covariance,
+        chi_squared,
+        is_converged,
+    })
+}
+
+/// Where a fit ends.
+struct Minimum<'a> {
+    problem: Problem<'a>,
+    is_converged: bool,
+    /// Derivatives of the weighted residuals, 0 for what sits at a bound.
+    jacobian: DMatrix<f64>,
+    /// Inverse of the normal matrix.
+    bread: DMatrix<f64>,
+}
+
+/// The unknowns of [`solve`] alone, and whether the minimum was reached.
+///
+/// # Errors
+/// As [`minimum`].
+pub(super) fn unknowns(
+    model: Model,
+    seen: &Observations,
+    sharp: &Observations,
+    from: &DVector<f64>,
+    range: Range,
+) -> Result<(DVector<f64>, bool), FitError> {
+    let found = minimum(model, seen, sharp, from, range)?;
+    Ok((found.problem.unknowns, found.is_converged))
+}
+
+/// The minimum that [`solve`] is about.
+///
+/// # Errors
+/// [`FitError::NoLobe`] if the samples do not determine the unknowns.
+fn minimum<'a>(
+    model: Model,
+    seen: &'a Observations,
+    sharp: &'a Observations,
+    from: &DVector<f64>,
+    range: Range,
+) -> Result<Minimum<'a>, FitError> {
     let mut problem = Problem {
         model,
         seen,
@@ -238,26 +305,11 @@ pub(super) fn solve(
     let bread = DMatrix::from_fn(normal.nrows(), normal.ncols(), |i, j| {
         inverse[(i, j)] * scale[i] * scale[j]
     });
-    let residuals = problem.residuals().expect("invariant: always there");
-    let chi_squared = residuals.norm_squared();
-    let mut covariance = covariance(seen, &jacobian, &residuals, &bread);
-    let weights = DVector::from_column_slice(&problem.weights);
-    let fitted = |seen: &Observations| {
-        let parts = problem.parts_at(alpha(&problem.unknowns), seen);
-        DVector::from_fn(weights.len(), |at, _| {
-            problem.f(parts[at / seen.channels], at % seen.channels)
-        })
-    };
-    for error in systematic::errors(seen, fitted) {
-        let weighed = error.component_mul(&weights);
-        let shift = &bread * jacobian.tr_mul(&weighed);
-        covariance.ger(1.0, &shift, &shift, 1.0);
-    }
-    Ok(Solution {
-        unknowns: problem.unknowns,
-        covariance,
-        chi_squared,
+    Ok(Minimum {
+        problem,
         is_converged,
+        jacobian,
+        bread,
     })
 }
 

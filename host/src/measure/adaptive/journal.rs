@@ -159,7 +159,7 @@ impl Journal {
         segments: Segments,
         clock_hz: u32,
     ) -> Result<Self, AdaptiveError> {
-        fs::create_dir_all(dir).map_err(|source| io(dir, source))?;
+        fs::create_dir_all(dir).map_err(|source| FileError::at(dir, source))?;
         let text = toml::to_string(asked).expect("plain data");
         write_whole(&dir.join(ASKED), text.as_bytes())?;
         if let Some(applied) = applied {
@@ -171,7 +171,7 @@ impl Journal {
     /// What was asked for in `dir`.
     pub(super) fn asked(dir: &Path) -> Result<Asked, AdaptiveError> {
         let path = dir.join(ASKED);
-        let text = crate::base::text::read(&path).map_err(|error| io(&path, error.into()))?;
+        let text = crate::base::text::read(&path).map_err(|error| FileError::at(&path, error.into()))?;
         Ok(toml::from_str(&text).map_err(|error| explain(&text, &path, &error))?)
     }
 
@@ -185,7 +185,7 @@ impl Journal {
     ) -> Result<Self, AdaptiveError> {
         let content = |name: &str| {
             let path = dir.join(name);
-            fs::read(&path).map_err(|source| io(&path, source))
+            fs::read(&path).map_err(|source| FileError::at(&path, source))
         };
         let sum_of_asked = sum(&content(ASKED)?);
         let mut sums = sums_of(&Self::asked(dir)?.request)?;
@@ -238,7 +238,7 @@ impl Journal {
         if !path.exists() {
             return Ok(Vec::new());
         }
-        let text = fs::read_to_string(&path).map_err(|source| io(&path, source))?;
+        let text = fs::read_to_string(&path).map_err(|source| FileError::at(&path, source))?;
         let lines = text.split_once('\n').map(|(_, lines)| lines);
         if lines.is_none_or(|lines| text != self.sealed(lines)) {
             return Err(MeasurementError::Changed {
@@ -277,7 +277,7 @@ impl Journal {
         let path = self.dir.join("raw.zarr");
         if path.exists() {
             // Of a run that ended before its plan was written.
-            fs::remove_dir_all(&path).map_err(|source| io(&path, source))?;
+            fs::remove_dir_all(&path).map_err(|source| FileError::at(&path, source))?;
         }
         let mut attributes = about(&sums_at(&self.dir, rig, plan)?);
         attributes.insert("rig".to_owned(), rig.name.clone().into());
@@ -296,7 +296,7 @@ impl Journal {
     /// Removes the frames, which `raw.zarr` holds now.
     pub(super) fn close(self) -> Result<(), AdaptiveError> {
         let path = self.dir.join(FRAMES);
-        Ok(fs::remove_dir_all(&path).map_err(|source| io(&path, source))?)
+        Ok(fs::remove_dir_all(&path).map_err(|source| FileError::at(&path, source))?)
     }
 }
 
@@ -323,8 +323,4 @@ fn layout(rig: &Rig, segments: Segments, clock_hz: u32) -> RawLayout {
         bits: format.bits,
         clock_hz,
     }
-}
-
-fn io(path: &Path, source: std::io::Error) -> MeasurementError {
-    FileError::at(path, source).into()
 }
