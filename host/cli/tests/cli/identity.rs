@@ -277,7 +277,7 @@ fn the_files_that_a_measurement_names_are_told_by_content() {
 fn a_rig_of_the_same_name_is_told_by_content() {
     let world = World::new();
     let rig = world.at("mine.toml");
-    let preset = include_str!("../../src/instrument/rig/presets/rcg-1.toml");
+    let preset = include_str!("../../../src/instrument/rig/presets/rcg-1.toml");
     fs::write(&rig, preset).unwrap();
     let out = world.at("out");
     let measure = |out: &Path, rest: &[&str]| {

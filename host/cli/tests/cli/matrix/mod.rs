@@ -465,7 +465,7 @@ fn options_work_in_pairs_or_are_refused() {
                     let line = ended.map_err(|panic| {
                         let said = panic.downcast_ref::<String>().cloned().unwrap_or_default();
                         format!(
-                            "RCG_PAIR={names} cargo test -p rcg --test cli options_work\n{}  {said}",
+                            "RCG_PAIR={names} cargo test --test cli options_work\n{}  {said}",
                             trial.commands
                         )
                     });

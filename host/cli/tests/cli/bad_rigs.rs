@@ -4,7 +4,7 @@ use std::fs;
 
 use crate::command::{quick, refuses, run, text};
 
-const RCG_1: &str = include_str!("../../src/instrument/rig/presets/rcg-1.toml");
+const RCG_1: &str = include_str!("../../../src/instrument/rig/presets/rcg-1.toml");
 
 /// The preset with `from` replaced by `to`, refused by every command that takes a rig; nothing is made.
 fn refused(from: &str, to: &str, parts: &[&str]) {

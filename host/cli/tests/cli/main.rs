@@ -44,8 +44,6 @@ mod no_data;
 mod outputs;
 mod pictures;
 mod pipes;
-mod plain_words;
-mod rooms;
 mod studies;
 mod tensor_file;
 mod texts;
