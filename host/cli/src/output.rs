@@ -12,7 +12,8 @@ use rcg::base::text::{cut, plain};
 use rcg::store::whole_file::{self, FileError};
 use serde::Serialize;
 use serde_json::Value;
-use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::prelude::*;
 
 use crate::failure::Failure;
 
@@ -35,14 +36,16 @@ impl Output {
             (_, 1) => "rcg=info,warn",
             _ => "rcg=debug,info",
         };
-        let filter = EnvFilter::try_from_env("RCG_LOG").unwrap_or_else(|_| EnvFilter::new(level));
-        tracing_subscriber::fmt()
-            .with_env_filter(filter)
+        let asked = std::env::var("RCG_LOG").ok();
+        let filter: Option<Targets> = asked.and_then(|targets| targets.parse().ok());
+        let filter = filter.unwrap_or_else(|| level.parse().expect("invariant: our own levels"));
+        let voice = tracing_subscriber::fmt::layer()
             .with_writer(io::stderr)
             .with_target(false)
             // Else it would print to stderr that it cannot print to stderr.
             .log_internal_errors(false)
-            .init();
+            .with_filter(filter);
+        tracing_subscriber::registry().with(voice).init();
         Self {
             json,
             quiet,

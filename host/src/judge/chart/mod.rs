@@ -3,14 +3,15 @@
 //! # Design
 //! One kind of chart serves all commands. Curves are told apart by colour, by dashes or the shape of their marks,
 //! so that a grey print can still be read; the legend stands beside the plot and covers nothing. Where there is no
-//! value a curve has a gap. The PNG is the SVG, drawn with a font that is built in, so that no
-//! system library and no installed font is needed.
+//! value a curve has a gap. Text of a PNG is drawn with a font that is built in: nothing needs to be installed.
 
 mod axis;
-mod raster;
+mod captions;
+mod font;
 
 use std::path::Path;
 
+use image::RgbImage;
 use plotters::prelude::*;
 
 use crate::base::file_format::{CHART, FormatError};
@@ -18,7 +19,7 @@ use crate::judge::render::{PictureError, save};
 use crate::store::whole_file::{FileError, write_whole};
 
 pub use axis::{Axis, Scale};
-pub use raster::{captioned, draw_svg};
+pub use captions::captioned;
 
 /// Pixels of SVG and PNG: points fall on whole ones, so they must be fine.
 const SIZE: (u32, u32) = (2000, 1240);
@@ -68,9 +69,18 @@ impl Chart {
     #[must_use]
     pub fn svg(&self) -> String {
         let mut document = String::new();
-        self.draw(&mut document)
+        self.draw(SVGBackend::with_string(&mut document, SIZE))
             .expect("invariant: a string takes everything");
         document
+    }
+
+    /// As pixels.
+    #[must_use]
+    pub fn picture(&self) -> RgbImage {
+        let mut bytes = vec![0; SIZE.0 as usize * SIZE.1 as usize * 3];
+        self.draw(BitMapBackend::with_buffer(&mut bytes, SIZE))
+            .expect("invariant: memory takes everything");
+        RgbImage::from_raw(SIZE.0, SIZE.1, bytes).expect("invariant: three bytes a pixel")
     }
 
     /// Writes the chart: SVG or PNG, as the name of `path` ends.
@@ -80,7 +90,7 @@ impl Chart {
     pub fn save(&self, path: &Path) -> Result<(), ChartError> {
         match CHART.of(path)? {
             "svg" => write_whole(path, self.svg().as_bytes())?,
-            _ => save(&draw_svg(&self.svg(), 1.0), path)?,
+            _ => save(&self.picture(), path)?,
         }
         Ok(())
     }
@@ -94,8 +104,9 @@ impl Chart {
         self.save(&dir.join(format!("{stem}.png")))
     }
 
-    fn draw(&self, document: &mut String) -> Result<(), DrawingAreaErrorKind<std::io::Error>> {
-        let root = SVGBackend::with_string(document, SIZE).into_drawing_area();
+    fn draw<DB: DrawingBackend>(&self, backend: DB) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
+        font::register();
+        let root = backend.into_drawing_area();
         root.fill(&WHITE)?;
         let (plot, legend) = root.split_horizontally(SIZE.0 - LEGEND);
         let mut chart = ChartBuilder::on(&plot)
@@ -225,7 +236,7 @@ mod tests {
                 title: title.to_owned(),
                 ..chart()
             };
-            let image = draw_svg(&chart.svg(), 1.0);
+            let image = chart.picture();
             assert_eq!(image.dimensions(), SIZE);
             // The caption's strip.
             image
