@@ -25,7 +25,6 @@ pub(crate) mod resample;
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::mpsc::sync_channel;
 
 use glam::DVec3;
 use half::f16;
@@ -36,10 +35,11 @@ use crate::base::text::by;
 use crate::brdf::{Brdf, BrdfError};
 use crate::hemisphere::disk::Disk;
 use crate::instrument::calibration::Applied;
+use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::optics::{Unmeasurable, View};
 use crate::instrument::rig::Rig;
 use crate::plan::brackets::dark_noise_dn;
-use crate::plan::{BLACK_EXPOSURES, Directions, Plan};
+use crate::plan::{BLACK_EXPOSURES, Directions, Exposure, Plan};
 use crate::store::provenance::Provenance;
 use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
 
@@ -52,6 +52,7 @@ mod merge;
 mod off_sample;
 mod radiometry;
 mod shape;
+mod window;
 
 use coordinates::attributes;
 pub(crate) use coordinates::{coordinates, interpolation_errors, list_attributes};
@@ -59,6 +60,7 @@ use correction::Correction;
 use edges::Edges;
 use off_sample::OffSample;
 use radiometry::{Out, Radiometry, Work, project, project_merged};
+use window::{Agree, Window};
 
 pub(crate) use luminance::{FrameAssembler, certainly_lit};
 
@@ -133,55 +135,18 @@ pub fn assemble(
     };
     let raw = RawStore::open(raw_path)?;
     let patterns = plan.patterns(directions);
-    let brackets = plan.brackets();
-    let layout = raw.layout();
     let format = rig.frame_format();
-    let found = [
-        layout.exposures,
-        layout.height,
-        layout.width,
-        layout.channels,
-        layout.bits.into(),
-    ];
-    let expected = [
-        plan.len(),
-        format.height_px,
-        format.width_px,
-        format.channels,
-        format.bits.into(),
-    ];
-    if found != expected {
-        return Err(mismatch(format!(
-            "exposures × rows × columns × channels × bits: expected {} from rig and plan, found {}",
-            by(&expected),
-            by(&found)
-        )));
-    }
-    let channels = format.channels;
+    check_layout(&raw, plan, &format).map_err(mismatch)?;
     let disk = Disk::new(plan.request.image_size as usize);
     let edges = Edges::new(applied.edge_deg);
     let off_sample = OffSample::new(applied, plan)?;
     let resampling = seen(rig, &edges, &off_sample, disk);
     let grid = &directions.grid;
-    let projector = View::projector(rig);
-    let by_rig = directions.reasons.iter().enumerate();
-    let reasons: Vec<Option<Unmeasurable>> = by_rig
-        .map(|(index, by_rig)| {
-            by_rig.or_else(|| {
-                unlit(
-                    &projector,
-                    plan.spot_deg,
-                    &edges,
-                    &off_sample,
-                    grid.direction(index),
-                )
-            })
-        })
-        .collect();
+    let reasons = missing(rig, plan, directions, &edges, &off_sample);
     let brdf_layout = BrdfLayout {
         incident: grid.len(),
         grid: disk.size(),
-        channels,
+        channels: format.channels,
         chunk: CHUNK,
     };
     let correction =
@@ -199,116 +164,220 @@ pub fn assemble(
         true,
     )?;
 
-    // Where each incident direction's first frame is: (segment, place in it).
-    let mut places = vec![None; grid.len()];
-    for segment in 0..raw.segments() {
-        for (place, exposure) in raw.segment_range(segment).enumerate().step_by(brackets) {
-            if let crate::plan::Exposure::Incident(index) = patterns[exposure / brackets] {
-                places[index] = reasons[index].is_none().then_some((segment, place));
-            }
-        }
-    }
-
-    let mut total = Assembled {
-        dynamic_range: dynamic_range(rig, &plan.exposures_s()),
-        ..Assembled::default()
-    };
     let exposures_s = plan.exposures_s();
     let agree = |number: usize, segment: &Segment| {
         let first = raw.segment_range(number).start;
         agreement::check(first, &segment.records, &patterns, &exposures_s).map_err(mismatch)
     };
-    let black = (0..(BLACK_EXPOSURES * brackets).div_ceil(layout.segment))
+    let black = black_segments(&raw, BLACK_EXPOSURES * plan.brackets(), &agree)?;
+    let radiometry = radiometries(rig, applied, &black, &exposures_s).map_err(mismatch)?;
+    drop(black);
+    let chunks = Chunks {
+        places: places(&raw, &patterns, plan.brackets(), &reasons),
+        channels: format.channels,
+        disk,
+        radiometry,
+        resampling,
+        correction,
+        writer: &writer,
+    };
+    let total = chunks.write(raw_path, &agree, mismatch, progress)?;
+    let errors = Brdf::open(writer.partial_path())?.learn()?;
+    writer.rewrite(&interpolation_errors(errors.as_ref()))?;
+    writer.finish()?;
+    Ok(Assembled {
+        dynamic_range: dynamic_range(rig, &exposures_s),
+        ..total
+    })
+}
+
+/// Refuses frames of another number or `format` than those of `plan`, with the reason.
+fn check_layout(raw: &RawStore, plan: &Plan, format: &FrameFormat) -> Result<(), String> {
+    let layout = raw.layout();
+    let found = [
+        layout.exposures,
+        layout.height,
+        layout.width,
+        layout.channels,
+        layout.bits.into(),
+    ];
+    let expected = [
+        plan.len(),
+        format.height_px,
+        format.width_px,
+        format.channels,
+        format.bits.into(),
+    ];
+    if found != expected {
+        return Err(format!(
+            "exposures × rows × columns × channels × bits: expected {} from rig and plan, found {}",
+            by(&expected),
+            by(&found)
+        ));
+    }
+    Ok(())
+}
+
+/// Why each incident direction has no value: as `directions` say by the rig, or because its spot may not light the sample.
+fn missing(
+    rig: &Rig,
+    plan: &Plan,
+    directions: &Directions,
+    edges: &Edges,
+    off_sample: &OffSample<'_>,
+) -> Vec<Option<Unmeasurable>> {
+    let projector = View::projector(rig);
+    let by_rig = directions.reasons.iter().enumerate();
+    by_rig
+        .map(|(index, by_rig)| {
+            by_rig.or_else(|| {
+                unlit(
+                    &projector,
+                    plan.spot_deg,
+                    edges,
+                    off_sample,
+                    directions.grid.direction(index),
+                )
+            })
+        })
+        .collect()
+}
+
+/// Where each incident direction's first frame is: (segment, place in it). `patterns` are exposed `brackets` times each;
+/// a direction that has no value for one of `reasons` has no place.
+fn places(
+    raw: &RawStore,
+    patterns: &[Exposure],
+    brackets: usize,
+    reasons: &[Option<Unmeasurable>],
+) -> Vec<Option<(usize, usize)>> {
+    let mut places = vec![None; reasons.len()];
+    for segment in 0..raw.segments() {
+        for (place, exposure) in raw.segment_range(segment).enumerate().step_by(brackets) {
+            if let Exposure::Incident(index) = patterns[exposure / brackets] {
+                places[index] = reasons[index].is_none().then_some((segment, place));
+            }
+        }
+    }
+    places
+}
+
+/// The segments with the first `exposures`, which are black.
+fn black_segments(
+    raw: &RawStore,
+    exposures: usize,
+    agree: &Agree<'_>,
+) -> Result<Vec<Segment>, AssembleError> {
+    let black = (0..exposures.div_ceil(raw.layout().segment))
         .map(|segment| raw.read_segment(segment))
         .collect::<Result<Vec<_>, _>>()?;
     for (number, segment) in black.iter().enumerate() {
         agree(number, segment)?;
     }
-    let radiometry = plan
-        .exposures_s()
-        .into_iter()
+    Ok(black)
+}
+
+/// The radiometry of each exposure time, from the `black` segments; or why there is none.
+fn radiometries(
+    rig: &Rig,
+    applied: &Applied,
+    black: &[Segment],
+    exposures_s: &[f64],
+) -> Result<Vec<Radiometry>, String> {
+    exposures_s
+        .iter()
         .map(|exposure_s| {
             Radiometry::new(
                 rig,
                 applied.photometry.as_ref().map(|found| &found.camera),
-                &black,
-                exposure_s,
-                format.len(),
+                black,
+                *exposure_s,
+                rig.frame_format().len(),
             )
         })
-        .collect::<Result<Vec<_>, _>>()
-        .map_err(mismatch)?;
-    drop(black);
-    std::thread::scope(|scope| -> Result<(), AssembleError> {
-        let (tx, rx) = sync_channel::<Result<Segment, StoreError>>(2);
-        let reader = RawStore::open(raw_path)?;
-        scope.spawn(move || {
-            for segment in 0..reader.segments() {
-                if tx.send(reader.read_segment(segment)).is_err() {
-                    break; // the receiver has failed and gone
+        .collect()
+}
+
+/// What the chunks are made with.
+struct Chunks<'a> {
+    /// Of each incident direction, see [`places`].
+    places: Vec<Option<(usize, usize)>>,
+    channels: usize,
+    disk: Disk,
+    /// Of each exposure time.
+    radiometry: Vec<Radiometry>,
+    resampling: Resampling,
+    correction: Correction,
+    writer: &'a BrdfWriter,
+}
+
+impl Chunks<'_> {
+    /// Writes all chunks from the frames at `raw_path`; the dynamic range is left open.
+    fn write(
+        &self,
+        raw_path: &Path,
+        agree: &Agree<'_>,
+        mismatch: impl Fn(String) -> AssembleError,
+        progress: &(dyn Fn(usize) + Sync),
+    ) -> Result<Assembled, AssembleError> {
+        let mut total = Assembled::default();
+        let chunks = self.places.len().div_ceil(CHUNK);
+        std::thread::scope(|scope| -> Result<(), AssembleError> {
+            let mut window = Window::new(scope, RawStore::open(raw_path)?);
+            for first in (0..chunks).step_by(BATCH) {
+                let batch = first..(first + BATCH).min(chunks);
+                let rows = batch.start * CHUNK..(batch.end * CHUNK).min(self.places.len());
+                let needed = self.places[rows]
+                    .iter()
+                    .flatten()
+                    .map(|place: &(usize, usize)| place.0);
+                let (Some(low), Some(high)) = (needed.clone().min(), needed.max()) else {
+                    continue;
+                };
+                window.move_to(low..=high, agree, &mismatch)?;
+                let held = window.held();
+                let counts = batch
+                    .into_par_iter()
+                    .map_init(Work::default, |work, chunk| self.write_one(chunk, held, work))
+                    .collect::<Result<Vec<Assembled>, StoreError>>()?;
+                for counts in counts {
+                    total.directions += counts.directions;
+                    total.frames += counts.frames;
+                    total.measured += counts.measured;
+                    total.saturated += counts.saturated;
                 }
+                progress(total.frames);
             }
-        });
-        let mut window: BTreeMap<usize, Segment> = BTreeMap::new();
-        let mut next_segment = 0;
-        let chunks = grid.len().div_ceil(CHUNK);
-        for first in (0..chunks).step_by(BATCH) {
-            let batch = first..(first + BATCH).min(chunks);
-            let rows = batch.start * CHUNK..(batch.end * CHUNK).min(grid.len());
-            let needed = places[rows.clone()]
-                .iter()
-                .flatten()
-                .map(|place: &(usize, usize)| place.0);
-            let (Some(low), Some(high)) = (needed.clone().min(), needed.max()) else {
-                continue;
-            };
-            window.retain(|&segment, _| segment >= low);
-            while next_segment <= high {
-                let segment = rx
-                    .recv()
-                    .map_err(|_| mismatch("the reading thread has ended".to_owned()))??;
-                agree(next_segment, &segment)?;
-                if next_segment >= low {
-                    window.insert(next_segment, segment);
-                }
-                next_segment += 1;
-            }
-            let counts = batch
-                .into_par_iter()
-                .map_init(Work::default, |work, chunk| {
-                    let range = chunk * CHUNK..((chunk + 1) * CHUNK).min(grid.len());
-                    if places[range.clone()].iter().all(Option::is_none) {
-                        return Ok(Assembled::default()); // an absent chunk means missing
-                    }
-                    let mut counts = chunk_rows(
-                        &places[range],
-                        &window,
-                        channels,
-                        disk,
-                        &radiometry,
-                        &resampling,
-                        work,
-                    );
-                    correction.apply(chunk * CHUNK, &mut work.rows);
-                    counts.measured -= work.rows.seal();
-                    writer.write_chunk(chunk, &work.rows)?;
-                    Ok(counts)
-                })
-                .collect::<Result<Vec<Assembled>, StoreError>>()?;
-            for counts in counts {
-                total.directions += counts.directions;
-                total.frames += counts.frames;
-                total.measured += counts.measured;
-                total.saturated += counts.saturated;
-            }
-            progress(total.frames);
+            Ok(())
+        })?;
+        Ok(total)
+    }
+
+    /// Writes one chunk, unless it has nothing.
+    fn write_one(
+        &self,
+        chunk: usize,
+        window: &BTreeMap<usize, Segment>,
+        work: &mut Work,
+    ) -> Result<Assembled, StoreError> {
+        let range = chunk * CHUNK..((chunk + 1) * CHUNK).min(self.places.len());
+        if self.places[range.clone()].iter().all(Option::is_none) {
+            return Ok(Assembled::default()); // an absent chunk means missing
         }
-        Ok(())
-    })?;
-    let errors = Brdf::open(writer.partial_path())?.learn()?;
-    writer.rewrite(&interpolation_errors(errors.as_ref()))?;
-    writer.finish()?;
-    Ok(total)
+        let mut counts = chunk_rows(
+            &self.places[range],
+            window,
+            self.channels,
+            self.disk,
+            &self.radiometry,
+            &self.resampling,
+            work,
+        );
+        self.correction.apply(chunk * CHUNK, &mut work.rows);
+        counts.measured -= work.rows.seal();
+        self.writer.write_chunk(chunk, &work.rows)?;
+        Ok(counts)
+    }
 }
 
 /// Why a spot of `spot_deg` degrees from `w`, which the `projector` has by the rig file, may not light the sample as a whole;

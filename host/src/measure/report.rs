@@ -13,7 +13,7 @@ use crate::brdf::sample::Sample;
 use crate::capture::Tally;
 use crate::capture::measurement::Measurement;
 use crate::hemisphere::judged::{JUDGED_THETA_DEG, RECIPROCAL_THETA_DEG};
-use crate::judge::evaluate::{Albedo, Evaluation, Quantile};
+use crate::judge::evaluate::{Albedo, Comparison, Evaluation, Quantile, Resolution};
 use crate::judge::render::{PictureError, automatic_exposure, save, sheet, sphere, srgb};
 use crate::measure::goal::{Adapted, Stop};
 use crate::plan::Exposure;
@@ -263,16 +263,7 @@ pub fn evaluation_lines(evaluation: &Evaluation) -> Vec<(&'static str, String)> 
         ),
         ("directional albedo", albedo_line(&evaluation.albedo)),
     ];
-    let resolution = &evaluation.resolution;
-    lines.push((
-        "resolution",
-        format!(
-            "light {}, pixels {} (median), {} (coarsest)",
-            or_none(resolution.light_deg, degrees),
-            or_none(resolution.pixel_median_deg, degrees),
-            or_none(resolution.pixel_worst_deg, degrees)
-        ),
-    ));
+    lines.push(resolution_line(&evaluation.resolution));
     for origin in evaluation.provenance.iter().filter(|origin| origin.share > 0.0) {
         let error = origin.relative_error.map_or_else(String::new, |error| {
             format!(
@@ -284,13 +275,35 @@ pub fn evaluation_lines(evaluation: &Evaluation) -> Vec<(&'static str, String)> 
         lines.push((origin.provenance, format!("{}{error}", percent(origin.share))));
     }
     if let Some(against) = &evaluation.against_reference {
-        let error = against.relative_error;
-        let psnr = match against.psnr_db {
-            _ if against.is_exact => "exact".to_owned(),
-            Some(db) => format!("{db:.1} dB"),
-            None => "none".to_owned(),
-        };
-        lines.push((
+        lines.extend(reference_lines(against));
+    }
+    lines
+}
+
+/// Resolution in degrees.
+fn resolution_line(resolution: &Resolution) -> (&'static str, String) {
+    (
+        "resolution",
+        format!(
+            "light {}, pixels {} (median), {} (coarsest)",
+            or_none(resolution.light_deg, degrees),
+            or_none(resolution.pixel_median_deg, degrees),
+            or_none(resolution.pixel_worst_deg, degrees)
+        ),
+    )
+}
+
+/// Error against a reference, and what blur has of it.
+fn reference_lines(against: &Comparison) -> [(&'static str, String); 2] {
+    let error = against.relative_error;
+    let psnr = match against.psnr_db {
+        _ if against.is_exact => "exact".to_owned(),
+        Some(db) => format!("{db:.1} dB"),
+        None => "none".to_owned(),
+    };
+    let blur = against.blur;
+    [
+        (
             "error",
             format!(
                 "median {}, {}, {}; PSNR {psnr}; {} of the pairs are scored{}",
@@ -303,9 +316,8 @@ pub fn evaluation_lines(evaluation: &Evaluation) -> Vec<(&'static str, String)> 
                     dark => format!(", {dark} samples of a dark reference are not"),
                 }
             ),
-        ));
-        let blur = against.blur;
-        lines.push((
+        ),
+        (
             "blur",
             format!(
                 "light {}, pixels {}: these alone make a median error of {}, {}",
@@ -314,9 +326,8 @@ pub fn evaluation_lines(evaluation: &Evaluation) -> Vec<(&'static str, String)> 
                 quantile(blur.median),
                 bound("99 %", blur.p99)
             ),
-        ));
-    }
-    lines
+        ),
+    ]
 }
 
 /// The albedo nearest to 45°, or what is known of it.

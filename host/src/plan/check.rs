@@ -70,6 +70,15 @@ impl Plan {
             let expected = format!("a multiple of the {} exposures of a pattern", self.brackets());
             return Err(fail("segment", &expected, &self.segment));
         }
+        self.check_longer(&fail)
+    }
+
+    /// Refuses longer exposures of a pattern that do not follow on each other; `fail` makes the error of field, expected and
+    /// found.
+    fn check_longer(
+        &self,
+        fail: &dyn Fn(&str, &str, &dyn std::fmt::Display) -> PlanError,
+    ) -> Result<(), PlanError> {
         let mut shorter_s = self.exposure_s;
         for timing in &self.longer {
             let from_s = timing.cam_at_s + timing.cam_width_s;

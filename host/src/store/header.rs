@@ -55,20 +55,13 @@ impl Header {
         };
         let lengths = |field: &str| {
             let found = at(field);
-            let axes = found.and_then(Value::as_array).and_then(|lengths| {
-                lengths
-                    .iter()
-                    .map(|n| n.as_u64().and_then(|n| usize::try_from(n).ok()))
-                    .collect::<Option<Vec<_>>>()
-            });
-            axes.filter(|axes| !axes.is_empty() && rank.is_none_or(|rank| rank == axes.len()))
-                .ok_or_else(|| {
-                    wrong(
-                        field,
-                        &rank.map_or("a list of lengths".into(), |n| format!("{n} lengths")),
-                        found,
-                    )
-                })
+            lengths(found, rank).ok_or_else(|| {
+                wrong(
+                    field,
+                    &rank.map_or("a list of lengths".into(), |n| format!("{n} lengths")),
+                    found,
+                )
+            })
         };
         let grid = at("chunk_grid.name");
         if grid.and_then(Value::as_str) != Some("regular") {
@@ -90,20 +83,13 @@ impl Header {
             return Err(wrong("data_type", "the name of a type", data_type));
         };
         let dims = at("dimension_names");
-        let names = dims.and_then(Value::as_array).and_then(|names| {
-            names
-                .iter()
-                .map(|name| name.as_str().map(str::to_owned))
-                .collect::<Option<Vec<_>>>()
-        });
+        let names = dims.and_then(names);
         let Some(names) = names.filter(|names| names.len() == shape.len()) else {
             return Err(wrong("dimension_names", &format!("{} names", shape.len()), dims));
         };
         // With these two codecs the length of a chunk's file is known.
         let codecs = at("codecs");
-        let codec_names: Option<Vec<&str>> = codecs
-            .and_then(Value::as_array)
-            .and_then(|codecs| codecs.iter().map(|codec| codec.get("name")?.as_str()).collect());
+        let codec_names = codecs.and_then(codec_names);
         if codec_names.as_deref() != Some(&["bytes", "crc32c"]) {
             return Err(wrong("codecs", "bytes, then crc32c", codecs));
         }
@@ -127,4 +113,27 @@ fn metadata_at<'a>(metadata: &'a Map<String, Value>, path: &str) -> Option<&'a V
     let mut fields = path.split('.');
     let first = metadata.get(fields.next()?)?;
     fields.try_fold(first, |value, field| value.get(field))
+}
+
+/// A list of lengths, one or more: `rank` of them, if that is given.
+fn lengths(found: Option<&Value>, rank: Option<usize>) -> Option<Vec<usize>> {
+    let axes = found.and_then(Value::as_array).and_then(|lengths| {
+        lengths
+            .iter()
+            .map(|n| n.as_u64().and_then(|n| usize::try_from(n).ok()))
+            .collect::<Option<Vec<_>>>()
+    });
+    axes.filter(|axes| !axes.is_empty() && rank.is_none_or(|rank| rank == axes.len()))
+}
+
+/// A list of names.
+fn names(found: &Value) -> Option<Vec<String>> {
+    let names = found.as_array()?.iter();
+    names.map(|name| name.as_str().map(str::to_owned)).collect()
+}
+
+/// The names of a list of codecs.
+fn codec_names(found: &Value) -> Option<Vec<&str>> {
+    let codecs = found.as_array()?.iter();
+    codecs.map(|codec| codec.get("name")?.as_str()).collect()
 }

@@ -22,6 +22,7 @@
 //! other, in which directions that were filled count as reached.
 
 mod gaps;
+mod mean;
 mod merge;
 mod union;
 

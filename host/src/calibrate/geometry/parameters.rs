@@ -22,6 +22,9 @@ const SHAPE: f64 = 2e-3;
 /// Tolerances of k1, k2, p1, p2, k3.
 const DISTORTION: [f64; 5] = [0.05, 0.05, 1e-3, 1e-3, 0.02];
 
+/// Where a rig has a number, by the index of the unknown.
+type Place = fn(&mut Rig, usize) -> &mut f64;
+
 /// One unknown.
 #[derive(Clone)]
 pub(super) struct Parameter {
@@ -29,7 +32,7 @@ pub(super) struct Parameter {
     pub(super) name: String,
     /// Its standard deviation before anything is seen, in the unit of the rig file.
     pub(super) tolerance: f64,
-    of: fn(&mut Rig, usize) -> &mut f64,
+    of: Place,
     index: usize,
 }
 
@@ -42,8 +45,9 @@ impl Parameter {
 
 /// All unknowns of `rig`.
 pub(super) fn parameters(rig: &Rig) -> Vec<Parameter> {
-    let mut all = Vec::new();
-    let mut add = |name: String, tolerance: f64, of: fn(&mut Rig, usize) -> &mut f64, index: usize| {
+    let mut all = lens_parameters("camera", &rig.camera.lens);
+    all.extend(lens_parameters("projector", &rig.projector.lens));
+    let mut add = |name: String, tolerance: f64, of: Place, index: usize| {
         all.push(Parameter {
             name,
             tolerance,
@@ -51,47 +55,6 @@ pub(super) fn parameters(rig: &Rig) -> Vec<Parameter> {
             index,
         });
     };
-    let size_px = |lens: &Lens| f64::from(lens.width_px.max(lens.height_px));
-    for (device, lens) in [("camera", &rig.camera.lens), ("projector", &rig.projector.lens)] {
-        // Function pointers cannot know the device: its number goes in with the index.
-        let base = if device == "camera" { 0 } else { 100 };
-        for axis in 0..3 {
-            add(
-                format!("{device}.lens.offset_m[{axis}]"),
-                POSITION_M,
-                offset,
-                base + axis,
-            );
-            add(
-                format!("{device}.lens.rotation_deg[{axis}]"),
-                ANGLE_DEG,
-                rotation,
-                base + axis,
-            );
-        }
-        add(
-            format!("{device}.lens.focal_px"),
-            LENS * lens.focal_px,
-            focal,
-            base,
-        );
-        for axis in 0..2 {
-            add(
-                format!("{device}.lens.centre_px[{axis}]"),
-                LENS * size_px(lens),
-                centre,
-                base + axis,
-            );
-        }
-        for (term, tolerance) in DISTORTION.into_iter().enumerate() {
-            add(
-                format!("{device}.lens.distortion[{term}]"),
-                tolerance,
-                distortion,
-                base + term,
-            );
-        }
-    }
     add(
         "mirror.a_m".to_owned(),
         SHAPE * rig.mirror.a_m,
@@ -105,7 +68,7 @@ pub(super) fn parameters(rig: &Rig) -> Vec<Parameter> {
         0,
     );
     for axis in 0..2 {
-        let of: fn(&mut Rig, usize) -> &mut f64 = |rig, axis| &mut rig.mirror.edge_rotation_deg[axis];
+        let of: Place = |rig, axis| &mut rig.mirror.edge_rotation_deg[axis];
         add(format!("mirror.edge_rotation_deg[{axis}]"), ANGLE_DEG, of, axis);
     }
     add(
@@ -121,9 +84,36 @@ pub(super) fn parameters(rig: &Rig) -> Vec<Parameter> {
         0,
     );
     if rig.wire.is_some() {
-        let of: fn(&mut Rig, usize) -> &mut f64 =
-            |rig, _| &mut rig.wire.as_mut().expect("invariant: there is a wire").azimuth_deg;
+        let of: Place = |rig, _| &mut rig.wire.as_mut().expect("invariant: there is a wire").azimuth_deg;
         add("wire.azimuth_deg".to_owned(), ANGLE_DEG, of, 0);
+    }
+    all
+}
+
+/// The unknowns of the `lens` of a `device`.
+fn lens_parameters(device: &str, lens: &Lens) -> Vec<Parameter> {
+    // Function pointers cannot know the device: its number goes in with the index.
+    let base = if device == "camera" { 0 } else { 100 };
+    let mut all = Vec::new();
+    let mut add = |field: String, tolerance: f64, of: Place, index: usize| {
+        all.push(Parameter {
+            name: format!("{device}.lens.{field}"),
+            tolerance,
+            of,
+            index: base + index,
+        });
+    };
+    for axis in 0..3 {
+        add(format!("offset_m[{axis}]"), POSITION_M, offset, axis);
+        add(format!("rotation_deg[{axis}]"), ANGLE_DEG, rotation, axis);
+    }
+    add("focal_px".to_owned(), LENS * lens.focal_px, focal, 0);
+    let size_px = f64::from(lens.width_px.max(lens.height_px));
+    for axis in 0..2 {
+        add(format!("centre_px[{axis}]"), LENS * size_px, centre, axis);
+    }
+    for (term, tolerance) in DISTORTION.into_iter().enumerate() {
+        add(format!("distortion[{term}]"), tolerance, distortion, term);
     }
     all
 }

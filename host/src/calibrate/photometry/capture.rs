@@ -19,27 +19,24 @@
 //! there only if the standard was captured at such a tilt.
 
 use std::path::Path;
-use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
 use super::exposure::{Exposures, light};
-use super::rank_one::positive;
+use super::in_holder::{InHolder, Standards};
 use crate::base::progress::Progress;
-use crate::brdf::sample::Sample;
 use crate::calibrate::{CalibrateError, Conditions, RIG, create_raw, file, open_raw, segment_of};
 use crate::capture::{Instrument, Tally};
-use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::incident::Grid;
 use crate::instrument::calibration::photometry::COMMAND;
 use crate::instrument::calibration::{CalibrationError, lights};
+use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::optics::View;
 use crate::instrument::rig::{Rig, Tilt};
 use crate::plan;
-use crate::plan::pattern::PatternMaker;
+use crate::plan::pattern::{BitPattern, PatternMaker};
 use crate::plan::schedule::Timing;
 use crate::store::{RawLayout, RawStore};
-use crate::virtual_rig::Held;
 use crate::virtual_rig::setup::Setup;
 
 /// Name of the raw frames.
@@ -228,38 +225,13 @@ pub fn capture(
     progress: &dyn Progress,
 ) -> Result<(), CalibrateError> {
     let full = Rig::load(&dir.join(RIG).display().to_string())?;
-    let parse = |spec: &str| -> Result<Held, CalibrateError> {
-        let sample = crate::brdf::sample::parse(spec).map_err(crate::virtual_rig::setup::SetupError::from)?;
-        Ok(Held::Sample(Arc::from(sample)))
-    };
-    let standard = parse(&request.standard)?;
-    if let Held::Sample(sample) = &standard {
-        check_standard(sample.as_ref(), &request.standard)?;
-    }
-    let second = request.second_standard.as_deref().map(parse).transpose()?;
-    if let (Held::Sample(first), Some((Held::Sample(second), spec))) =
-        (&standard, second.as_ref().zip(request.second_standard.as_deref()))
-    {
-        check_standard(second.as_ref(), spec)?;
-        super::check_apart(
-            super::interreflected(first.as_ref()),
-            super::interreflected(second.as_ref()),
-        )?;
-    }
-    let trap = parse("lambert:0")?;
+    let standards = Standards::of(request)?;
     check_tilts(&request.tilts)?;
     let tilts: Vec<Option<Tilt>> = std::iter::once(None)
         .chain(request.tilts.iter().copied().map(Some))
         .collect();
-    let mut holders: Vec<Holder> = tilts
-        .iter()
-        .map(|tilt| {
-            // What an instrument is opened for; the patterns are made here.
-            let grid = Grid::ThetaPhi { step_deg: 10.0 };
-            Holder::new(&full, request.conditions.request(grid, *tilt))
-        })
-        .collect::<Result<_, _>>()?;
-    let Exposures { times_s, spot_deg } = light(&mut holders, &standard, request.exposure_s, setup)?;
+    let mut holders = holders(&full, request, &tilts)?;
+    let Exposures { times_s, spot_deg } = light(&mut holders, &standards.first, request.exposure_s, setup)?;
     let exposure_s = times_s.last().copied().expect("invariant: there are times");
     let views = Views {
         rig: full,
@@ -278,17 +250,8 @@ pub fn capture(
             })
             .collect(),
     };
-    let format = holders[0].rig.frame_format();
     let segments = views.segments();
-    let layout = RawLayout {
-        exposures: segments.len() * SEGMENT,
-        segment: SEGMENT,
-        height: format.height_px,
-        width: format.width_px,
-        channels: format.channels,
-        bits: format.bits,
-        clock_hz: 0,
-    };
+    let layout = layout(segments.len(), holders[0].rig.frame_format());
     let text = file::text(&views);
     let mut raw: Option<RawStore> = None;
     let series = holders[0].series();
@@ -301,12 +264,8 @@ pub fn capture(
         let instrument = match &mut held {
             Some((before, instrument)) if *before == (stand, what) => instrument,
             _ => {
-                let sample = match (what, &second) {
-                    (InHolder::Second, Some(second)) => second,
-                    (InHolder::Trap, _) => &trap,
-                    _ => &standard,
-                };
-                let instrument = setup.open_held(&holder.rig, sample.clone(), &holder.request)?;
+                let sample = standards.get(what).clone();
+                let instrument = setup.open_held(&holder.rig, sample, &holder.request)?;
                 &mut held.insert(((stand, what), instrument)).1
             }
         };
@@ -321,17 +280,7 @@ pub fn capture(
         let shots = instrument.take(
             SEGMENT,
             &[timing],
-            |exposure, image| match shows {
-                Shows::Series(_) if exposure < SEGMENT / 2 => image.light(&holder.lit(series)),
-                Shows::Levels => {
-                    image.light(&holder.lit(series));
-                    image.set_level(super::level(exposure));
-                }
-                Shows::Directions(_, first) | Shows::SecondDirections(first) => {
-                    image.light(&holder.lit(holder.directions[first + exposure]));
-                }
-                Shows::Series(_) | Shows::Black(_) | Shows::SecondBlack | Shows::Dark(_) => {}
-            },
+            |exposure, image| shows.draw(exposure, holder, series, image),
             &mut tally,
             |taken| progress.reach(index * SEGMENT + taken),
         )?;
@@ -342,39 +291,44 @@ pub fn capture(
     Ok(())
 }
 
-/// Refuses a standard that is not above 0 all over, before it costs a capture.
-fn check_standard(sample: &dyn Sample, spec: &str) -> Result<(), CalibrateError> {
-    let directions = || {
-        let rings = (0..=8).map(|ring| 10.0 * f64::from(ring));
-        rings.flat_map(|theta_deg| (0..8).map(move |turn| from_degrees(theta_deg, 45.0 * f64::from(turn))))
-    };
-    for wi in directions() {
-        let lobe = sample.incident(wi);
-        for wo in directions() {
-            for f in lobe.f(wo) {
-                positive(f, spec, wi, wo)?;
-            }
-        }
-    }
-    Ok(())
+/// The holder at each of `tilts`.
+fn holders(full: &Rig, request: &Request, tilts: &[Option<Tilt>]) -> Result<Vec<Holder>, CalibrateError> {
+    tilts
+        .iter()
+        .map(|tilt| {
+            // What an instrument is opened for; the patterns are made here.
+            let grid = Grid::ThetaPhi { step_deg: 10.0 };
+            Holder::new(full, request.conditions.request(grid, *tilt))
+        })
+        .collect()
 }
 
-/// What is in the holder.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum InHolder {
-    Standard,
-    Second,
-    Trap,
+/// The raw frames of so many `segments`, the clock left open.
+fn layout(segments: usize, format: FrameFormat) -> RawLayout {
+    RawLayout {
+        exposures: segments * SEGMENT,
+        segment: SEGMENT,
+        height: format.height_px,
+        width: format.width_px,
+        channels: format.channels,
+        bits: format.bits,
+        clock_hz: 0,
+    }
 }
 
 impl Shows {
-    /// The stand, and what stands there.
-    fn in_holder(self) -> (usize, InHolder) {
+    /// Draws the `exposure` of this number of the segment into the black `image`; `series` is the direction of the series.
+    fn draw(self, exposure: usize, holder: &Holder, series: usize, image: &mut BitPattern) {
         match self {
-            Self::Series(_) | Self::Levels => (0, InHolder::Standard),
-            Self::Black(stand) | Self::Directions(stand, _) => (stand, InHolder::Standard),
-            Self::SecondBlack | Self::SecondDirections(_) => (0, InHolder::Second),
-            Self::Dark(_) => (0, InHolder::Trap),
+            Self::Series(_) if exposure < SEGMENT / 2 => image.light(&holder.lit(series)),
+            Self::Levels => {
+                image.light(&holder.lit(series));
+                image.set_level(super::level(exposure));
+            }
+            Self::Directions(_, first) | Self::SecondDirections(first) => {
+                image.light(&holder.lit(holder.directions[first + exposure]));
+            }
+            Self::Series(_) | Self::Black(_) | Self::SecondBlack | Self::Dark(_) => {}
         }
     }
 }

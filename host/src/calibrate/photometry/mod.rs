@@ -4,6 +4,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `capture` | the views: what is shown and taken |
+//! | `in_holder` | what is put into the holder |
 //! | `lights` | the incident directions of the views |
 //! | `exposure` | how long they are exposed, and how much light there is |
 //! | `camera` | dark level, photon transfer, linearity |
@@ -25,6 +26,7 @@
 mod camera;
 mod capture;
 mod exposure;
+mod in_holder;
 mod rank_one;
 mod share;
 #[cfg(test)]
@@ -48,7 +50,7 @@ use crate::instrument::calibration::{
     file, rig_hash,
 };
 use crate::instrument::rig::Rig;
-use crate::store::Segment;
+use crate::store::{RawStore, Segment};
 
 /// The reflectances of two standards that show the interreflection differ at least by this.
 const APART: f64 = 0.3;
@@ -74,111 +76,36 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         &rig_hash(&views.rig),
     )?;
     let rig = views.rig_of(0)?;
-    let shows = views.segments();
-    let format = rig.frame_format();
-    let layout = raw.layout();
-    let expected = [
-        shows.len() * SEGMENT,
-        SEGMENT,
-        format.height_px,
-        format.width_px,
-        format.channels,
-    ];
-    let found = [
-        layout.exposures,
-        layout.segment,
-        layout.height,
-        layout.width,
-        layout.channels,
-    ];
-    if expected != found {
-        return Err(CalibrationError::Content {
-            path: dir.join(capture::RAW).display().to_string(),
-            field: "exposures × segment × rows × columns × channels".to_owned(),
-            expected: format!("{} as {VIEWS} says", by(&expected)),
-            found: by(&found),
-        }
-        .into());
-    }
-    let segments: Vec<Segment> = (0..raw.segments())
-        .map(|index| raw.read_segment(index))
-        .collect::<Result<_, _>>()?;
-    let length = format.len();
-    let frames_of = |wanted: Shows| -> Vec<&[u16]> {
-        let at = shows.iter().position(|shows| *shows == wanted);
-        at.map(|at| segments[at].frames.chunks_exact(length).collect())
-            .unwrap_or_default()
-    };
-    let series: Vec<Times> = (0..views.times_s.len())
-        .map(|index| {
-            let mut lit = frames_of(Shows::Series(index));
-            let black = lit.split_off(SEGMENT / 2);
-            Times {
-                exposure_s: views.times_s[index],
-                lit,
-                black,
-                dark: frames_of(Shows::Dark(index)),
-            }
-        })
-        .collect();
+    let captured = Captured::read(dir, &views, &raw, &rig)?;
+    let series = captured.series();
     let saturation_dn = f64::from(rig.saturation_dn());
     let camera = camera(&series, saturation_dn)?;
     let linear = Linear {
         camera,
         range: saturation_dn - camera.dark_dn,
     };
-    let black = linear.mean(&frames_of(Shows::Black(0)));
+    let black = linear.mean(&captured.frames(Shows::Black(0)));
     let dark = linear.mean(&series[series.len() - 1].dark);
     let stray = black
         .iter()
         .zip(&dark)
         .map(|(black, dark)| black - dark)
         .sum::<f64>()
-        / length as f64;
-    let projector_response = linear.levels(&frames_of(Shows::Levels), &black);
+        / captured.length as f64;
+    let projector_response = linear.levels(&captured.frames(Shows::Levels), &black);
 
     let standard =
         crate::brdf::sample::parse(&views.standard).map_err(crate::virtual_rig::setup::SetupError::from)?;
     let (mut all, mut frames) = (Vec::new(), Vec::new());
     let blacks: Vec<Vec<f64>> = (0..views.stands.len())
-        .map(|stand| linear.mean(&frames_of(Shows::Black(stand))))
+        .map(|stand| linear.mean(&captured.frames(Shows::Black(stand))))
         .collect();
     for (stand, black) in blacks.iter().enumerate() {
-        let mut seen = Seen::new(&views, stand)?;
-        let mut lit = Vec::new();
-        for wanted in shows.iter().copied() {
-            let Shows::Directions(of, first) = wanted else {
-                continue;
-            };
-            if of == stand {
-                let frames = frames_of(wanted);
-                seen.add(first, &frames, &linear, black, standard.as_ref(), &views.standard)?;
-                lit.extend(frames);
-            }
-        }
+        let (seen, shown) = captured.standard_at(stand, &linear, black, standard.as_ref())?;
         all.push(seen);
-        frames.push(Frames {
-            linear: &linear,
-            black,
-            lit,
-            standard: standard.as_ref(),
-        });
+        frames.push(shown);
     }
-    let (saturated, values) = all
-        .iter()
-        .map(Seen::saturated)
-        .fold((0, 0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
-    let saturated_share = saturated as f64 / values.max(1) as f64;
-    if saturated_share > SATURATED {
-        return Err(CalibrateError::Views {
-            expected: format!(
-                "frames of the standard with at most {} % saturated",
-                100.0 * SATURATED
-            ),
-            found: format!("{:.1} %", 100.0 * saturated_share),
-            advice: "take them with a shorter --exposure-ms, or let it be found",
-        });
-    }
+    check_saturated(&all)?;
     let fields = fit_whole(&mut all, &frames).ok_or_else(|| CalibrateError::Views {
         expected: "frames of the standard that determine light and throughput".to_owned(),
         found: "too little of the image lit".to_owned(),
@@ -187,24 +114,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     let own = interreflected(standard.as_ref());
     let interreflection = match &views.second_standard {
         None => None,
-        Some(spec) => {
-            let second =
-                crate::brdf::sample::parse(spec).map_err(crate::virtual_rig::setup::SetupError::from)?;
-            let black = linear.mean(&frames_of(Shows::SecondBlack));
-            let mut other = Seen::new(&views, 0)?;
-            other.judged = all[0].judged.clone();
-            for wanted in shows.iter().copied() {
-                if let Shows::SecondDirections(first) = wanted {
-                    other.add(first, &frames_of(wanted), &linear, &black, second.as_ref(), spec)?;
-                }
-            }
-            Some(interreflection(
-                &all[0],
-                &other,
-                own,
-                interreflected(second.as_ref()),
-            )?)
-        }
+        Some(spec) => Some(captured.interreflection(spec, &linear, &all[0], own)?),
     };
     let exposure_s = views.exposure_s;
     let photometry = Photometry {
@@ -234,6 +144,150 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     photometry.check(&path, "")?;
     file::write(&path, &photometry)?;
     Ok(photometry)
+}
+
+/// All frames of the views, by what they show.
+struct Captured<'a> {
+    views: &'a Views,
+    /// What each segment shows.
+    shows: Vec<Shows>,
+    segments: Vec<Segment>,
+    /// Digital numbers of a frame.
+    length: usize,
+}
+
+impl<'a> Captured<'a> {
+    /// The frames in `raw` of the `views` in `dir`; `rig` has the camera's image as captured.
+    fn read(dir: &Path, views: &'a Views, raw: &RawStore, rig: &Rig) -> Result<Self, CalibrateError> {
+        let shows = views.segments();
+        let format = rig.frame_format();
+        let layout = raw.layout();
+        let expected = [
+            shows.len() * SEGMENT,
+            SEGMENT,
+            format.height_px,
+            format.width_px,
+            format.channels,
+        ];
+        let found = [
+            layout.exposures,
+            layout.segment,
+            layout.height,
+            layout.width,
+            layout.channels,
+        ];
+        if expected != found {
+            return Err(CalibrationError::Content {
+                path: dir.join(capture::RAW).display().to_string(),
+                field: "exposures × segment × rows × columns × channels".to_owned(),
+                expected: format!("{} as {VIEWS} says", by(&expected)),
+                found: by(&found),
+            }
+            .into());
+        }
+        let segments: Vec<Segment> = (0..raw.segments())
+            .map(|index| raw.read_segment(index))
+            .collect::<Result<_, _>>()?;
+        Ok(Self {
+            views,
+            shows,
+            segments,
+            length: format.len(),
+        })
+    }
+
+    /// The frames of the segment that shows what is `wanted`; none if there is none.
+    fn frames(&self, wanted: Shows) -> Vec<&[u16]> {
+        let at = self.shows.iter().position(|shows| *shows == wanted);
+        at.map(|at| self.segments[at].frames.chunks_exact(self.length).collect())
+            .unwrap_or_default()
+    }
+
+    /// The frames of each exposure time of the series.
+    fn series(&self) -> Vec<Times<'_>> {
+        (0..self.views.times_s.len())
+            .map(|index| {
+                let mut lit = self.frames(Shows::Series(index));
+                let black = lit.split_off(SEGMENT / 2);
+                Times {
+                    exposure_s: self.views.times_s[index],
+                    lit,
+                    black,
+                    dark: self.frames(Shows::Dark(index)),
+                }
+            })
+            .collect()
+    }
+
+    /// What was seen of the `standard` at the stand of this index, and the frames of it; `black` is its black frame, linear.
+    fn standard_at<'b>(
+        &'b self,
+        stand: usize,
+        linear: &'b Linear,
+        black: &'b [f64],
+        standard: &'b dyn Sample,
+    ) -> Result<(Seen<'b>, Frames<'b>), CalibrateError> {
+        let mut seen = Seen::new(self.views, stand)?;
+        let mut lit = Vec::new();
+        for wanted in self.shows.iter().copied() {
+            let Shows::Directions(of, first) = wanted else {
+                continue;
+            };
+            if of == stand {
+                let frames = self.frames(wanted);
+                seen.add(first, &frames, linear, black, standard, &self.views.standard)?;
+                lit.extend(frames);
+            }
+        }
+        let frames = Frames {
+            linear,
+            black,
+            lit,
+            standard,
+        };
+        Ok((seen, frames))
+    }
+
+    /// The interreflection from the second standard, named `spec`, beside the `first`, which has its `own` (see
+    /// [`interreflected`]).
+    fn interreflection(
+        &self,
+        spec: &str,
+        linear: &Linear,
+        first: &Seen,
+        own: f64,
+    ) -> Result<Interreflection, CalibrateError> {
+        let second = crate::brdf::sample::parse(spec).map_err(crate::virtual_rig::setup::SetupError::from)?;
+        let black = linear.mean(&self.frames(Shows::SecondBlack));
+        let mut other = Seen::new(self.views, 0)?;
+        other.judged = first.judged.clone();
+        for wanted in self.shows.iter().copied() {
+            if let Shows::SecondDirections(place) = wanted {
+                other.add(place, &self.frames(wanted), linear, &black, second.as_ref(), spec)?;
+            }
+        }
+        interreflection(first, &other, own, interreflected(second.as_ref()))
+    }
+}
+
+/// Refuses frames of the standard that are saturated in more than [`SATURATED`] of their values.
+fn check_saturated(all: &[Seen]) -> Result<(), CalibrateError> {
+    let (saturated, values) = all
+        .iter()
+        .map(Seen::saturated)
+        .fold((0, 0), |sum, one| (sum.0 + one.0, sum.1 + one.1));
+    let saturated_share = saturated as f64 / values.max(1) as f64;
+    if saturated_share > SATURATED {
+        return Err(CalibrateError::Views {
+            expected: format!(
+                "frames of the standard with at most {} % saturated",
+                100.0 * SATURATED
+            ),
+            found: format!("{:.1} %", 100.0 * saturated_share),
+            advice: "take them with a shorter --exposure-ms, or let it be found",
+        });
+    }
+    Ok(())
 }
 
 /// Digital numbers → what they would be if the camera were linear, above the dark level.

@@ -20,6 +20,7 @@ use crate::brdf::sample::Sample;
 use crate::calibrate::CalibrateError;
 use crate::instrument::calibration::{CalibrationError, HIGHEST, SmoothField, TERMS, lights, terms};
 use crate::instrument::optics::{DirectionMap, Unmeasurable, View};
+use crate::instrument::rig::Rig;
 
 /// Pairs that take part, about.
 const PAIRS: usize = 60_000;
@@ -43,6 +44,11 @@ struct Pair {
     variance: f64,
 }
 
+/// A pixel: index, place in the image (−1 to 1), direction, and whether an edge of the mirror or the wire is beside it.
+type SeenPixel = (usize, [f64; 2], DVec3, bool);
+/// A spot: centre of the lit pixels in the projector's image (−1 to 1) and Σ cosθ·Δω.
+type Spot = ([f64; 2], f64);
+
 /// Frames of a standard as far as they were seen.
 pub(super) struct Seen<'a> {
     pub(super) stand: &'a Stand,
@@ -53,11 +59,11 @@ pub(super) struct Seen<'a> {
     /// Pixels that take part: index, place in the image (−1 to 1) and direction.
     pub(super) pixels: Vec<(usize, [f64; 2], DVec3)>,
     /// All pixels that by the rig see the sample up to their own edges, and whether an edge of the mirror or the wire is beside them.
-    pub(super) all_pixels: Vec<(usize, [f64; 2], DVec3, bool)>,
+    pub(super) all_pixels: Vec<SeenPixel>,
     /// Of each place: centre of the lit pixels in the projector's image (−1 to 1) and Σ cosθ·Δω, if it takes part.
-    lit: Vec<Option<([f64; 2], f64)>>,
+    lit: Vec<Option<Spot>>,
     /// The same of all that no edge cuts.
-    pub(super) all_lit: Vec<Option<([f64; 2], f64)>>,
+    pub(super) all_lit: Vec<Option<Spot>>,
     /// What of it the standard truly filled.
     pub(super) judged: Judged,
     pairs: Vec<Pair>,
@@ -79,6 +85,66 @@ fn is_of_sample(reason: Unmeasurable) -> bool {
     matches!(reason, Unmeasurable::BelowHorizon | Unmeasurable::OffSample)
 }
 
+/// Where a pixel stands along an axis of an image of `size` pixels: −1 to 1.
+fn half(at: f64, size: usize) -> f64 {
+    2.0 * at / size as f64 - 1.0
+}
+
+/// All pixels of the `camera` that by the rig see the sample up to their own edges; `map` has their directions.
+fn seen_pixels(camera: &View, map: &DirectionMap) -> Vec<SeenPixel> {
+    let (width, height) = (map.width_px, map.height_px);
+    let is_at_edge = |index: usize| {
+        let (x, y) = (index % width, index / width);
+        let ends = |reason| !is_of_sample(reason);
+        (y.saturating_sub(1)..=y + 1)
+            .any(|y| (x.saturating_sub(1)..=x + 1).any(|x| map.direction(x, y).is_err_and(ends)))
+    };
+    let cut = camera.cut_pixels(0.0);
+    map.measurable()
+        .filter(|(index, ..)| !cut[*index].is_some_and(is_of_sample))
+        .map(|(index, w, _)| {
+            let at = [
+                half((index % width) as f64 + 0.5, width),
+                half((index / width) as f64 + 0.5, height),
+            ];
+            (index, at, w, is_at_edge(index))
+        })
+        .collect()
+}
+
+/// The spot of `spot_deg` degrees that lights each direction of `stand`, if no edge cuts it.
+fn lit_spots(rig: &Rig, stand: &Stand, spot_deg: f64) -> Vec<Option<Spot>> {
+    let maker = maker(rig, spot_deg);
+    let projector = View::projector(rig);
+    let clearance_rad = (spot_deg / 2.0 + EDGE_DEG).to_radians();
+    let (width, height) = maker.size_px();
+    let spot = |(place, index): (usize, &usize)| {
+        let w = lights::direction(*index);
+        // The last segment is filled with directions that have been lit before: they are the same evidence.
+        if stand.directions[..place].contains(index) {
+            return None;
+        }
+        let at = projector.pixel(w).ok()?;
+        // A spot that an edge cuts is as strong as the edge is where it should be.
+        let is_clear = projector.edge_within(at.x, at.y, clearance_rad).is_none();
+        let lit = maker.lit_set(w).ok().filter(|_| is_clear)?;
+        let mean = |of: &dyn Fn(usize) -> usize| {
+            let sum: f64 = lit
+                .pixels
+                .iter()
+                .map(|pixel| of(*pixel as usize) as f64 + 0.5)
+                .sum();
+            sum / lit.pixels.len() as f64
+        };
+        let at = [
+            half(mean(&|pixel| pixel % width), width),
+            half(mean(&|pixel| pixel / width), height),
+        ];
+        Some((at, lit.irradiance))
+    };
+    stand.directions.iter().enumerate().map(spot).collect()
+}
+
 impl<'a> Seen<'a> {
     /// Of the stand of index `stand`, where nothing was seen yet.
     pub(super) fn new(views: &'a Views, stand: usize) -> Result<Self, CalibrateError> {
@@ -86,7 +152,6 @@ impl<'a> Seen<'a> {
         let stand = &views.stands[stand];
         let camera = View::camera(rig);
         let map = DirectionMap::of(&camera);
-        let half = |at: f64, size: usize| 2.0 * at / size as f64 - 1.0;
         let (width, height) = (map.width_px, map.height_px);
         let is_inner = |index: usize| {
             let (x, y) = (index % width, index / width);
@@ -94,63 +159,13 @@ impl<'a> Seen<'a> {
                 && (2..height - 2).contains(&y)
                 && (y - 2..=y + 2).all(|y| (x - 2..=x + 2).all(|x| map.direction(x, y).is_ok()))
         };
-        let is_at_edge = |index: usize| {
-            let (x, y) = (index % width, index / width);
-            let ends = |reason| !is_of_sample(reason);
-            (y.saturating_sub(1)..=y + 1)
-                .any(|y| (x.saturating_sub(1)..=x + 1).any(|x| map.direction(x, y).is_err_and(ends)))
-        };
-        let cut = camera.cut_pixels(0.0);
-        let all_pixels: Vec<(usize, [f64; 2], DVec3, bool)> = map
-            .measurable()
-            .filter(|(index, ..)| !cut[*index].is_some_and(is_of_sample))
-            .map(|(index, w, _)| {
-                let at = [
-                    half((index % width) as f64 + 0.5, width),
-                    half((index / width) as f64 + 0.5, height),
-                ];
-                (index, at, w, is_at_edge(index))
-            })
-            .collect();
+        let all_pixels = seen_pixels(&camera, &map);
         let pixels = all_pixels
             .iter()
             .filter(|(index, _, w, _)| w.z > LEAST_COS && is_inner(*index))
             .map(|&(index, at, w, _)| (index, at, w))
             .collect();
-        let spot_deg = views.spot_deg();
-        let maker = maker(rig, spot_deg);
-        let projector = View::projector(rig);
-        let clearance_rad = (spot_deg / 2.0 + EDGE_DEG).to_radians();
-        let (projector_width, projector_height) = maker.size_px();
-        let all_lit: Vec<Option<([f64; 2], f64)>> = stand
-            .directions
-            .iter()
-            .enumerate()
-            .map(|(place, index)| {
-                let w = lights::direction(*index);
-                // The last segment is filled with directions that have been lit before: they are the same evidence.
-                if stand.directions[..place].contains(index) {
-                    return None;
-                }
-                let at = projector.pixel(w).ok()?;
-                // A spot that an edge cuts is as strong as the edge is where it should be.
-                let is_clear = projector.edge_within(at.x, at.y, clearance_rad).is_none();
-                let lit = maker.lit_set(w).ok().filter(|_| is_clear)?;
-                let mean = |of: &dyn Fn(usize) -> usize| {
-                    let sum: f64 = lit
-                        .pixels
-                        .iter()
-                        .map(|pixel| of(*pixel as usize) as f64 + 0.5)
-                        .sum();
-                    sum / lit.pixels.len() as f64
-                };
-                let at = [
-                    half(mean(&|pixel| pixel % projector_width), projector_width),
-                    half(mean(&|pixel| pixel / projector_width), projector_height),
-                ];
-                Some((at, lit.irradiance))
-            })
-            .collect();
+        let all_lit = lit_spots(rig, stand, views.spot_deg());
         let lit = all_lit
             .iter()
             .zip(&stand.directions)

@@ -24,7 +24,7 @@ use crate::measure::{MeasureError, planned};
 use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::plan::schedule::Timing;
 use crate::plan::{BLACK_EXPOSURES, Directions, Exposure, Plan, PlanError, Request};
-use crate::store::Lock;
+use crate::store::{Lock, Segment};
 use crate::virtual_rig::setup::Setup;
 
 /// Nothing is chosen nearer to the horizon than this polar angle, in degrees.
@@ -97,22 +97,7 @@ pub fn measure(
         (scaled, plan, asked, lock)
     };
     let known = applied.clone().unwrap_or_default();
-    // What divides a batch, as far as memory allows.
-    let most = (plan.segment / plan.brackets()).clamp(1, BATCH);
-    let fixed = Loop {
-        rig: &scaled,
-        applied: &known,
-        plan: &plan,
-        timings: plan.timings(),
-        maker: PatternMaker::new(
-            View::projector(&scaled),
-            plan.spot_deg,
-            scaled.projector.irradiance,
-        ),
-        is_clear: Box::new(certainly_lit(&scaled, &known, &plan).map_err(MeasureError::from)?),
-        disk: Disk::new(request.image_size as usize),
-        patterns: 1 << most.ilog2(),
-    };
+    let fixed = Loop::new(&scaled, &known, &plan, request.image_size)?;
     let first = fixed.first(start, goal.budget)?;
     // What is no whole batch can only be the end.
     let segments = Segments {
@@ -229,7 +214,28 @@ fn resumed_as(
     }
 }
 
-impl Loop<'_> {
+impl<'a> Loop<'a> {
+    /// For images of `image_size` pixels a side of `rig`, its camera image scaled.
+    fn new(
+        rig: &'a Rig,
+        applied: &'a Applied,
+        plan: &'a Plan,
+        image_size: u32,
+    ) -> Result<Self, AdaptiveError> {
+        // What divides a batch, as far as memory allows.
+        let most = (plan.segment / plan.brackets()).clamp(1, BATCH);
+        Ok(Self {
+            rig,
+            applied,
+            plan,
+            timings: plan.timings(),
+            maker: PatternMaker::new(View::projector(rig), plan.spot_deg, rig.projector.irradiance),
+            is_clear: Box::new(certainly_lit(rig, applied, plan).map_err(MeasureError::from)?),
+            disk: Disk::new(image_size as usize),
+            patterns: 1 << most.ilog2(),
+        })
+    }
+
     /// The coarse beginning, in degrees.
     fn first(&self, start: Option<&Grid>, budget: usize) -> Result<Vec<[f64; 2]>, AdaptiveError> {
         let (lit, reachable) = (|w| self.is_lit(w), |w| self.is_reachable(w));
@@ -260,15 +266,7 @@ impl Loop<'_> {
         progress: &dyn Progress,
     ) -> Result<(Vec<[f64; 2]>, Adapted), AdaptiveError> {
         let mut stored = journal.frames.whole_segments()?;
-        let dark = BLACK_EXPOSURES / self.patterns;
-        for segment in stored..dark {
-            let black = vec![Exposure::Black; self.patterns];
-            self.capture(journal, segment, &black, &vec![None; self.patterns], instrument)?;
-        }
-        stored = stored.max(dark);
-        let black = (0..dark)
-            .map(|segment| journal.frames.read_segment(segment))
-            .collect::<Result<Vec<_>, _>>()?;
+        let black = self.black(journal, &mut stored, instrument)?;
         let unusable = |name: &str, reason| {
             AdaptiveError::from(MeasurementError::Plan(PlanError::File {
                 path: journal.path(name).display().to_string(),
@@ -297,22 +295,7 @@ impl Loop<'_> {
                 .expect(self.plan, &directions)
                 .map_err(|reason| unusable(Applied::FILE, reason))?;
             let set = directions.grid;
-            while images.len() < directions_deg.len() {
-                let batch = images.len()..(images.len() + self.patterns).min(directions_deg.len());
-                let segment = dark + batch.start / self.patterns;
-                if segment >= stored {
-                    let exposures: Vec<Exposure> = batch.clone().map(Exposure::Incident).collect();
-                    let lit: Vec<Option<LitSet>> = batch
-                        .clone()
-                        .map(|index| self.maker.lit_set(set.direction(index)).ok())
-                        .collect();
-                    self.capture(journal, segment, &exposures, &lit, instrument)?;
-                    stored = segment + 1;
-                }
-                let stored = journal.frames.read_segment(segment)?;
-                let luminance = assembler.luminance(&stored, batch.start);
-                images.extend(luminance.into_iter().map(|(f, noise)| Image { f, noise }));
-            }
+            self.catch_up(journal, &set, &mut stored, &assembler, &mut images, instrument)?;
             let left_out = leave_one_out(&directions_deg, &set, &images, self.disk, &cells);
             let IncidentSet::List(list) = &set else {
                 unreachable!("made so")
@@ -352,6 +335,59 @@ impl Loop<'_> {
             directions_deg.extend(next.into_iter().map(in_degrees));
             journal.choose(&directions_deg)?;
         }
+    }
+
+    /// Segments of black patterns, which come first.
+    fn dark(&self) -> usize {
+        BLACK_EXPOSURES / self.patterns
+    }
+
+    /// All segments of black patterns; captures those beyond the `stored` ones.
+    fn black(
+        &self,
+        journal: &Journal,
+        stored: &mut usize,
+        instrument: &mut Instrument,
+    ) -> Result<Vec<Segment>, AdaptiveError> {
+        let dark = self.dark();
+        for segment in *stored..dark {
+            let black = vec![Exposure::Black; self.patterns];
+            self.capture(journal, segment, &black, &vec![None; self.patterns], instrument)?;
+        }
+        *stored = (*stored).max(dark);
+        let black = (0..dark)
+            .map(|segment| journal.frames.read_segment(segment))
+            .collect::<Result<Vec<_>, _>>()?;
+        Ok(black)
+    }
+
+    /// Adds the images that are still missing of the directions of `set`; captures those beyond the `stored` segments.
+    fn catch_up(
+        &self,
+        journal: &Journal,
+        set: &IncidentSet,
+        stored: &mut usize,
+        assembler: &FrameAssembler,
+        images: &mut Vec<Image>,
+        instrument: &mut Instrument,
+    ) -> Result<(), AdaptiveError> {
+        while images.len() < set.len() {
+            let batch = images.len()..(images.len() + self.patterns).min(set.len());
+            let segment = self.dark() + batch.start / self.patterns;
+            if segment >= *stored {
+                let exposures: Vec<Exposure> = batch.clone().map(Exposure::Incident).collect();
+                let lit: Vec<Option<LitSet>> = batch
+                    .clone()
+                    .map(|index| self.maker.lit_set(set.direction(index)).ok())
+                    .collect();
+                self.capture(journal, segment, &exposures, &lit, instrument)?;
+                *stored = segment + 1;
+            }
+            let stored = journal.frames.read_segment(segment)?;
+            let luminance = assembler.luminance(&stored, batch.start);
+            images.extend(luminance.into_iter().map(|(f, noise)| Image { f, noise }));
+        }
+        Ok(())
     }
 
     fn capture(

@@ -56,10 +56,22 @@ pub(super) fn page(study: &Study, measurements: &[Summary], step_deg: f64) -> St
     )
 }
 
+/// All figures in their order; cloths were measured every `step_deg` degrees.
 fn entries(study: &Study, measurements: &[Summary], step_deg: f64) -> Vec<Entry> {
-    let file = |name: &str| format!("figures/{name}");
-    let camera = &measurements[0];
-    let mut entries = vec![
+    let mut entries = Vec::from(capture_entries(study, &measurements[0]));
+    entries.extend(simulation_entries(study));
+    entries.extend(cloth_entries(measurements, step_deg));
+    entries
+}
+
+/// The path of a figure, relative to the page.
+fn file(name: &str) -> String {
+    format!("figures/{name}")
+}
+
+/// Patterns, images of the measurement `camera`, and spheres from coarse captures.
+fn capture_entries(study: &Study, camera: &Summary) -> [Entry; 3] {
+    [
         Entry {
             title: "Incident directions as projector patterns".to_owned(),
             pictures: vec![file("patterns.png")],
@@ -102,7 +114,12 @@ fn entries(study: &Study, measurements: &[Summary], step_deg: f64) -> Vec<Entry>
                 study.exposure
             ),
         },
-    ];
+    ]
+}
+
+/// PSNR of simulated captures, as the paper has it and beyond.
+fn simulation_entries(study: &Study) -> Vec<Entry> {
+    let mut entries = Vec::new();
     let simulation = format!(
         "Spheres of {SPHERE_PX} × {SPHERE_PX} pixels under {LIGHT_THETAS} × {LIGHT_PHIS} lights; of the lights the one \
          with the smallest PSNR counts. Y is the worst of Y, Cb and Cr. Claim: more than 40 dB at intervals below 1° and \
@@ -131,6 +148,12 @@ fn entries(study: &Study, measurements: &[Summary], step_deg: f64) -> Vec<Entry>
         paper: "Not in the paper.".to_owned(),
         ours: format!("The same spheres from few captures of {COMPARED_IMAGE_SIZE} × {COMPARED_IMAGE_SIZE} pixels, by rule of interpolation."),
     });
+    entries
+}
+
+/// Reflectance and pictures of the cloths as they were measured.
+fn cloth_entries(measurements: &[Summary], step_deg: f64) -> Vec<Entry> {
+    let mut entries = Vec::new();
     for cloth in CLOTHS {
         let summary = measurements.iter().find(|summary| summary.sample == cloth);
         let exposures = summary.map_or(0, |summary| summary.exposures);

@@ -143,50 +143,12 @@ pub fn choose(
     for (_, sums) in &sums {
         time_s = time_s.max(pass_s(rig, sums.blocks.exposures(), sums.longest_s.min(cap_s))?);
     }
-    let mut alternatives = Vec::new();
-    for fill in [false, true] {
-        let (method, exposure_s, repeats) = if fill {
-            let (exposure_s, repeats) = filled(rig, directions, singles.longest_s, time_s)?;
-            (Method::LongSingle, exposure_s, repeats)
-        } else {
-            (Method::Single, plain_s, 1)
-        };
-        let variance = |value: &Value, _: usize| dark_variance(rig, exposure_s) + value.rate * exposure_s;
-        let (uncertainty, by_region) = medians(&singles.values, exposure_s, repeats, variance);
-        alternatives.push(Alternative {
-            method,
-            order: 1,
-            exposures: directions,
-            exposure_s,
-            repeats,
-            time_s: pass_s(rig, directions, exposure_s)? * repeats as f64,
-            uncertainty,
-            by_region,
-        });
-    }
+    let mut alternatives = vec![
+        single(rig, &singles, Method::Single, plain_s, 1)?,
+        long_single(rig, &singles, time_s)?,
+    ];
     for (order, sums) in sums {
-        let exposures = sums.blocks.exposures();
-        let (exposure_s, repeats) = filled(rig, exposures, sums.longest_s, time_s)?;
-        let code = sums.blocks.code(0);
-        let variance = |value: &Value, turn: usize| {
-            let Some((rates, cells)) = sums.rates.get(turn % sums.rates.len().max(1)) else {
-                return f64::INFINITY; // saturated even at the shortest exposure
-            };
-            let others = rates[value.pixel].max(0.0) * (*cells as f64 - 1.0) / *cells as f64;
-            let total = (others + value.rate) * exposure_s;
-            code.variance_of_cells(total, dark_variance(rig, exposure_s), 1.0)
-        };
-        let (uncertainty, by_region) = medians(&singles.values, exposure_s, repeats, variance);
-        alternatives.push(Alternative {
-            method: Method::Multiplexed,
-            order,
-            exposures,
-            exposure_s,
-            repeats,
-            time_s: pass_s(rig, exposures, exposure_s)? * repeats as f64,
-            uncertainty,
-            by_region,
-        });
+        alternatives.push(multiplexed(rig, &singles, order, &sums, time_s)?);
     }
     let pick = (0..alternatives.len())
         .min_by(|a, b| rank(&alternatives[*a]).total_cmp(&rank(&alternatives[*b])))
@@ -214,6 +176,67 @@ pub fn choose(
             })
             .collect(),
         pick,
+    })
+}
+
+/// Single exposures of `exposure_s` seconds, `repeats` times, which are of `method`.
+fn single(
+    rig: &Rig,
+    singles: &Singles,
+    method: Method,
+    exposure_s: f64,
+    repeats: usize,
+) -> Result<Alternative, MultiplexError> {
+    let directions = singles.cells.len();
+    let variance = |value: &Value, _: usize| dark_variance(rig, exposure_s) + value.rate * exposure_s;
+    let (uncertainty, by_region) = medians(&singles.values, exposure_s, repeats, variance);
+    Ok(Alternative {
+        method,
+        order: 1,
+        exposures: directions,
+        exposure_s,
+        repeats,
+        time_s: pass_s(rig, directions, exposure_s)? * repeats as f64,
+        uncertainty,
+        by_region,
+    })
+}
+
+/// Single exposures that fill `time_s` seconds.
+fn long_single(rig: &Rig, singles: &Singles, time_s: f64) -> Result<Alternative, MultiplexError> {
+    let (exposure_s, repeats) = filled(rig, singles.cells.len(), singles.longest_s, time_s)?;
+    single(rig, singles, Method::LongSingle, exposure_s, repeats)
+}
+
+/// Coded exposures of blocks of `order` cells, whose `sums` were captured, that fill `time_s` seconds.
+fn multiplexed(
+    rig: &Rig,
+    singles: &Singles,
+    order: usize,
+    sums: &Sums,
+    time_s: f64,
+) -> Result<Alternative, MultiplexError> {
+    let exposures = sums.blocks.exposures();
+    let (exposure_s, repeats) = filled(rig, exposures, sums.longest_s, time_s)?;
+    let code = sums.blocks.code(0);
+    let variance = |value: &Value, turn: usize| {
+        let Some((rates, cells)) = sums.rates.get(turn % sums.rates.len().max(1)) else {
+            return f64::INFINITY; // saturated even at the shortest exposure
+        };
+        let others = rates[value.pixel].max(0.0) * (*cells as f64 - 1.0) / *cells as f64;
+        let total = (others + value.rate) * exposure_s;
+        code.variance_of_cells(total, dark_variance(rig, exposure_s), 1.0)
+    };
+    let (uncertainty, by_region) = medians(&singles.values, exposure_s, repeats, variance);
+    Ok(Alternative {
+        method: Method::Multiplexed,
+        order,
+        exposures,
+        exposure_s,
+        repeats,
+        time_s: pass_s(rig, exposures, exposure_s)? * repeats as f64,
+        uncertainty,
+        by_region,
     })
 }
 
