@@ -214,60 +214,60 @@ fn goals_that_make_no_sense_are_refused_and_nothing_is_made() {
     );
 }
 
-/// What an adaptive measurement may be taken with, at once: what a loop sees of it must be what assembly makes of it.
-#[test]
-fn whatever_it_is_taken_with_its_plan_and_its_list_measure_the_same() {
-    let scratch = tempfile::tempdir().unwrap();
-    let at = |name: &str| text(&scratch.path().join(name)).to_owned();
-    let (truth, calibration, list) = (at("truth.toml"), at("calibration"), at("list.txt"));
-    // Light and throughput are uneven, all stands where it should.
-    let still = ["--position-mm", "0", "--angle-deg", "0"];
-    run(&[&["truth", "--out", &truth][..], &still].concat(), "").done();
-    let photometry = [
-        "calibrate",
-        "photometry",
-        "--image-size",
-        "32",
-        "--tilts",
-        "51:84:40",
-        "--truth",
-        &truth,
-        "--out",
-        &calibration,
-    ];
-    run(&photometry, "").done();
-    let lines: String = (0..20)
-        .map(|at| format!("{} {}\n", 15.0 + 3.5 * f64::from(at), f64::from(at * 137 % 360)))
-        .collect::<Vec<_>>()
-        .concat();
-    fs::write(&list, lines).unwrap();
+/// A rig that is not quite as its file says, with its calibration, and a list of directions.
+struct Uneven {
+    scratch: tempfile::TempDir,
+    truth: String,
+    calibration: String,
+    list: String,
+}
 
-    let known = ["--truth", &truth, "--calibration", &calibration];
-    for (place, options) in [
-        &[
-            "--brackets",
-            "auto",
-            "--grid",
-            "equal-solid-angle",
-            "--step",
-            "22.5",
-        ][..],
-        &[&known[..], &["--brackets", "0.5,4,30", "--grid", &list]].concat(),
-        &[
-            "--rig",
-            "rcg-2",
-            "--tilt",
-            "20:100:30",
-            "--brackets",
-            "3",
-            "--step",
-            "30",
-        ],
-        &[&known[..], &["--tilt", "51:84:40", "--exposure-ms", "2"]].concat(),
-    ]
-    .into_iter()
-    .enumerate()
-    {
+impl Uneven {
+    /// Light and throughput are uneven, all stands where it should.
+    fn new() -> Self {
+        let scratch = tempfile::tempdir().unwrap();
+        let at = |name: &str| text(&scratch.path().join(name)).to_owned();
+        let (truth, calibration, list) = (at("truth.toml"), at("calibration"), at("list.txt"));
+        let still = ["--position-mm", "0", "--angle-deg", "0"];
+        run(&[&["truth", "--out", &truth][..], &still].concat(), "").done();
+        let photometry = [
+            "calibrate",
+            "photometry",
+            "--image-size",
+            "32",
+            "--tilts",
+            "51:84:40",
+            "--truth",
+            &truth,
+            "--out",
+            &calibration,
+        ];
+        run(&photometry, "").done();
+        let lines: String = (0..20)
+            .map(|at| format!("{} {}\n", 15.0 + 3.5 * f64::from(at), f64::from(at * 137 % 360)))
+            .collect::<Vec<_>>()
+            .concat();
+        fs::write(&list, lines).unwrap();
+        Self {
+            scratch,
+            truth,
+            calibration,
+            list,
+        }
+    }
+
+    fn at(&self, name: &str) -> String {
+        text(&self.scratch.path().join(name)).to_owned()
+    }
+
+    /// The options with which it is measured as calibrated.
+    fn known(&self) -> [&str; 4] {
+        ["--truth", &self.truth, "--calibration", &self.calibration]
+    }
+
+    /// Measures adaptively with `options`, and again after a kill, by its plan and by its list, in folders that end in
+    /// `place`: all values are the same.
+    fn measures_the_same(&self, place: usize, options: &[&str]) {
         // Noise is drawn by what is exposed in one run: of a plan that is replayed the same, of a list of directions not.
         let is_given = options
             .iter()
@@ -279,7 +279,7 @@ fn whatever_it_is_taken_with_its_plan_and_its_list_measure_the_same() {
             options,
         ]
         .concat();
-        let [out, cut] = ["out", "cut"].map(|name| at(&format!("{name}{place}")));
+        let [out, cut] = ["out", "cut"].map(|name| self.at(&format!("{name}{place}")));
         let goal = ["--adaptive", "--budget", "56", "--json"];
         let measure = |out| [&["measure", "--out", out][..], &shared, &goal].concat();
         let summary = run(&measure(out.as_str()), "").object();
@@ -294,7 +294,7 @@ fn whatever_it_is_taken_with_its_plan_and_its_list_measure_the_same() {
             let parts = ["adaptive.toml", "found another"];
             let without: Vec<&str> = measure(cut.as_str())
                 .into_iter()
-                .filter(|part| *part != "--calibration" && *part != calibration.as_str())
+                .filter(|part| *part != "--calibration" && *part != self.calibration.as_str())
                 .chain(["--resume"])
                 .collect();
             run(&without, "").complains(2, &parts);
@@ -308,15 +308,13 @@ fn whatever_it_is_taken_with_its_plan_and_its_list_measure_the_same() {
         } else {
             "rcg-1"
         };
-        let [again, listed] = ["again", "listed"].map(|name| at(&format!("{name}{place}")));
+        let [again, listed] = ["again", "listed"].map(|name| self.at(&format!("{name}{place}")));
+        let known = self.known();
         let applied: &[&str] = if with_calibration { &known[2..] } else { &[] };
         let plan = format!("{out}/plan.toml");
         let replay = ["measure", "--out", &again, "--replay", &plan, "--rig", rig];
         run(&[&replay[..], applied].concat(), "").done();
         assert!(f(&again) == expected, "replayed to other values with {options:?}");
-        let is_given = options
-            .iter()
-            .any(|option| ["--exposure-ms", "0.5,4,30"].contains(option));
         if is_given {
             let directions = format!("{out}/directions.txt");
             let kept = shared
@@ -335,6 +333,40 @@ fn whatever_it_is_taken_with_its_plan_and_its_list_measure_the_same() {
             std::path::Path::new(&out).join("calibration.json").exists(),
             with_calibration
         );
+    }
+}
+
+/// What an adaptive measurement may be taken with, at once: what a loop sees of it must be what assembly makes of it.
+#[test]
+fn whatever_it_is_taken_with_its_plan_and_its_list_measure_the_same() {
+    let uneven = Uneven::new();
+    let known = uneven.known();
+    for (place, options) in [
+        &[
+            "--brackets",
+            "auto",
+            "--grid",
+            "equal-solid-angle",
+            "--step",
+            "22.5",
+        ][..],
+        &[&known[..], &["--brackets", "0.5,4,30", "--grid", &uneven.list]].concat(),
+        &[
+            "--rig",
+            "rcg-2",
+            "--tilt",
+            "20:100:30",
+            "--brackets",
+            "3",
+            "--step",
+            "30",
+        ],
+        &[&known[..], &["--tilt", "51:84:40", "--exposure-ms", "2"]].concat(),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        uneven.measures_the_same(place, options);
     }
 }
 

@@ -175,235 +175,238 @@ fn the_table_of_a_mistake_is_named_wherever_it_stands() {
     );
 }
 
+/// What is replaced in the rig file, by what, and the sentence about it.
+const MISTAKES: &[(&str, &str, &str)] = &[
+    (
+        "hole_deg =",
+        "hole_dge =",
+        "mirror.hole_dge: expected one of `a_m`, `b_m`, `rim_z_m`, `hole_deg`, `edge_rotation_deg`, found unknown field `hole_dge`",
+    ),
+    (
+        "[light]",
+        "[licht]",
+        "licht: expected one of `name`, `mirror`, `sample`, `wire`, `camera`, `projector`, `light`, found unknown field `licht`",
+    ),
+    (
+        "[camera.lens]\nwidth_px = 2048",
+        "[camera.lense]\nwidth_px = 2048",
+        "camera.lense: expected one of `channels`, `bits`, `full_well_e`, `read_noise_e`, `dark_dn`, `dark_current_e_per_s`, `exposure_s`, `exposure_delay_s`, `readout_s`, `overlap`, `lens`, found unknown field `lense`",
+    ),
+    (
+        "spot_deg = 1.0",
+        "spot_deg = \"wide\"",
+        "light.spot_deg: expected a number, found string \"wide\"",
+    ),
+    (
+        "width_px = 1024",
+        "width_px = 1024.5",
+        "projector.lens.width_px: expected a whole number from 0 to 4294967295, found floating point `1024.5`",
+    ),
+    (
+        "name = \"rcg-1\"",
+        "name = \"rcg-1\"\nbaffle = 1",
+        "baffle: expected one of `name`, `mirror`, `sample`, `wire`, `camera`, `projector`, `light`, found unknown field `baffle`",
+    ),
+    (
+        "spot_deg = 1.0",
+        "",
+        "light.spot_deg: expected a value, as the field is required, found nothing",
+    ),
+    (
+        "name = \"rcg-1\"",
+        "",
+        "name: expected a value, as the field is required, found nothing",
+    ),
+    (
+        "bits = 16 ",
+        "bits = \"12\" ",
+        "camera.bits: expected a whole number from 0 to 255, found string \"12\"",
+    ),
+    (
+        "bits = 16 ",
+        "bits = 300 ",
+        "camera.bits: expected a whole number from 0 to 255, found integer `300`",
+    ),
+    (
+        "bits = 16 ",
+        "bits = 14 ",
+        "camera.bits: expected 8, 10, 12 or 16, found 14",
+    ),
+    (
+        "channels = 3 ",
+        "channels = 2 ",
+        "camera.channels: expected 1 or 3, found 2",
+    ),
+    (
+        "[1024.0, 1024.0]",
+        "[1024.0, 1024.0, 1.0]",
+        "camera.lens.centre_px: expected an array of length 2, found an array of length 3",
+    ),
+    (
+        "[512.0, 384.0]",
+        "[512.0]",
+        "projector.lens.centre_px: expected an array of length 2, found an array of length 1",
+    ),
+    (
+        "[512.0, 384.0]",
+        "[512.0, nan]",
+        "projector.lens.centre_px: expected numbers from -1000000 to 1000000 pixels, found 512, NaN",
+    ),
+    (
+        "b_m = 0.250",
+        "b_m = 0.150",
+        "mirror.b_m: expected more than mirror.a_m = 0.15 metres, found 0.15",
+    ),
+    (
+        "b_m = 0.250",
+        "b_m = 250",
+        "mirror.b_m: expected a number from 0.001 to 10 metres, found 250",
+    ),
+    (
+        "a_m = 0.150",
+        "a_m = inf",
+        "mirror.a_m: expected a number from 0.001 to 10 metres, found inf",
+    ),
+    (
+        "rim_z_m = 0.18",
+        "rim_z_m = 0.25",
+        "mirror.rim_z_m: expected a number between -0.25 and 0.25 metres, exclusive, found 0.25",
+    ),
+    (
+        "rim_z_m = 0.18",
+        "rim_z_m = nan",
+        "mirror.rim_z_m: expected a number between -0.25 and 0.25 metres, exclusive, found NaN",
+    ),
+    (
+        "hole_deg = 27.0",
+        "hole_deg = -1",
+        "mirror.hole_deg: expected a number from 0 to 90 degrees, found -1",
+    ),
+    (
+        "tilt_deg = 0.0",
+        "tilt_deg = 91",
+        "sample.tilt_deg: expected a number from -90 to 90 degrees, found 91",
+    ),
+    (
+        "radius_m = 0.01",
+        "radius_m = 0",
+        "sample.radius_m: expected a number from 0.000001 to 1 metres, found 0",
+    ),
+    (
+        "half_width_deg = 0.6",
+        "half_width_deg = 60",
+        "wire.half_width_deg: expected a number from 0 to 45 degrees, found 60",
+    ),
+    (
+        "azimuth_deg = 270.0",
+        "azimuth_deg = 999",
+        "wire.azimuth_deg: expected a number from -360 to 360 degrees, found 999",
+    ),
+    (
+        "full_well_e = 20000.0",
+        "full_well_e = 0",
+        "camera.full_well_e: expected a number from 1 to 1000000000 electrons, found 0",
+    ),
+    (
+        "read_noise_e = 3.0",
+        "read_noise_e = -3",
+        "camera.read_noise_e: expected a number from 0 to 1000000 electrons, found -3",
+    ),
+    (
+        "dark_dn = 64.0",
+        "dark_dn = 65535",
+        "camera.dark_dn: expected a number from 0 to 65534 digital numbers, found 65535",
+    ),
+    (
+        "dark_current_e_per_s = 5.0",
+        "dark_current_e_per_s = nan",
+        "camera.dark_current_e_per_s: expected a number from 0 to 1000000000 electrons per second, found NaN",
+    ),
+    (
+        "exposure_s = 0.0333",
+        "exposure_s = 0",
+        "camera.exposure_s: expected a number from 0.0000001 to 3600 seconds, found 0",
+    ),
+    (
+        "exposure_delay_s = 5e-6",
+        "exposure_delay_s = -1",
+        "camera.exposure_delay_s: expected a number from 0 to 10 seconds, found -1",
+    ),
+    (
+        "readout_s = 0.026",
+        "readout_s = 61",
+        "camera.readout_s: expected a number from 0 to 60 seconds, found 61",
+    ),
+    (
+        "overlap = false",
+        "overlap = 0",
+        "camera.overlap: expected true or false, found integer `0`",
+    ),
+    (
+        "settle_s = 0.0333",
+        "settle_s = -1",
+        "projector.settle_s: expected a number from 0 to 60 seconds, found -1",
+    ),
+    (
+        "min_period_s = 0.0166667",
+        "min_period_s = 0",
+        "projector.min_period_s: expected a number from 0.0000001 to 60 seconds, found 0",
+    ),
+    (
+        "irradiance = 1.0",
+        "irradiance = 0",
+        "projector.irradiance: expected a number from 0.000000001 to 1000000000 (relative intensity), found 0",
+    ),
+    (
+        "full_scale_f_sr = 0.5",
+        "full_scale_f_sr = 0",
+        "light.full_scale_f_sr: expected a number from 0.000000001 to 1000000000 per steradian, found 0",
+    ),
+    (
+        "spot_deg = 1.0",
+        "spot_deg = 0",
+        "light.spot_deg: expected a number from 0.001 to 90 degrees, found 0",
+    ),
+    (
+        "width_px = 2048",
+        "width_px = 0",
+        "camera.lens.width_px: expected 1 to 32768 pixels, found 0",
+    ),
+    (
+        "height_px = 768",
+        "height_px = 99999",
+        "projector.lens.height_px: expected 1 to 32768 pixels, found 99999",
+    ),
+    (
+        "focal_px = 1638.4",
+        "focal_px = -1638.4",
+        "projector.lens.focal_px: expected a number from 0.001 to 10000000 pixels, found -1638.4",
+    ),
+    (
+        "[0.0, 0.0, 0.0]       # optional: metres, optical",
+        "[0.0, 0.0, 0.5] # ",
+        "camera.lens.offset_m: expected an optical centre inside the mirror's ellipsoid, found 0, 0, 0.5 metres",
+    ),
+    (
+        "[0.0, 0.0, 0.0]   # optional: degrees",
+        "[0.0, 0.0, 400] # ",
+        "camera.lens.rotation_deg: expected numbers from -180 to 180 degrees, found 0, 0, 400",
+    ),
+    (
+        "[0.0, 0.0, 0.0, 0.0, 0.0]  # optional",
+        "[-20, 0, 0, 0, 0] # ",
+        "camera.lens.distortion: expected a distortion that can be undone everywhere in the image, found -20, 0, 0, 0, 0",
+    ),
+    (
+        "[0.0, 0.0, 0.0, 0.0, 0.0]  # optional",
+        "[inf, 0, 0, 0, 0] # ",
+        "camera.lens.distortion: expected numbers from -1000 to 1000 (no unit), found inf, 0, 0, 0, 0",
+    ),
+];
+
 #[test]
 fn every_mistake_has_its_sentence() {
-    for (from, to, expected) in [
-        (
-            "hole_deg =",
-            "hole_dge =",
-            "mirror.hole_dge: expected one of `a_m`, `b_m`, `rim_z_m`, `hole_deg`, `edge_rotation_deg`, found unknown field `hole_dge`",
-        ),
-        (
-            "[light]",
-            "[licht]",
-            "licht: expected one of `name`, `mirror`, `sample`, `wire`, `camera`, `projector`, `light`, found unknown field `licht`",
-        ),
-        (
-            "[camera.lens]\nwidth_px = 2048",
-            "[camera.lense]\nwidth_px = 2048",
-            "camera.lense: expected one of `channels`, `bits`, `full_well_e`, `read_noise_e`, `dark_dn`, `dark_current_e_per_s`, `exposure_s`, `exposure_delay_s`, `readout_s`, `overlap`, `lens`, found unknown field `lense`",
-        ),
-        (
-            "spot_deg = 1.0",
-            "spot_deg = \"wide\"",
-            "light.spot_deg: expected a number, found string \"wide\"",
-        ),
-        (
-            "width_px = 1024",
-            "width_px = 1024.5",
-            "projector.lens.width_px: expected a whole number from 0 to 4294967295, found floating point `1024.5`",
-        ),
-        (
-            "name = \"rcg-1\"",
-            "name = \"rcg-1\"\nbaffle = 1",
-            "baffle: expected one of `name`, `mirror`, `sample`, `wire`, `camera`, `projector`, `light`, found unknown field `baffle`",
-        ),
-        (
-            "spot_deg = 1.0",
-            "",
-            "light.spot_deg: expected a value, as the field is required, found nothing",
-        ),
-        (
-            "name = \"rcg-1\"",
-            "",
-            "name: expected a value, as the field is required, found nothing",
-        ),
-        (
-            "bits = 16 ",
-            "bits = \"12\" ",
-            "camera.bits: expected a whole number from 0 to 255, found string \"12\"",
-        ),
-        (
-            "bits = 16 ",
-            "bits = 300 ",
-            "camera.bits: expected a whole number from 0 to 255, found integer `300`",
-        ),
-        (
-            "bits = 16 ",
-            "bits = 14 ",
-            "camera.bits: expected 8, 10, 12 or 16, found 14",
-        ),
-        (
-            "channels = 3 ",
-            "channels = 2 ",
-            "camera.channels: expected 1 or 3, found 2",
-        ),
-        (
-            "[1024.0, 1024.0]",
-            "[1024.0, 1024.0, 1.0]",
-            "camera.lens.centre_px: expected an array of length 2, found an array of length 3",
-        ),
-        (
-            "[512.0, 384.0]",
-            "[512.0]",
-            "projector.lens.centre_px: expected an array of length 2, found an array of length 1",
-        ),
-        (
-            "[512.0, 384.0]",
-            "[512.0, nan]",
-            "projector.lens.centre_px: expected numbers from -1000000 to 1000000 pixels, found 512, NaN",
-        ),
-        (
-            "b_m = 0.250",
-            "b_m = 0.150",
-            "mirror.b_m: expected more than mirror.a_m = 0.15 metres, found 0.15",
-        ),
-        (
-            "b_m = 0.250",
-            "b_m = 250",
-            "mirror.b_m: expected a number from 0.001 to 10 metres, found 250",
-        ),
-        (
-            "a_m = 0.150",
-            "a_m = inf",
-            "mirror.a_m: expected a number from 0.001 to 10 metres, found inf",
-        ),
-        (
-            "rim_z_m = 0.18",
-            "rim_z_m = 0.25",
-            "mirror.rim_z_m: expected a number between -0.25 and 0.25 metres, exclusive, found 0.25",
-        ),
-        (
-            "rim_z_m = 0.18",
-            "rim_z_m = nan",
-            "mirror.rim_z_m: expected a number between -0.25 and 0.25 metres, exclusive, found NaN",
-        ),
-        (
-            "hole_deg = 27.0",
-            "hole_deg = -1",
-            "mirror.hole_deg: expected a number from 0 to 90 degrees, found -1",
-        ),
-        (
-            "tilt_deg = 0.0",
-            "tilt_deg = 91",
-            "sample.tilt_deg: expected a number from -90 to 90 degrees, found 91",
-        ),
-        (
-            "radius_m = 0.01",
-            "radius_m = 0",
-            "sample.radius_m: expected a number from 0.000001 to 1 metres, found 0",
-        ),
-        (
-            "half_width_deg = 0.6",
-            "half_width_deg = 60",
-            "wire.half_width_deg: expected a number from 0 to 45 degrees, found 60",
-        ),
-        (
-            "azimuth_deg = 270.0",
-            "azimuth_deg = 999",
-            "wire.azimuth_deg: expected a number from -360 to 360 degrees, found 999",
-        ),
-        (
-            "full_well_e = 20000.0",
-            "full_well_e = 0",
-            "camera.full_well_e: expected a number from 1 to 1000000000 electrons, found 0",
-        ),
-        (
-            "read_noise_e = 3.0",
-            "read_noise_e = -3",
-            "camera.read_noise_e: expected a number from 0 to 1000000 electrons, found -3",
-        ),
-        (
-            "dark_dn = 64.0",
-            "dark_dn = 65535",
-            "camera.dark_dn: expected a number from 0 to 65534 digital numbers, found 65535",
-        ),
-        (
-            "dark_current_e_per_s = 5.0",
-            "dark_current_e_per_s = nan",
-            "camera.dark_current_e_per_s: expected a number from 0 to 1000000000 electrons per second, found NaN",
-        ),
-        (
-            "exposure_s = 0.0333",
-            "exposure_s = 0",
-            "camera.exposure_s: expected a number from 0.0000001 to 3600 seconds, found 0",
-        ),
-        (
-            "exposure_delay_s = 5e-6",
-            "exposure_delay_s = -1",
-            "camera.exposure_delay_s: expected a number from 0 to 10 seconds, found -1",
-        ),
-        (
-            "readout_s = 0.026",
-            "readout_s = 61",
-            "camera.readout_s: expected a number from 0 to 60 seconds, found 61",
-        ),
-        (
-            "overlap = false",
-            "overlap = 0",
-            "camera.overlap: expected true or false, found integer `0`",
-        ),
-        (
-            "settle_s = 0.0333",
-            "settle_s = -1",
-            "projector.settle_s: expected a number from 0 to 60 seconds, found -1",
-        ),
-        (
-            "min_period_s = 0.0166667",
-            "min_period_s = 0",
-            "projector.min_period_s: expected a number from 0.0000001 to 60 seconds, found 0",
-        ),
-        (
-            "irradiance = 1.0",
-            "irradiance = 0",
-            "projector.irradiance: expected a number from 0.000000001 to 1000000000 (relative intensity), found 0",
-        ),
-        (
-            "full_scale_f_sr = 0.5",
-            "full_scale_f_sr = 0",
-            "light.full_scale_f_sr: expected a number from 0.000000001 to 1000000000 per steradian, found 0",
-        ),
-        (
-            "spot_deg = 1.0",
-            "spot_deg = 0",
-            "light.spot_deg: expected a number from 0.001 to 90 degrees, found 0",
-        ),
-        (
-            "width_px = 2048",
-            "width_px = 0",
-            "camera.lens.width_px: expected 1 to 32768 pixels, found 0",
-        ),
-        (
-            "height_px = 768",
-            "height_px = 99999",
-            "projector.lens.height_px: expected 1 to 32768 pixels, found 99999",
-        ),
-        (
-            "focal_px = 1638.4",
-            "focal_px = -1638.4",
-            "projector.lens.focal_px: expected a number from 0.001 to 10000000 pixels, found -1638.4",
-        ),
-        (
-            "[0.0, 0.0, 0.0]       # optional: metres, optical",
-            "[0.0, 0.0, 0.5] # ",
-            "camera.lens.offset_m: expected an optical centre inside the mirror's ellipsoid, found 0, 0, 0.5 metres",
-        ),
-        (
-            "[0.0, 0.0, 0.0]   # optional: degrees",
-            "[0.0, 0.0, 400] # ",
-            "camera.lens.rotation_deg: expected numbers from -180 to 180 degrees, found 0, 0, 400",
-        ),
-        (
-            "[0.0, 0.0, 0.0, 0.0, 0.0]  # optional",
-            "[-20, 0, 0, 0, 0] # ",
-            "camera.lens.distortion: expected a distortion that can be undone everywhere in the image, found -20, 0, 0, 0, 0",
-        ),
-        (
-            "[0.0, 0.0, 0.0, 0.0, 0.0]  # optional",
-            "[inf, 0, 0, 0, 0] # ",
-            "camera.lens.distortion: expected numbers from -1000 to 1000 (no unit), found inf, 0, 0, 0, 0",
-        ),
-    ] {
+    for &(from, to, expected) in MISTAKES {
         assert_eq!(sentence(&[(from, to)]), format!("lab/my.toml: {expected}"));
     }
 }

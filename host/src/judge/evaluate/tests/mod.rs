@@ -1,5 +1,7 @@
 //! Laws of the figures: none over nothing, and what a direct computation says over something.
 
+mod direct;
+
 use std::path::Path;
 
 use half::f16;
@@ -13,7 +15,6 @@ use crate::brdf::sample::{Outgoing, parse};
 use crate::brdf::{BrdfError, KnownBrdf};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::Grid;
-use crate::hemisphere::judged::is_judged;
 use crate::instrument::optics::Unmeasurable;
 use crate::store::{BrdfLayout, BrdfRows, BrdfWriter};
 
@@ -109,7 +110,6 @@ fn figures_over_nothing_are_none() {
     let scratch = tempfile::tempdir().unwrap();
     let at = |name: &str| scratch.path().join(name);
     let white = parse("lambert:0.5").unwrap();
-    let measured = || Some((vec![0.15; 3], 0.01, Provenance::Measured));
     for channels in [1, 3] {
         // Nothing measured at all.
         let empty = file(&at("empty"), channels, &mut |_, _| None);
@@ -133,6 +133,13 @@ fn figures_over_nothing_are_none() {
             assert!(text.contains(figure), "{figure} in {text}");
         }
     }
+}
+
+#[test]
+fn figures_over_no_evidence_are_none() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let white = parse("lambert:0.5").unwrap();
     // A single sample, and one that was filled in by whatever way: none of them is evidence.
     let middle = Disk::new(SIZE)
         .neighbours(crate::hemisphere::direction::from_degrees(30.0, 40.0))
@@ -165,8 +172,16 @@ fn figures_over_nothing_are_none() {
             "judged by itself: {of}"
         );
     }
+}
+
+#[test]
+fn figures_against_references_without_light_are_none() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
     // References that are black, or have no value where something was measured.
-    let whole = file(&at("whole"), 3, &mut |_, _| measured());
+    let whole = file(&at("whole"), 3, &mut |_, _| {
+        Some((vec![0.15; 3], 0.01, Provenance::Measured))
+    });
     let black = parse("lambert:0").unwrap();
     let holes = KnownBrdf::read(&file(&at("holes"), 3, &mut |_, _| None)).unwrap();
     for (reference, compared) in [(black.as_ref(), true), (&holes as &dyn Sample, false)] {
@@ -210,153 +225,6 @@ impl Sample for Same {
 impl Outgoing for Same {
     fn f(&self, _wo: DVec3) -> [f64; 3] {
         [f64::from(0.15_f32); 3]
-    }
-}
-
-/// A reference that is 0 on one side, negative at the edge of it, and not known at the other.
-#[derive(Debug)]
-struct Ramp;
-
-impl Sample for Ramp {
-    fn incident(&self, _wi: DVec3) -> Box<dyn Outgoing + '_> {
-        Box::new(Self)
-    }
-
-    fn is_isotropic(&self) -> bool {
-        false
-    }
-}
-
-impl Outgoing for Ramp {
-    fn f(&self, wo: DVec3) -> [f64; 3] {
-        let f = match wo.x {
-            x if x > 0.7 => f64::NAN,
-            x if x > 0.0 => 0.2 * x,
-            x if x > -0.5 => 0.0,
-            x => x,
-        };
-        [f, 2.0 * f, f]
-    }
-}
-
-#[test]
-fn figures_are_those_of_a_direct_computation() {
-    let scratch = tempfile::tempdir().unwrap();
-    for seed in 0..6 {
-        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
-        let channels = if seed % 2 == 0 { 1 } else { 3 };
-        let share = rng.random_range(0.3..1.0);
-        let mut samples = Vec::new();
-        let brdf = file(&scratch.path().join("m"), channels, &mut |index, cell| {
-            if rng.random_range(0.0..1.0) > share {
-                return None;
-            }
-            let f: Vec<f32> = (0..channels).map(|_| rng.random_range(-0.02..0.4)).collect();
-            let sigma = f16::from_f32(rng.random_range(1e-4..1e-2)).to_f32();
-            let origin = Provenance::ALL[rng.random_range(1..Provenance::ALL.len())];
-            samples.push((index, cell, f.clone(), sigma, origin));
-            Some((f, sigma, origin))
-        });
-        let found = evaluate(&brdf, Some(("ramp", &Ramp)), &|_| {}).unwrap();
-        let (grid, disk) = (brdf.grid(), brdf.disk());
-        let judged = |index: usize, cell: usize| {
-            is_judged(grid.direction(index)) && disk.direction(cell).is_some_and(is_judged)
-        };
-        let pairs = (0..grid.len() * disk.len())
-            .filter(|at| judged(at / disk.len(), at % disk.len()))
-            .count() as f64;
-        assert_eq!(found.measured_samples, samples.len() as u64);
-        samples.retain(|(index, cell, ..)| judged(*index, *cell));
-        assert!((found.coverage.unwrap() - samples.len() as f64 / pairs).abs() < 1e-12);
-        for origin in &found.provenance[1..] {
-            let count = samples
-                .iter()
-                .filter(|sample| sample.4.name() == origin.provenance)
-                .count();
-            assert!((origin.share - count as f64 / pairs).abs() < 1e-12, "{origin:?}");
-        }
-        samples.retain(|sample| sample.4.is_seen());
-        // The floor, by the definition, over other directions than those of the program.
-        let floor = |channel: usize| {
-            let all: Vec<DVec3> = (0..200 * 200)
-                .filter_map(|cell| Disk::new(200).direction(cell))
-                .filter(|wo| is_judged(*wo))
-                .collect();
-            let mut values: Vec<(f64, f64)> = all
-                .iter()
-                .map(|wo| (Outgoing::f(&Ramp, *wo), wo.z))
-                .map(|(f, z)| {
-                    (
-                        if channels == 1 {
-                            f.iter().sum::<f64>() / 3.0
-                        } else {
-                            f[channel]
-                        },
-                        z,
-                    )
-                })
-                .filter(|(f, _)| f.is_finite())
-                .collect();
-            let albedo: f64 = values.iter().map(|(f, z)| f * z).sum::<f64>() * Disk::new(200).cell_sr();
-            values.sort_by(|a, b| a.0.total_cmp(&b.0));
-            f64::max(
-                0.01 * values[values.len() / 2].0,
-                0.01 * albedo / std::f64::consts::PI,
-            )
-        };
-        let floors = [0, 1, 2].map(floor);
-        let (mut errors, mut squares, mut compared, mut sigmas) = (Vec::new(), 0.0, 0_u64, Vec::new());
-        for (index, cell, f, sigma, _) in &samples {
-            let (wi, wo) = (grid.direction(*index), disk.direction(*cell).unwrap());
-            let truth = Outgoing::f(&Ramp, wo);
-            let truth = if channels == 1 {
-                [truth.iter().sum::<f64>() / 3.0; 3]
-            } else {
-                truth
-            };
-            for (channel, f) in f.iter().enumerate() {
-                let f = f64::from(*f);
-                sigmas.push(if f > 0.0 {
-                    f64::from(*sigma) / f
-                } else {
-                    f64::INFINITY
-                });
-                let truth = truth[channel];
-                if truth.is_finite() {
-                    compared += 1;
-                    squares += ((f * wi.z).clamp(0.0, 1.0) - (truth * wi.z).clamp(0.0, 1.0)).powi(2);
-                    if truth > 0.0 && truth >= floors[channel] {
-                        errors.push((f - truth).abs() / truth);
-                    }
-                }
-            }
-        }
-        let against = found.against_reference.unwrap();
-        assert_eq!(
-            (against.samples, against.scored_samples),
-            (compared, errors.len() as u64)
-        );
-        assert!(
-            (against.scored_share.unwrap() - errors.len() as f64 / (pairs * channels as f64)).abs() < 1e-12
-        );
-        let psnr_db = -10.0 * (squares / compared as f64).log10();
-        assert!((against.psnr_db.unwrap() - psnr_db).abs() < 1e-9);
-        let median = |values: &mut Vec<f64>| {
-            values.sort_by(f64::total_cmp);
-            values[values.len() / 2]
-        };
-        let close = |found: Quantile, expected: f64| {
-            assert!(
-                (found.value().unwrap() / expected - 1.0).abs() < 0.013,
-                "{found:?} {expected}"
-            );
-        };
-        close(found.median_relative_sigma, median(&mut sigmas));
-        close(against.relative_error.median, median(&mut errors));
-        close(
-            against.relative_error.p90,
-            errors[(0.9 * errors.len() as f64) as usize],
-        );
     }
 }
 
