@@ -31,6 +31,7 @@ use half::f16;
 use rayon::prelude::*;
 
 use crate::assemble::resample::Resampling;
+use crate::base::blame::Blame;
 use crate::base::text::by;
 use crate::brdf::{Brdf, BrdfError};
 use crate::hemisphere::disk::Disk;
@@ -101,6 +102,16 @@ pub enum AssembleError {
         /// What is wrong.
         reason: String,
     },
+}
+
+impl Blame for AssembleError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Brdf(error) => error.is_input(),
+            Self::Store(error) => error.is_input(),
+            Self::Mismatch { .. } => true,
+        }
+    }
 }
 
 /// The dynamic range of exposures of `exposures_s` seconds (ascending) of the camera of `rig`, at any incident direction:

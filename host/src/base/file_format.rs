@@ -1,5 +1,6 @@
 //! What a file is written as: the end of its name says it, and a name that says something else is refused.
 
+use crate::base::blame::Blame;
 use std::fmt;
 use std::path::Path;
 
@@ -59,6 +60,12 @@ pub struct FormatError {
     path: String,
     formats: Formats,
     found: String,
+}
+
+impl Blame for FormatError {
+    fn is_input(&self) -> bool {
+        true
+    }
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@ pub mod sample;
 
 use std::path::{Path, PathBuf};
 
+use crate::base::blame::Blame;
 use crate::brdf::interpolation::{Cells, Errors};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
@@ -56,6 +57,15 @@ pub enum BrdfError {
         /// What is there.
         found: String,
     },
+}
+
+impl Blame for BrdfError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Store(error) => error.is_input(),
+            Self::Content { .. } => true,
+        }
+    }
 }
 
 /// A `brdf.zarr`.

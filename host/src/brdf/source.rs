@@ -5,6 +5,7 @@ use std::path::Path;
 use glam::DVec3;
 
 use super::{Brdf, BrdfError};
+use crate::base::blame::Blame;
 use crate::brdf::reflectance::{Reflectance, Value};
 use crate::brdf::sample::{Sample, SampleError, parse};
 use crate::store::StoreError;
@@ -24,6 +25,15 @@ pub enum SourceError {
     /// A sample.
     #[error(transparent)]
     Sample(#[from] SampleError),
+}
+
+impl Blame for SourceError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Brdf(error) => error.is_input(),
+            Self::Sample(_) => true,
+        }
+    }
 }
 
 /// A measured BRDF or a known sample.

@@ -16,6 +16,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
+use crate::base::blame::Blame;
 use crate::capture::measurement::MeasurementError;
 use crate::capture::{CaptureError, Captured, Instrument, Tally};
 use crate::hemisphere::incident::Grid;
@@ -96,6 +97,18 @@ pub enum CalibrateError {
         /// What to do.
         advice: &'static str,
     },
+}
+
+impl Blame for CalibrateError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Setup(error) => error.is_input(),
+            Self::Measurement(error) => error.is_input(),
+            Self::Store(error) => error.is_input(),
+            Self::File(_) | Self::Picture(_) => false,
+            Self::Rig(_) | Self::Found(_) | Self::Views { .. } => true,
+        }
+    }
 }
 
 impl From<CaptureError> for CalibrateError {

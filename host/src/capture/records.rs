@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use rcg_protocol::{StepFlags, StepRecord};
 use serde_json::json;
 
+use crate::base::blame::Blame;
 use crate::base::file_format::{FormatError, RECORDS};
 use crate::store::whole_file::WholeFile;
 
@@ -28,6 +29,12 @@ pub enum RecordsError {
         /// What is wrong.
         source: io::Error,
     },
+}
+
+impl Blame for RecordsError {
+    fn is_input(&self) -> bool {
+        matches!(self, Self::Format(_))
+    }
 }
 
 /// A file of step records. It appears with [`finish`](Self::finish); until then what stood there before is there.

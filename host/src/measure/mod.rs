@@ -10,6 +10,7 @@ use std::time::Duration;
 use serde_json::{Map, json};
 
 use crate::assemble::{AssembleError, Assembled, assemble};
+use crate::base::blame::Blame;
 use crate::base::progress::Progress;
 use crate::brdf::sample::SampleError;
 use crate::brdf::{Brdf, BrdfError};
@@ -49,6 +50,20 @@ pub enum MeasureError {
     /// Figures and report.
     #[error(transparent)]
     Report(#[from] ReportError),
+}
+
+impl Blame for MeasureError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Measurement(error) => error.is_input(),
+            Self::Brdf(error) => error.is_input(),
+            Self::Assemble(error) => error.is_input(),
+            Self::Sample(error) => error.is_input(),
+            Self::Calibration(error) => error.is_input(),
+            Self::Setup(error) => error.is_input(),
+            Self::Report(_) => false,
+        }
+    }
 }
 
 impl From<FileError> for MeasureError {

@@ -15,6 +15,7 @@ pub mod stripes;
 
 use serde::{Deserialize, Serialize};
 
+use crate::base::blame::Blame;
 use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
 use crate::instrument::optics::{Unmeasurable, View};
 use crate::instrument::rig::{Rig, RigError, Tilt, explain};
@@ -219,6 +220,12 @@ pub enum PlanError {
         /// What is wrong with it.
         reason: String,
     },
+}
+
+impl Blame for PlanError {
+    fn is_input(&self) -> bool {
+        true
+    }
 }
 
 /// The incident directions of a plan.

@@ -1,5 +1,6 @@
 //! What can be wrong with a file of a measurement, one sentence each.
 
+use crate::base::blame::Blame;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -112,6 +113,15 @@ pub enum StoreError {
         /// What the system said.
         source: Arc<io::Error>,
     },
+}
+
+impl Blame for StoreError {
+    fn is_input(&self) -> bool {
+        !matches!(
+            self,
+            Self::DiskFull { .. } | Self::Io { .. } | Self::Argument { .. } | Self::Busy { .. }
+        )
+    }
 }
 
 impl StoreError {

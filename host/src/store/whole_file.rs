@@ -13,6 +13,7 @@
 //! Writing needs the right to make files in the folder, not only to write the file, and a file with several names (hard
 //! links) gets one of its own. An old file keeps its permissions, not its owner.
 
+use crate::base::blame::Blame;
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
@@ -31,6 +32,12 @@ pub struct FileError {
     pub path: String,
     /// What the system says.
     pub source: io::Error,
+}
+
+impl Blame for FileError {
+    fn is_input(&self) -> bool {
+        false
+    }
 }
 
 impl FileError {

@@ -21,6 +21,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
+use crate::base::blame::Blame;
 use crate::base::progress::Progress;
 use crate::brdf::interpolation::{Interpolation, Table};
 use crate::brdf::reflectance::Reflectance;
@@ -147,6 +148,16 @@ pub enum StudyError {
     /// Figures and tables.
     #[error(transparent)]
     Chart(#[from] ChartError),
+}
+
+impl Blame for StudyError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Store(error) => error.is_input(),
+            Self::Chart(error) => error.is_input(),
+            Self::TooLarge { .. } | Self::Interval(_) | Self::ImageSize(_) | Self::Exposure(_) => true,
+        }
+    }
 }
 
 impl Settings {

@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use crate::base::blame::Blame;
 use crate::brdf::sample::SampleError;
 use crate::capture::Instrument;
 use crate::capture::device::{Device, DeviceError, Patience};
@@ -33,6 +34,16 @@ pub enum SetupError {
     /// The wires between the trigger box and the virtual rig.
     #[error(transparent)]
     Wires(#[from] WiresError),
+}
+
+impl Blame for SetupError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Plan(_) | Self::Truth(_) | Self::Sample(_) => true,
+            Self::Device(error) => error.is_input(),
+            Self::Wires(error) => matches!(error, WiresError::Address { .. }),
+        }
+    }
 }
 
 /// What the virtual rig is driven by, and what goes wrong in it.

@@ -34,6 +34,7 @@ use serde_json::{Map, Value, json};
 pub use merge::Alignment;
 
 use crate::assemble::{coordinates, interpolation_errors, list_attributes};
+use crate::base::blame::Blame;
 use crate::base::progress::Progress;
 use crate::brdf::{Brdf, BrdfError, evidence};
 use crate::hemisphere::direction::from_angles;
@@ -100,6 +101,17 @@ pub enum FillError {
         /// How many there are.
         found: usize,
     },
+}
+
+impl Blame for FillError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Brdf(error) => error.is_input(),
+            Self::Store(error) => error.is_input(),
+            Self::Fit(error) => error.is_input(),
+            Self::Differs { .. } | Self::NoOverlap { .. } | Self::Nothing { .. } => true,
+        }
+    }
 }
 
 /// Share of direction pairs of one provenance.

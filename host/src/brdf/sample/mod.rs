@@ -24,6 +24,7 @@ use std::path::{Path, PathBuf};
 
 use glam::DVec3;
 
+use crate::base::blame::Blame;
 use crate::hemisphere::direction::{from_angles, is_above_horizon};
 
 pub use ggx::Ggx;
@@ -92,6 +93,12 @@ pub enum SampleError {
         /// What stands there.
         found: String,
     },
+}
+
+impl Blame for SampleError {
+    fn is_input(&self) -> bool {
+        true
+    }
 }
 
 /// The sample that `spec` names.

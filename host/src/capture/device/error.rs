@@ -2,6 +2,7 @@
 
 use rcg_protocol::{Fault, PROTOCOL_VERSION, SCHEMA_HASH};
 
+use crate::base::blame::Blame;
 use crate::capture::link::LinkError;
 
 /// Why a request has no answer.
@@ -70,6 +71,28 @@ pub enum DeviceError {
         /// Steps of the schedule.
         found: usize,
     },
+}
+
+impl Blame for DeviceError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Link(error) => error.is_input(),
+            Self::TooLong { .. } => true,
+            Self::Refused { fault, .. } => {
+                use rcg_protocol::Fault;
+                matches!(
+                    fault,
+                    Fault::EdgesTooClose { .. }
+                        | Fault::PulseOutsidePeriod { .. }
+                        | Fault::PeriodTooLong { .. }
+                        | Fault::EmptySchedule
+                        | Fault::TooManySteps { .. }
+                        | Fault::TooManyWords { .. }
+                )
+            }
+            _ => false,
+        }
+    }
 }
 
 /// Before `hello` is answered nothing says that a trigger box is there at all.

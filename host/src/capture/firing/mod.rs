@@ -9,6 +9,7 @@ use std::str::FromStr;
 
 use rcg_protocol::{Info, Micros, Pace, Pulse, Step, Ticks};
 
+use crate::base::blame::Blame;
 use crate::instrument::rig::Rig;
 use crate::plan::schedule::{ScheduleError, Timing};
 
@@ -204,6 +205,12 @@ pub enum FiringError {
         /// The longest.
         longest: String,
     },
+}
+
+impl Blame for FiringError {
+    fn is_input(&self) -> bool {
+        true
+    }
 }
 
 /// Steps that differ in their exposure time only. What is not given comes from the rig, as far as it fits what is given.

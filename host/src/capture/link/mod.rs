@@ -8,6 +8,7 @@ mod memory;
 mod port;
 mod serial;
 
+use crate::base::blame::Blame;
 use std::io;
 use std::time::Duration;
 
@@ -116,6 +117,15 @@ pub enum LinkError {
         /// What the system says.
         source: io::Error,
     },
+}
+
+impl Blame for LinkError {
+    fn is_input(&self) -> bool {
+        matches!(
+            self,
+            Self::NoSuchPort { .. } | Self::NoTriggerBox { .. } | Self::SeveralTriggerBoxes { .. }
+        )
+    }
 }
 
 fn allowed(group: Option<&str>) -> String {

@@ -1,5 +1,6 @@
 //! Why a measurement cannot go on.
 
+use crate::base::blame::Blame;
 use crate::capture::CaptureError;
 use crate::hemisphere::incident::IncidentError;
 use crate::instrument::calibration::CalibrationError;
@@ -79,6 +80,23 @@ pub enum MeasurementError {
     /// The capture.
     #[error(transparent)]
     Capture(#[from] CaptureError),
+}
+
+impl Blame for MeasurementError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Exists { .. }
+            | Self::NotOne { .. }
+            | Self::Differs { .. }
+            | Self::Changed { .. }
+            | Self::Manifest { .. }
+            | Self::Rig(_)
+            | Self::Plan(_)
+            | Self::Calibration(_) => true,
+            Self::Store(error) => error.is_input(),
+            Self::File(_) | Self::Capture(_) => false,
+        }
+    }
 }
 
 impl From<IncidentError> for MeasurementError {

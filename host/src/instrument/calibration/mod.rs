@@ -25,6 +25,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use crate::base::blame::Blame;
 use crate::instrument::rig::{Rig, RigError, Tilt};
 use crate::store::checksum::sum;
 use crate::store::whole_file::FileError;
@@ -268,4 +269,10 @@ pub enum CalibrationError {
         /// Those of the standard.
         tilts: String,
     },
+}
+
+impl Blame for CalibrationError {
+    fn is_input(&self) -> bool {
+        true
+    }
 }

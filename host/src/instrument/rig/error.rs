@@ -1,5 +1,6 @@
 //! What can be wrong with a rig file, each as one sentence.
 
+use crate::base::blame::Blame;
 use std::path::PathBuf;
 
 /// Why a rig could not be used. Every message names the file, the field, what was expected and found.
@@ -42,4 +43,10 @@ pub enum RigError {
         /// What stands there.
         found: String,
     },
+}
+
+impl Blame for RigError {
+    fn is_input(&self) -> bool {
+        true
+    }
 }

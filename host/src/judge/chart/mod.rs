@@ -14,6 +14,7 @@ use std::path::Path;
 use image::RgbImage;
 use plotters::prelude::*;
 
+use crate::base::blame::Blame;
 use crate::base::file_format::{CHART, FormatError};
 use crate::judge::render::{PictureError, save};
 use crate::store::whole_file::{FileError, write_whole};
@@ -190,6 +191,16 @@ pub enum ChartError {
     /// The picture.
     #[error(transparent)]
     Picture(#[from] PictureError),
+}
+
+impl Blame for ChartError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Format(_) => true,
+            Self::File(_) => false,
+            Self::Picture(error) => error.is_input(),
+        }
+    }
 }
 
 #[cfg(test)]

@@ -36,6 +36,7 @@ use std::path::Path;
 
 use nalgebra::DMatrix;
 
+use crate::base::blame::Blame;
 use crate::brdf::Brdf;
 use crate::brdf::sample::Sample;
 use crate::judge::chart::{Axis, Chart, ChartError, Curve, Scale};
@@ -93,6 +94,15 @@ pub enum FitError {
         /// Where the fit went.
         alpha: [f64; 2],
     },
+}
+
+impl Blame for FitError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Store(error) => error.is_input(),
+            Self::TooFew { .. } | Self::OneSided { .. } | Self::NoLobe { .. } => true,
+        }
+    }
 }
 
 /// One parameter of a fit.

@@ -16,6 +16,7 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ImageError, Rgb, RgbImage};
 use rayon::prelude::*;
 
+use crate::base::blame::Blame;
 use crate::base::file_format::{FormatError, PICTURE};
 use crate::brdf::reflectance::Value;
 use crate::store::whole_file;
@@ -193,6 +194,12 @@ pub enum PictureError {
         /// What is wrong.
         source: ImageError,
     },
+}
+
+impl Blame for PictureError {
+    fn is_input(&self) -> bool {
+        matches!(self, Self::Format(_))
+    }
 }
 
 /// Saves a picture as PNG, whole or not at all; packed for speed rather than size: large pictures are bound by it.

@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::{Goal, GoalError};
+use crate::base::blame::Blame;
 use crate::capture::measurement::{MeasurementError, Sums, sums_at, sums_of};
 use crate::hemisphere::incident::{Grid, IncidentError};
 use crate::instrument::calibration::Applied;
@@ -70,6 +71,16 @@ pub enum AdaptiveError {
         /// How many.
         found: usize,
     },
+}
+
+impl Blame for AdaptiveError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Goal(_) | Self::Toml(_) | Self::Differs { .. } | Self::OutOfReach { .. } => true,
+            Self::Measure(error) => error.is_input(),
+            Self::NothingSeen { .. } => false,
+        }
+    }
 }
 
 impl From<MeasurementError> for AdaptiveError {

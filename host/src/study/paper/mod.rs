@@ -14,6 +14,7 @@ use std::time::Duration;
 use image::RgbImage;
 use serde::Serialize;
 
+use crate::base::blame::Blame;
 use crate::base::progress::Progress;
 use crate::brdf::reflectance::Reflectance;
 use crate::brdf::sample::{SampleError, parse};
@@ -75,6 +76,16 @@ pub enum PaperError {
     /// A figure.
     #[error(transparent)]
     Chart(#[from] ChartError),
+}
+
+impl Blame for PaperError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Measure(error) => error.is_input(),
+            Self::Study(error) => error.is_input(),
+            Self::Chart(error) => error.is_input(),
+        }
+    }
 }
 
 macro_rules! through {

@@ -18,6 +18,7 @@ use serde::Serialize;
 
 use super::cells::CellError;
 use super::pilot::{Singles, Sums, Value, blocks, dark_variance};
+use crate::base::blame::Blame;
 use crate::capture::Instrument;
 use crate::capture::measurement::MeasurementError;
 use crate::hemisphere::incident::{Grid, IncidentError};
@@ -40,6 +41,15 @@ pub enum MultiplexError {
     /// Planning and capture.
     #[error(transparent)]
     Measurement(#[from] MeasurementError),
+}
+
+impl Blame for MultiplexError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Cells(_) => true,
+            Self::Measurement(error) => error.is_input(),
+        }
+    }
 }
 
 impl From<IncidentError> for MultiplexError {

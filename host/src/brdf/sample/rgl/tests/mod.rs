@@ -1,4 +1,4 @@
-//! Files made up for the purpose, whose f is known, and the real ones against another implementation.
+//! Files made up for the purpose, whose f is known.
 
 mod pairs;
 
@@ -11,7 +11,7 @@ use proptest::prelude::*;
 use super::*;
 use crate::brdf::sample::tensor_file::TensorFile;
 use crate::brdf::sample::tensor_writer::{Data, Field, write};
-use crate::brdf::sample::{Ggx, SampleError, parse};
+use crate::brdf::sample::{Ggx, SampleError};
 use crate::hemisphere::direction::{from_angles, from_degrees};
 
 /// A file of identity warps: ndf = 1, sigma = 1/4, vndf = 1, and `rgb` (P × T × 3 × side × side) as it is.
@@ -308,93 +308,4 @@ proptest! {
             }
         }
     }
-}
-
-/// A file of the folder of measured data, or `None` (with a message) where that folder is absent.
-fn data(name: &str) -> Option<PathBuf> {
-    let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")).join(name);
-    if path.is_file() {
-        return Some(path);
-    }
-    println!("skipped: no {}", path.display());
-    None
-}
-
-/// θi, φi, θo, φo in degrees and f in sr⁻¹.
-type Reference = ([f64; 4], [f64; 3]);
-
-/// Computed with Mitsuba 3.9.1 in variant `scalar_rgb` (single precision): `eval()` of the BSDF plugin `measured`
-/// with `si.wi` = ωi gives f cosθo, which was divided by cosθo in double precision. Where θi is 0 here, it was
-/// 1e-5° there, because that program's choice of the azimuth of the normal varies.
-const REFERENCES: [(&str, [Reference; 4]); 3] = [
-    (
-        "satin_rosaline_rgb.bsdf",
-        [
-            ([0.0, 0.0, 35.0, 120.0], [0.183_035, 0.225_067, 0.207_949]),
-            ([50.0, 30.0, 52.0, 205.0], [2.511_368, 1.802_482, 1.861_307]),
-            ([80.0, 0.0, 75.0, 180.0], [100.163_270, 93.107_462, 86.616_107]),
-            ([85.0, 45.0, 86.0, 220.0], [0.728_250, 0.499_237, 0.428_099]),
-        ],
-    ),
-    (
-        "paper_white_rgb.bsdf",
-        [
-            ([0.0, 0.0, 0.0, 0.0], [0.278_315, 0.282_663, 0.330_821]),
-            ([25.0, 100.0, 40.0, 290.0], [0.279_311, 0.282_792, 0.327_939]),
-            ([65.0, 200.0, 70.0, 25.0], [0.445_882, 0.441_980, 0.474_270]),
-            ([88.0, 10.0, 30.0, 10.0], [0.268_569, 0.272_874, 0.322_100]),
-        ],
-    ),
-    (
-        "colodur_napoli_4f_rgb.bsdf",
-        [
-            ([0.0, 0.0, 35.0, 120.0], [0.076_709, 0.018_021, 0.019_309]),
-            ([50.0, 30.0, 20.0, 75.0], [0.075_860, 0.015_384, 0.016_989]),
-            ([10.0, -60.0, 80.0, 15.0], [0.078_572, 0.018_006, 0.019_382]),
-            ([85.0, 45.0, 86.0, 220.0], [0.325_022, 0.241_435, 0.231_903]),
-        ],
-    ),
-];
-
-#[test]
-fn agrees_with_mitsuba_on_measured_materials() {
-    for (name, references) in REFERENCES {
-        let Some(path) = data(name) else { return };
-        let sample = MeasuredRgl::open(&path).expect("valid");
-        for ([theta_i, phi_i, theta_o, phi_o], expected) in references {
-            let found = sample.f(from_degrees(theta_i, phi_i), from_degrees(theta_o, phi_o));
-            for (found, expected) in found.into_iter().zip(expected) {
-                let error = (found / expected - 1.0).abs();
-                assert!(
-                    error < 1e-4,
-                    "{name} {theta_i} {phi_i} {theta_o} {phi_o}: {found}, {expected}"
-                );
-            }
-        }
-    }
-}
-
-#[test]
-fn measured_isotropic_materials_do_not_change_when_turned() {
-    let Some(path) = data("satin_rosaline_rgb.bsdf") else {
-        return;
-    };
-    let sample = parse(path.to_str().expect("UTF-8")).expect("valid");
-    assert!(sample.is_isotropic());
-    let f = |turn_deg: f64| sample.f(from_degrees(55.0, turn_deg), from_degrees(48.0, turn_deg + 165.0))[0];
-    for turn_deg in [37.0, 120.0, 200.0, 355.0] {
-        assert!((f(turn_deg) / f(0.0) - 1.0).abs() < 1e-9, "{turn_deg}");
-    }
-}
-
-#[test]
-fn a_zemax_file_is_told_apart() {
-    let Some(path) = data("IMX455.bsdf") else { return };
-    let message = parse(path.to_str().expect("UTF-8"))
-        .expect_err("must be refused")
-        .to_string();
-    assert!(
-        message.contains("expected an RGL tensor file, found a Zemax text file"),
-        "{message}"
-    );
 }

@@ -98,36 +98,3 @@ fn pairs_below_the_horizon_have_no_value() {
         assert!(sample.f(wi, wo).iter().all(|f| *f == 0.0), "{wi} {wo}");
     }
 }
-
-#[test]
-fn a_pair_of_a_measured_material_is_worth_what_the_prepared_direction_gives() {
-    for (name, _) in REFERENCES {
-        let Some(path) = data(name) else { return };
-        let sample = MeasuredRgl::open(&path).expect("valid");
-        let thetas_rad = sample.theta_i_rad.clone();
-        let (mut positive, mut largest) = (0, 0.0_f64);
-        for i in 0..1500_u32 {
-            let theta_i_rad = match thetas_rad.get(i as usize % 20) {
-                Some(tabulated) => tabulated.min(1.57),
-                None => f64::from(i * 7919 % 9000).to_radians() / 100.0,
-            };
-            let wi = from_angles(theta_i_rad, f64::from(i * 31));
-            let lit = sample.incident(wi);
-            for j in 0..4 {
-                let k = 4 * i + j;
-                let wo = from_degrees(f64::from(k * 104_729 % 9000) / 100.0, f64::from(k * 15_485 % 360));
-                let (found, expected) = (sample.f(wi, wo), lit.f(wo));
-                for (found, expected) in found.into_iter().zip(expected) {
-                    if expected > 0.0 {
-                        positive += 1;
-                        largest = largest.max((found / expected - 1.0).abs());
-                    } else {
-                        assert!(found < 1e-6, "{name} {wi} {wo}: {found}, {expected}");
-                    }
-                }
-            }
-        }
-        assert!(positive > 10_000, "{name}: {positive}");
-        assert!(largest < 1e-6, "{name}: {largest}");
-    }
-}
