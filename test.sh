@@ -1,25 +1,49 @@
 #!/usr/bin/env bash
 # All tests of RCG, on a fresh Debian machine with rustup too: builds the firmware for its real targets, checks
 # format, lints and documentation with warnings as errors, runs every test, and the firmware's trials in an emulated
-# Pico. Installs what is missing where it can. `./test.sh full` tries all pairs of options with each other, not only some.
+# Pico. Installs what is missing where it can. Says how long each step took, and which tests took longest.
+#
+# `./test.sh fast`: format, lints of the host, unit tests and mocked links; no emulator, no physics that takes long.
+# `./test.sh full`: all pairs of options with each other, not only some.
 set -euo pipefail
 cd "$(dirname "$0")"
 case "${1:-}" in
-    "") ;;
+    "" | fast) ;;
     full) export RCG_FULL=1 ;;
-    *) echo "test.sh: expected nothing or \`full\`, found $1" >&2; exit 2 ;;
+    *) echo "test.sh: expected nothing, \`fast\` or \`full\`, found $1" >&2; exit 2 ;;
 esac
+kind=${1:-}
 
 . ./toolchain.sh
 
 began=$SECONDS
+times=
 step() {
     if [ -n "${present:-}" ]; then
-        printf -- '-- %s: %d s\n' "$present" $((SECONDS - since))
+        times+=$(printf '%6d s  %s' $((SECONDS - since)) "$present")$'\n'
     fi
     present=$*
     since=$SECONDS
     printf '\n== %s\n' "$present"
+}
+
+# Runs `cargo test` with these arguments. Of each test of the standard harness its time is noted.
+tests() {
+    local host
+    host=$(rustc -vV | sed -n 's/^host: //p' | tr 'a-z-' 'A-Z_')
+    env "CARGO_TARGET_${host}_RUNNER=$PWD/tests/timed.sh" \
+        cargo test --workspace --all-features --no-fail-fast "$@" 2>&1 | tee -a target/tests.log
+}
+
+finish() {
+    step "passed, in $((SECONDS - began)) s"
+    printf '%s' "$times"
+    echo "the ten slowest tests:"
+    sed -nE 's/^test (.*) \.\.\. ok <([0-9.]+)s>$/\2 s  \1/p' target/tests.log | sort -rn | head -n 10
+    if [ -f target/hil-figures.txt ]; then
+        echo "what the trials measured:"
+        cat target/hil-figures.txt
+    fi
 }
 
 step "toolchain"
@@ -35,6 +59,21 @@ if command -v rustup >/dev/null; then
     done
 fi
 rustc --version
+mkdir -p target
+rm -f target/tests.log target/hil-figures.txt
+
+if [ "$kind" = fast ]; then
+    step "format"
+    cargo fmt --all --check
+    step "host: lints"
+    cargo clippy --workspace --all-targets --all-features -- -D warnings
+    step "unit tests and mocked links"
+    tests --lib -- --skip calibrate:: --skip judge::fit:: --skip study::
+    tests --test source --test follow --test wire_v1 --test properties --test sequencer --test session \
+        --test at_most_once --test disconnects --test strangers --test streaming --test takeover --test telemetry --test wires
+    finish
+    exit
+fi
 
 step "emulated Pico"
 command -v npm >/dev/null || install_packages nodejs npm ca-certificates || true
@@ -78,11 +117,5 @@ if [ -d hil/emulator/node_modules ]; then
 fi
 
 step "tests and trials"
-rm -f target/hil-figures.txt
-cargo test --workspace --all-features --no-fail-fast
-
-step "passed, in $((SECONDS - began)) s"
-if [ -f target/hil-figures.txt ]; then
-    echo "what the trials measured:"
-    cat target/hil-figures.txt
-fi
+tests
+finish

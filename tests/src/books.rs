@@ -20,17 +20,11 @@ pub const PATIENCE: Patience = Patience {
 /// A client of a mocked controller.
 pub type Client = Device<MockLink<Controller>>;
 
-/// A program without any time-out.
-#[must_use]
-pub const fn program(extent: Extent) -> Program {
-    Program::new(extent)
-}
-
 /// A table of these steps.
 #[must_use]
 pub const fn table(steps: usize, cycles: u32) -> Program {
     let steps = steps as u32;
-    program(Extent::Table { steps, cycles })
+    Program::new(Extent::Table { steps, cycles })
 }
 
 /// Steps of about a millisecond that all differ, and differ for every `seed`.

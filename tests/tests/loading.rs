@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use rcg::capture::device::{Device, DeviceError};
-use rcg_protocol::{Command, Extent, Fault, Pulse, State, Ticks};
-use rcg_tests::books::{PATIENCE, check, check_played, in_time, program, steps, table};
+use rcg_protocol::{Command, Extent, Fault, Program, Pulse, State, Ticks};
+use rcg_tests::books::{PATIENCE, check, check_played, in_time, steps, table};
 use rcg_tests::{Controller, Faults, MockLink};
 
 const STEPS: usize = 100;
@@ -27,7 +27,7 @@ fn a_hundred_steps_over_any_line_are_loaded_exactly_or_given_up_by_name() {
         } else {
             table(STEPS, 2).extent
         };
-        let (program, steps) = (program(extent), steps(STEPS, seed));
+        let (program, steps) = (Program::new(extent), steps(STEPS, seed));
         let result = in_time(&mut client, REQUESTS, |client| client.load(&program, &steps));
         match result {
             Ok(()) => {
@@ -135,7 +135,7 @@ fn a_stream_is_fed_while_it_plays_over_any_line_of_a_stream() {
         client
             .link()
             .set_faults(Faults::of_a_stream(seed), Faults::of_a_stream(!seed));
-        let program = program(Extent::Stream);
+        let program = Program::new(Extent::Stream);
         let mut steps = steps(800, seed);
         for step in &mut steps {
             step.period += Ticks(125_000);

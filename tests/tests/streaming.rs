@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use rcg::capture::device::{Device, DeviceError, Feed};
 use rcg::capture::link::Link as _;
-use rcg_protocol::{Event, Extent, Fault, State};
-use rcg_tests::books::{Client, PATIENCE, check, check_played, program, steps};
+use rcg_protocol::{Event, Extent, Fault, Program, State};
+use rcg_tests::books::{Client, PATIENCE, check, check_played, steps};
 use rcg_tests::{Controller, Faults, MockLink};
 
 /// More than the controller holds at a time.
@@ -18,7 +18,7 @@ fn client(down: Faults, up: Faults, seed: u64) -> Result<Client, DeviceError> {
 #[test]
 fn a_stream_longer_than_the_store_is_played_whole() {
     let mut client = client(Faults::NONE, Faults::NONE, 0).unwrap();
-    let (program, steps) = (program(Extent::Stream), steps(LONG, 1));
+    let (program, steps) = (Program::new(Extent::Stream), steps(LONG, 1));
     let mut records = 0;
     let ending = client
         .stream(&program, steps.iter().copied(), |event| {
@@ -59,7 +59,7 @@ fn a_bad_line_costs_time_and_no_step() {
         let Ok(mut client) = client(faults(seed), faults(seed / 4), seed) else {
             continue;
         };
-        let (program, steps) = (program(Extent::Stream), steps(600, seed));
+        let (program, steps) = (Program::new(Extent::Stream), steps(600, seed));
         match client.stream(&program, steps.iter().copied(), |_| Ok::<(), DeviceError>(())) {
             Ok(ending) if ending.state == State::Done => {
                 assert_eq!(ending.steps_done, 600, "seed {seed}");
@@ -95,7 +95,7 @@ fn a_bad_step_is_named_and_the_run_ends() {
         let mut steps = steps(LONG, 1);
         steps[bad].cam.at.0 = 1;
         let error = client
-            .stream(&program(Extent::Stream), steps.into_iter(), |_| {
+            .stream(&Program::new(Extent::Stream), steps.into_iter(), |_| {
                 Ok::<(), DeviceError>(())
             })
             .unwrap_err();
@@ -118,7 +118,7 @@ fn a_slow_answer_does_not_slow_the_stream() {
     };
     let steps = steps(2000, 1);
     let mut one_by_one = client(slow, slow, 1).unwrap();
-    one_by_one.begin(&program(Extent::Stream)).unwrap();
+    one_by_one.begin(&Program::new(Extent::Stream)).unwrap();
     let began = one_by_one.link().now();
     for (batch, chunk) in steps.chunks(8).enumerate() {
         one_by_one.append(8 * batch as u64, chunk, false).unwrap();
@@ -126,7 +126,7 @@ fn a_slow_answer_does_not_slow_the_stream() {
     let waited = one_by_one.link().now().saturating_sub(began);
 
     let mut fed = client(slow, slow, 1).unwrap();
-    fed.begin(&program(Extent::Stream)).unwrap();
+    fed.begin(&Program::new(Extent::Stream)).unwrap();
     let began = fed.link().now();
     let mut feed = Feed::new(steps.into_iter(), 4096);
     feed.fill(&mut fed).unwrap();

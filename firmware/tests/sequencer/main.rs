@@ -6,12 +6,8 @@ mod transitions;
 use rcg_firmware::sequencer::Sequencer;
 use rcg_protocol::{Extent, Program, Pulse, Step, StepId, Ticks};
 
-pub(crate) const fn program(extent: Extent) -> Program {
-    Program::new(extent)
-}
-
 pub(crate) const fn table(steps: u32, cycles: u32) -> Program {
-    program(Extent::Table { steps, cycles })
+    Program::new(Extent::Table { steps, cycles })
 }
 
 /// A step of four words that differ for every number.
@@ -33,7 +29,7 @@ pub(crate) fn load_table(s: &mut Sequencer) {
 }
 
 pub(crate) fn load_stream(s: &mut Sequencer, last: bool) {
-    s.load(program(Extent::Stream)).unwrap();
+    s.load(Program::new(Extent::Stream)).unwrap();
     s.append(0, &steps(0, 2), last).unwrap();
 }
 

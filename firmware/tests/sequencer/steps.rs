@@ -6,9 +6,9 @@ use rcg_firmware::pulse::WordFormat;
 use rcg_firmware::sequencer::Sequencer;
 use rcg_firmware::store::{MAX_STEPS, MAX_WORDS};
 use rcg_protocol::State::{Armed, Done, Idle, Loaded, Stopped};
-use rcg_protocol::{Extent, Fault, Pace, Polarity, Pulse, State, Step, StepId, Ticks};
+use rcg_protocol::{Extent, Fault, Pace, Polarity, Program, Pulse, State, Step, StepId, Ticks};
 
-use crate::{go, load_stream, load_table, play, program, step, steps, table};
+use crate::{go, load_stream, load_table, play, step, steps, table};
 
 /// A step whose second and third edge are too close.
 const BAD: Step = Step {
@@ -122,7 +122,7 @@ proptest! {
             let (state, room) = (s.state(), s.room());
             let refused = match command {
                 0 => s.load(table(5, 2)).map(|()| appended = 0),
-                1 => s.load(program(Extent::Stream)).map(|()| appended = 0),
+                1 => s.load(Program::new(Extent::Stream)).map(|()| appended = 0),
                 2 => s.append(appended, &steps(appended, count), count == 3).map(|()| appended += count),
                 3 => s.arm().map(|_| armed += 1),
                 4 => s.start(),
@@ -146,7 +146,7 @@ proptest! {
 #[test]
 fn a_stream_frees_what_it_has_played() {
     let mut s = Sequencer::new();
-    s.load(program(Extent::Stream)).unwrap();
+    s.load(Program::new(Extent::Stream)).unwrap();
     let room = s.room();
     s.append(0, &steps(0, 8), false).unwrap();
     assert_eq!(s.room(), room - 8);
@@ -172,7 +172,7 @@ fn a_stream_frees_what_it_has_played() {
 #[test]
 fn a_full_stream_takes_nothing_and_says_how_much_fits() {
     let mut s = Sequencer::new();
-    s.load(program(Extent::Stream)).unwrap();
+    s.load(Program::new(Extent::Stream)).unwrap();
     let mut first = 0;
     while s.room() >= 8 {
         s.append(first, &steps(first, 8), false).unwrap();
@@ -196,7 +196,7 @@ fn a_full_stream_takes_nothing_and_says_how_much_fits() {
 fn a_bad_step_leaves_nothing_of_its_batch_behind() {
     for extent in [Extent::Table { steps: 6, cycles: 1 }, Extent::Stream] {
         let mut s = Sequencer::new();
-        s.load(program(extent)).unwrap();
+        s.load(Program::new(extent)).unwrap();
         s.append(0, &steps(0, 2), false).unwrap();
         let before = (s.state(), s.room());
         let fault = Fault::EdgesTooClose { step: 4, shortest: 3 };

@@ -11,10 +11,6 @@ pub(crate) const CLOCK_HZ: u32 = 125_000_000;
 pub(crate) const MS: u64 = 125_000;
 pub(crate) const PERIOD: u64 = MS;
 
-pub(crate) const fn program(extent: Extent) -> Program {
-    Program::new(extent)
-}
-
 pub(crate) const STEP: Step = Step {
     proj: Pulse::new(0, 100),
     cam: Pulse::new(200, 300),
@@ -138,5 +134,5 @@ impl Bench {
 }
 
 pub(crate) fn table(steps: u32, cycles: u32) -> Program {
-    program(Extent::Table { steps, cycles })
+    Program::new(Extent::Table { steps, cycles })
 }

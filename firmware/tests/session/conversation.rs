@@ -4,11 +4,11 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use rcg_firmware::session::{Engine, Session};
 use rcg_protocol::{
-    Command, Extent, Fault, Identity, PROTOCOL_VERSION, Reply, Request, Response, SCHEMA_HASH, Seq,
+    Command, Extent, Fault, Identity, PROTOCOL_VERSION, Program, Reply, Request, Response, SCHEMA_HASH, Seq,
     SessionId, Start, State, Ticks, ToDevice,
 };
 
-use crate::bench::{Bench, CLOCK_HZ, PERIOD, STEP, program, table};
+use crate::bench::{Bench, CLOCK_HZ, PERIOD, STEP, table};
 
 #[test]
 fn a_hello_opens_a_session_and_its_retry_opens_nothing_new() {
@@ -56,7 +56,7 @@ fn before_the_first_hello_nobody_is_served() {
 #[test]
 fn the_same_number_twice_is_executed_once_and_answered_twice() {
     let mut bench = Bench::new();
-    bench.ask(0, Request::Load(program(Extent::Stream))).unwrap();
+    bench.ask(0, Request::Load(Program::new(Extent::Stream))).unwrap();
     let append = Request::Append {
         first: 0,
         steps: [STEP; 3].into_iter().collect(),

@@ -6,7 +6,7 @@ use rcg_protocol::{
     Strobe, Ticks,
 };
 
-use crate::bench::{Bench, MS, PERIOD, STEP, program, table};
+use crate::bench::{Bench, MS, PERIOD, STEP, table};
 
 /// Plays `steps` steps as a free-running engine with a perfect camera does, `at_once` steps fetched ahead.
 fn fire(bench: &mut Bench, steps: u64, drain: bool) {
@@ -168,7 +168,7 @@ fn triggers_of_paced_steps_count_from_their_sync_edge() {
 #[test]
 fn a_stream_tells_when_it_has_room_again() {
     let mut bench = Bench::new();
-    bench.load(program(Extent::Stream), &[STEP; 160]);
+    bench.load(Program::new(Extent::Stream), &[STEP; 160]);
     bench.go(0);
     let room = bench.session.sequencer().room();
     fire(&mut bench, 140, true);

@@ -84,12 +84,7 @@ fn what_has_no_lobe_or_too_little_is_refused() {
 
 #[test]
 fn a_model_that_does_not_describe_the_sample_says_so_and_states_no_uncertainty() {
-    for (sample, model) in [
-        ("velvet", "ward"),
-        ("satin", "ward"),
-        ("ggx:satin", "ward"),
-        ("velvet", "ggx"),
-    ] {
+    for (sample, model) in [("satin", "ward"), ("ggx:satin", "ward"), ("velvet", "ggx")] {
         let outcome = run(&["fit", sample, "--model", model, "--json"], "");
         if outcome.code == Some(2) {
             assert!(outcome.stderr.contains("expected a lobe"), "{}", outcome.stderr);

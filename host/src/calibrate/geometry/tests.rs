@@ -65,7 +65,7 @@ const TILTS: [[f64; 2]; 4] = [[0.0, 0.0], [15.0, 0.0], [15.0, 120.0], [15.0, 240
 
 #[test]
 fn a_rig_that_is_3_mm_and_2_degrees_off_is_found() {
-    for (name, seed) in [("rcg-1", 1), ("rcg-1", 2), ("rcg-2", 3)] {
+    for (name, seed) in [("rcg-1", 1), ("rcg-2", 3)] {
         let nominal = Rig::load(name).unwrap();
         let (truth, found) = calibrated(&nominal, seed, &TILTS);
         let (geometry, rig) = found.unwrap_or_else(|error| panic!("{name} {seed}: {error}"));

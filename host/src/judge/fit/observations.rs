@@ -142,7 +142,7 @@ impl Observations {
         .enough()
     }
 
-    /// Values of a known sample, each with an uncertainty of 1 %, at 500 incident and 400 outgoing directions.
+    /// Values of a known sample, each with an uncertainty of 1 %, at 200 incident and 200 outgoing directions.
     pub(super) fn of_sample(sample: &dyn Sample) -> Result<Self, FitError> {
         let spread = |count: usize, turn: f64| -> Vec<DVec3> {
             (0..count)
@@ -153,7 +153,7 @@ impl Observations {
                 .collect()
         };
         // Half of the outgoing directions near the mirror direction, where a glossy sample has its lobe.
-        let (incident, halves, outgoing) = (spread(500, 137.508), spread(200, 137.508), spread(200, 99.502));
+        let (incident, halves, outgoing) = (spread(200, 137.508), spread(100, 137.508), spread(100, 99.502));
         let all = incident
             .par_iter()
             .enumerate()

@@ -28,25 +28,17 @@ fn finds(model: Model, sample: &dyn Sample, truth: [f64; 4]) {
 
 #[test]
 fn a_model_finds_its_own_parameters() {
-    let dull = Ward {
-        rho_d: 0.4,
-        rho_s: 0.05,
-        alpha_x: 0.3,
-        alpha_y: 0.3,
-    };
-    for ward in [Ward::BRASS, dull] {
-        let truth = [ward.alpha_x, ward.alpha_y, ward.rho_d, ward.rho_s];
-        finds(Model::Ward, &ward, truth);
-    }
+    let ward = Ward::BRASS;
+    let truth = [ward.alpha_x, ward.alpha_y, ward.rho_d, ward.rho_s];
+    finds(Model::Ward, &ward, truth);
     let glossy = Ggx {
         f0: 0.04,
         alpha_x: 0.15,
         alpha_y: 0.08,
         rho_d: 0.5,
     };
-    for ggx in [Ggx::SATIN, glossy] {
-        finds(Model::Ggx, &ggx, [ggx.alpha_x, ggx.alpha_y, ggx.rho_d, ggx.f0]);
-    }
+    let truth = [glossy.alpha_x, glossy.alpha_y, glossy.rho_d, glossy.f0];
+    finds(Model::Ggx, &glossy, truth);
 }
 
 #[test]

@@ -141,20 +141,19 @@ fn simulated(rig: &Rig, truth: &Truth, alternative: &Alternative) -> f64 {
 
 #[test]
 fn the_pick_is_never_worse_than_the_best_by_more_than_5_percent() {
-    let samples = [
-        ("lambert:0.5", 0.5),
-        ("lambert:0.5", 50.0),
-        ("ward:brass", 0.5),
-        ("ward:brass", 10.0),
-        ("ggx:satin", 5.0),
+    // Sample, full scale in 1/sr, read noise in e⁻: every sample and every noise, and both with and against each other.
+    let cases = [
+        ("lambert:0.5", 0.5, 0.0),
+        ("lambert:0.5", 0.5, 100.0),
+        ("lambert:0.5", 50.0, 10.0),
+        ("ward:brass", 0.5, 3.0),
+        ("ward:brass", 10.0, 100.0),
+        ("ggx:satin", 5.0, 0.0),
+        ("ggx:satin", 5.0, 10.0),
     ];
-    let cases: Vec<_> = samples
-        .iter()
-        .flat_map(|sample| [0.0, 3.0, 10.0, 100.0].map(|read_noise_e| (sample, read_noise_e)))
-        .collect();
     let picks: Vec<Method> = cases
         .par_iter()
-        .map(|&(&(spec, full_scale_f_sr), read_noise_e)| {
+        .map(|&(spec, full_scale_f_sr, read_noise_e)| {
             let rig = rig(full_scale_f_sr, read_noise_e);
             let choice = chosen(&rig, spec);
             let truth = truth(&rig, spec);
