@@ -15,7 +15,7 @@ use embassy_rp::bind_interrupts;
 use embassy_rp::interrupt::{self, InterruptExt, typelevel};
 use embassy_sync::blocking_mutex::{Mutex, raw::CriticalSectionRawMutex};
 use heapless::Deque;
-use rcg_firmware::session::{Engine as Command, Session};
+use rcg_firmware::session::{EngineCommand as Command, Session};
 use rcg_protocol::{
     Decoder, Fault, FrameError, Request, Response, Seq, SessionId, State, ToDevice, ToHost, decode, encode,
 };

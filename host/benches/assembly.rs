@@ -8,9 +8,9 @@ use divan::{Bencher, counter::ItemsCount};
 use half::f16;
 use rcg::assemble::{CHUNK, assemble};
 use rcg::base::progress::Silent;
-use rcg::capture::measurement::Measurement;
+use rcg::capture::directory::Measurement;
 use rcg::hemisphere::incident::Grid;
-use rcg::instrument::calibration::Applied;
+use rcg::instrument::calibration::AppliedCalibration;
 use rcg::instrument::rig::Rig;
 use rcg::measure::capture;
 use rcg::plan::{Plan, Request};
@@ -49,13 +49,13 @@ fn assemble_frames(bencher: Bencher) {
     let m = captured(&dir.path().join("m"));
     let (raw, brdf) = (m.path("raw.zarr"), m.path("brdf.zarr"));
     bencher
-        .counter(ItemsCount::new(m.plan.directions))
+        .counter(ItemsCount::new(m.plan.direction_count))
         .bench_local(|| {
             assemble(
                 &m.rig,
                 &m.plan,
                 &m.directions,
-                &Applied::default(),
+                &AppliedCalibration::default(),
                 &raw,
                 &brdf,
                 &|_| {},

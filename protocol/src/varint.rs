@@ -15,7 +15,7 @@ use serde::ser::SerializeTuple;
 use serde::{Deserialize, Deserializer, Serializer};
 
 /// Bytes of the longest varint of 64 bits.
-const MOST: usize = 10;
+const LONGEST: usize = 10;
 /// Set in all bytes but the last.
 const MORE: u8 = 0x80;
 
@@ -25,7 +25,7 @@ pub(crate) fn serialize<S: Serializer>(value: &u64, serializer: S) -> Result<S::
     if serializer.is_human_readable() {
         return serializer.serialize_u64(*value);
     }
-    let mut bytes = serializer.serialize_tuple(MOST)?;
+    let mut bytes = serializer.serialize_tuple(LONGEST)?;
     let mut long = *value;
     while long > u64::from(u32::MAX) {
         bytes.serialize_element(&(long as u8 | MORE))?;
@@ -45,7 +45,7 @@ pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<
     if deserializer.is_human_readable() {
         return u64::deserialize(deserializer);
     }
-    deserializer.deserialize_tuple(MOST, Varint)
+    deserializer.deserialize_tuple(LONGEST, Varint)
 }
 
 struct Varint;

@@ -15,7 +15,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use rcg_firmware::pulse::{Edge, Played, Reader, SYNC_LATENCY, StepWords};
-use rcg_firmware::session::{Action, Engine, Session};
+use rcg_firmware::session::{Action, EngineCommand, Session};
 use rcg_protocol::{Decoder, Level, Line, MAX_FRAME, Start, Ticks, ToDevice, encode};
 use serialport::{SerialPort as _, TTYPort};
 
@@ -150,11 +150,11 @@ impl Bench {
                     let frame = encode(&message, &mut buffer).expect("MAX_FRAME holds every message");
                     self.say(frame);
                 }
-                Action::Engine(Engine::Prime) => {
+                Action::Engine(EngineCommand::Prime) => {
                     let format = self.session.sequencer().format().expect("a program is loaded");
                     self.primed = Some(Reader::new(format, Ticks::ZERO));
                 }
-                Action::Engine(Engine::Go(start)) => {
+                Action::Engine(EngineCommand::Go(start)) => {
                     let Some(reader) = self.primed.take() else {
                         continue;
                     };
@@ -170,7 +170,7 @@ impl Bench {
                     });
                     self.session.begun(self.now);
                 }
-                Action::Engine(Engine::Halt) => {
+                Action::Engine(EngineCommand::Halt) => {
                     self.primed = None;
                     let mut at = Ticks::ZERO;
                     if let Some(mut run) = self.run.take() {

@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use rcg_firmware::pulse::{Played, Reader, StepWords};
 use rcg_firmware::sequencer::Fetched;
-use rcg_firmware::session::{Action, Engine, Session};
+use rcg_firmware::session::{Action, EngineCommand, Session};
 use rcg_protocol::{
     Decoder, Level, Line, MAX_FRAME, RunId, State, StepFlags, StepId, StepRecord, Strobe, Ticks, ToDevice,
     encode,
@@ -105,20 +105,20 @@ impl Controller {
     fn command_engine(&mut self, now: Ticks) {
         while let Some(command) = self.session.engine_action() {
             match command {
-                Engine::Prime => {
+                EngineCommand::Prime => {
                     self.journal.primed += 1;
                     self.forget();
                     let format = self.session.sequencer().format().expect("a program is loaded");
                     self.reader = Some(Reader::new(format, Ticks::ZERO));
                     self.fetch();
                 }
-                Engine::Go(_) => {
+                EngineCommand::Go(_) => {
                     self.journal.fired += 1;
                     self.began = Some(now);
                     self.session.begun(now);
                     self.begin_step(Ticks::ZERO);
                 }
-                Engine::Halt => {
+                EngineCommand::Halt => {
                     self.journal.halted += 1;
                     let at = self.began.map_or(Ticks::ZERO, |began| now.saturating_sub(began));
                     self.forget();

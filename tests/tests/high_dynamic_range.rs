@@ -10,7 +10,7 @@ use std::path::Path;
 use rcg::assemble::Assembled;
 use rcg::base::progress::Silent;
 use rcg::brdf::Brdf;
-use rcg::capture::measurement::Measurement;
+use rcg::capture::directory::Measurement;
 use rcg::hemisphere::incident::Grid;
 use rcg::instrument::rig::Rig;
 use rcg::measure::{assemble_measurement, capture, prepare};
@@ -338,7 +338,7 @@ fn a_pilot_capture_proposes_what_the_sample_needs() {
     let white = propose("white", "lambert:0.5", "auto");
     assert!(brass.len() > white.len(), "{brass:?} {white:?}");
     for pair in brass.windows(2).chain(white.windows(2)) {
-        assert!(pair[0] < pair[1] && pair[1] / pair[0] <= rcg::plan::brackets::RATIO * 1.000_001);
+        assert!(pair[0] < pair[1] && pair[1] / pair[0] <= rcg::plan::brackets::LARGEST_RATIO * 1.000_001);
     }
     // Nothing saturates the shortest: 0.16/sr fills the well in 33.3 ms × 0.5/0.16 at normal incidence.
     assert!(white[0] < 0.0333 * 0.5 / 0.16, "{white:?}");

@@ -7,7 +7,7 @@ use rcg::base::progress::Silent;
 use rcg::brdf::Brdf;
 use rcg::calibrate::Conditions;
 use rcg::calibrate::photometry::{self, Request};
-use rcg::capture::measurement::Measurement;
+use rcg::capture::directory::Measurement;
 use rcg::hemisphere::incident::Grid;
 use rcg::instrument::calibration::{Calibration, RIG};
 use rcg::instrument::optics::Unmeasurable;

@@ -5,7 +5,7 @@ use std::path::Path;
 use rcg::base::progress::Silent;
 use rcg::brdf::Brdf;
 use rcg::calibrate::{Conditions, geometry, photometry};
-use rcg::capture::measurement::Measurement;
+use rcg::capture::directory::Measurement;
 use rcg::hemisphere::incident::Grid;
 use rcg::instrument::calibration::Calibration;
 use rcg::instrument::rig::Rig;

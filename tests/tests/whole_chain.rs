@@ -6,7 +6,7 @@ use std::time::Duration;
 use rcg::base::progress::Silent;
 use rcg::brdf::Brdf;
 use rcg::brdf::interpolation::Interpolation;
-use rcg::capture::measurement::Measurement;
+use rcg::capture::directory::Measurement;
 use rcg::hemisphere::direction::from_degrees;
 use rcg::hemisphere::incident::Grid;
 use rcg::instrument::rig::Rig;

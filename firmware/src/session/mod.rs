@@ -40,12 +40,12 @@ pub enum Action {
     /// Send this to the host.
     Send(ToHost),
     /// Command the pulse engine.
-    Engine(Engine),
+    Engine(EngineCommand),
 }
 
 /// Commands to the pulse engine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Engine {
+pub enum EngineCommand {
     /// Set the PIO up for the loaded program and fill its first blocks with [`Session::next_step`].
     Prime,
     /// Fire, at once or at the first SYNC edge.
@@ -68,7 +68,7 @@ pub struct Session {
     last_heard: Ticks,
     /// How long the host may be silent in this run; zero for ever.
     dead_man: Ticks,
-    engine: Option<Engine>,
+    engine: Option<EngineCommand>,
     /// The engine was told to halt and has not said yet how far it got.
     halting: bool,
     /// Whether steps have records.
@@ -138,7 +138,7 @@ impl Session {
     }
 
     /// The next engine command only, for a caller that is short of time.
-    pub fn engine_action(&mut self) -> Option<Engine> {
+    pub fn engine_action(&mut self) -> Option<EngineCommand> {
         self.engine.take()
     }
 
@@ -246,13 +246,13 @@ impl Session {
                 self.vsync = VsyncWatch::new();
                 self.witnessed = true;
                 self.outbox.batch().clear();
-                self.engine = Some(Engine::Prime);
+                self.engine = Some(EngineCommand::Prime);
                 return Ok(Reply::Armed { run });
             }
             Request::Start => {
                 self.sequencer.start()?;
                 let start = self.sequencer.program().map_or(Start::AtOnce, |p| p.start);
-                self.engine = Some(Engine::Go(start));
+                self.engine = Some(EngineCommand::Go(start));
             }
             Request::Stop => self.sequencer.stop()?,
             Request::Abort => {
@@ -405,7 +405,7 @@ impl Session {
     }
 
     fn halt(&mut self) {
-        self.engine = Some(Engine::Halt);
+        self.engine = Some(EngineCommand::Halt);
         self.halting = true;
     }
 

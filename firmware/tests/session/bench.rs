@@ -1,6 +1,6 @@
 //! A controller and a host without a link in between.
 
-use rcg_firmware::session::{Action, Engine, Session};
+use rcg_firmware::session::{Action, EngineCommand, Session};
 use rcg_protocol::{
     Event, Extent, Fault, Identity, Program, Pulse, Reply, Request, Response, Seq, SessionId, Status, Step,
     StepRecord, Ticks, ToDevice, ToHost,
@@ -22,7 +22,7 @@ pub(crate) struct Bench {
     pub(crate) session: Session,
     pub(crate) id: SessionId,
     pub(crate) seq: u32,
-    pub(crate) engine: Vec<Engine>,
+    pub(crate) engine: Vec<EngineCommand>,
     pub(crate) events: Vec<Event>,
     /// When the engine finds that it has halted, from the start of the run.
     pub(crate) halts_at: u64,
@@ -60,7 +60,7 @@ impl Bench {
             match action {
                 Action::Engine(engine) => {
                     self.engine.push(engine);
-                    if engine == Engine::Halt {
+                    if engine == EngineCommand::Halt {
                         self.session.halted(Ticks(self.halts_at));
                     }
                 }

@@ -2,7 +2,7 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
-use rcg_firmware::session::{Engine, Session};
+use rcg_firmware::session::{EngineCommand, Session};
 use rcg_protocol::{
     Command, Extent, Fault, Identity, PROTOCOL_VERSION, Program, Reply, Request, Response, SCHEMA_HASH, Seq,
     SessionId, Start, State, Ticks, ToDevice,
@@ -82,7 +82,10 @@ fn the_same_number_twice_is_executed_once_and_answered_twice() {
         assert_eq!(after.counters.repeated, status.counters.repeated + 3);
     }
     assert_eq!(bench.session.sequencer().room(), room - 3);
-    assert_eq!(bench.engine, [Engine::Prime, Engine::Go(Start::AtOnce)]);
+    assert_eq!(
+        bench.engine,
+        [EngineCommand::Prime, EngineCommand::Go(Start::AtOnce)]
+    );
     bench.check_books();
 }
 
@@ -203,7 +206,7 @@ proptest! {
             }
         }
         // What the engine was told follows from the runs that were armed.
-        let primes = bench.engine.iter().filter(|&&engine| engine == Engine::Prime).count();
+        let primes = bench.engine.iter().filter(|&&engine| engine == EngineCommand::Prime).count();
         prop_assert_eq!(primes, bench.status().run as usize);
     }
 }

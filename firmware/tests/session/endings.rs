@@ -1,6 +1,6 @@
 //! How runs end that do not end by themselves.
 
-use rcg_firmware::session::{Engine, Session};
+use rcg_firmware::session::{EngineCommand, Session};
 use rcg_protocol::{Event, Fault, Micros, Program, Reply, Request, State, StepId, Ticks};
 
 use crate::bench::{Bench, CLOCK_HZ, PERIOD, STEP, table};
@@ -27,7 +27,7 @@ fn abort_halts_the_engine_and_tells_how_far_the_run_came() {
         };
         let done = if started { 2 } else { 0 };
         assert_eq!((status.state, status.steps_done), (State::Aborted, done));
-        assert_eq!(bench.engine, [Engine::Halt]);
+        assert_eq!(bench.engine, [EngineCommand::Halt]);
         let at = Ticks(bench.halts_at);
         let ended = Event::Ended {
             run: 1,
@@ -42,7 +42,7 @@ fn abort_halts_the_engine_and_tells_how_far_the_run_came() {
         assert_eq!(ids, if started { vec![0, 1, 2] } else { vec![] });
         // Nothing is left to abort.
         bench.ask(now, Request::Abort).unwrap();
-        assert_eq!(bench.engine, [Engine::Halt]);
+        assert_eq!(bench.engine, [EngineCommand::Halt]);
     }
 }
 
@@ -76,7 +76,7 @@ fn a_host_that_falls_silent_during_a_run_loses_it() {
         bench.session.poll(Ticks(501 + limit - limit / 8));
         bench.actions();
         if armed {
-            assert_eq!(bench.engine, [Engine::Halt]);
+            assert_eq!(bench.engine, [EngineCommand::Halt]);
             assert_eq!(
                 (bench.status().state, bench.status().fault),
                 (State::Fault, Some(Fault::HostLost))
@@ -141,7 +141,7 @@ fn a_missing_sync_edge_and_a_lost_engine_end_the_run_by_name() {
         bench.halts_at = 3 * PERIOD;
         lose(&mut bench.session);
         bench.actions();
-        assert_eq!(bench.engine, [Engine::Halt]);
+        assert_eq!(bench.engine, [EngineCommand::Halt]);
         let ended = Event::Ended {
             run: 1,
             state: State::Fault,

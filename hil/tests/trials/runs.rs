@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use rcg::capture::run::Ending;
+use rcg::capture::follow::Ending;
 use rcg_hil::bench::{Bench, Outcome};
 use rcg_hil::emulator::StrobeModel;
 use rcg_hil::figures::Limit;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use rcg::capture::measurement::Measurement;
+use rcg::capture::directory::Measurement;
 use rcg::measure::report::dynamic_range;
 
 use crate::Done;

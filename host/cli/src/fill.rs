@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use rcg::assemble::fill::{Filled, fill};
-use rcg::capture::measurement::Measurement;
+use rcg::capture::directory::Measurement;
 
 use crate::Done;
 use crate::output::Output;

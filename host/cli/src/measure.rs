@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use rcg::capture::measurement::Measurement;
+use rcg::capture::directory::Measurement;
 use rcg::hemisphere::incident::Grid;
 use rcg::instrument::rig::Rig;
 use rcg::measure::adaptive::{self, AdaptiveError, Begun, Goal};

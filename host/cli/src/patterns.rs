@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use rcg::base::progress::Progress as _;
-use rcg::capture::measurement::Measurement;
+use rcg::capture::directory::Measurement;
 use rcg::instrument::optics::View;
 use rcg::instrument::rig::{Rig, Tilt};
 use rcg::judge::render::save;

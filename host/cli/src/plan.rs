@@ -7,7 +7,7 @@ use rcg::instrument::rig::Rig;
 use rcg::measure::report::duration;
 use rcg::measure::{planned, prepare};
 use rcg::plan::brackets::milliseconds;
-use rcg::plan::pace::Pace;
+use rcg::plan::predicted_time::PredictedTime;
 use rcg::plan::schedule::Bound;
 use rcg::plan::{Directions, Plan, PlanError};
 use serde_json::{Value, json};
@@ -53,11 +53,11 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     };
     let rig = rig.tilted(plan.request.tilt)?;
     let directions = Directions::new(&rig, &plan.request.grid).map_err(PlanError::from)?;
-    let pace = Pace::new(&plan, &directions, &rig);
+    let pace = PredictedTime::new(&plan, &directions, &rig);
     let mut value = json!({
         "rig": rig.name,
         "exposures": plan.len(),
-        "directions": plan.directions,
+        "directions": plan.direction_count,
         "grid": plan.request.grid.kind(),
         "grid_directions": directions.grid.len(),
         "exposure_s": plan.exposure_s,
@@ -73,7 +73,12 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     output.print(&value, || table(&lines(&plan, &directions, &pace, &rig)))
 }
 
-fn lines(plan: &Plan, directions: &Directions, pace: &Pace, rig: &Rig) -> Vec<(&'static str, String)> {
+fn lines(
+    plan: &Plan,
+    directions: &Directions,
+    pace: &PredictedTime,
+    rig: &Rig,
+) -> Vec<(&'static str, String)> {
     let mut lines = vec![
         (
             "incident directions",
@@ -81,7 +86,7 @@ fn lines(plan: &Plan, directions: &Directions, pace: &Pace, rig: &Rig) -> Vec<(&
                 "{} ({}), {} in reach",
                 directions.grid.len(),
                 plan.request.grid,
-                plan.directions
+                plan.direction_count
             ),
         ),
         (

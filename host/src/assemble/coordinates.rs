@@ -2,11 +2,11 @@
 
 use serde_json::{Map, Value, json};
 
-use crate::brdf::interpolation::{BRANCHES, Errors, REGIONS};
+use crate::brdf::interpolation::{BRANCHES, BranchErrors, REGIONS};
 use crate::brdf::{COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, ERRORS, UNCALIBRATED};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
-use crate::instrument::calibration::Applied;
+use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::calibration::Photometry;
 use crate::instrument::optics::Unmeasurable;
 use crate::instrument::rig::Rig;
@@ -25,7 +25,7 @@ const REASONS: [(u8, &str); 7] = [
 ];
 
 /// The errors of the rules of interpolation, NaN if they are not known.
-pub(crate) fn interpolation_errors(errors: Option<&Errors>) -> SmallArray<'static> {
+pub(crate) fn interpolation_errors(errors: Option<&BranchErrors>) -> SmallArray<'static> {
     let shape = vec![REGIONS, BRANCHES];
     let values = errors.map_or_else(
         || vec![f64::NAN; REGIONS * BRANCHES],
@@ -132,7 +132,7 @@ pub(crate) fn list_attributes() -> Map<String, Value> {
 }
 
 /// The attributes of `brdf.zarr`.
-pub(super) fn attributes(rig: &Rig, plan: &Plan, applied: &Applied) -> Map<String, Value> {
+pub(super) fn attributes(rig: &Rig, plan: &Plan, applied: &AppliedCalibration) -> Map<String, Value> {
     let is_known = applied.direction_deg.iter().all(|deg| *deg > 0.0);
     let unknown = [
         (!is_known).then_some("directions"),

@@ -23,7 +23,7 @@ use super::shape::{ByShape, Shape};
 use crate::assemble::resample::Resampling;
 use crate::brdf::quadrature::spot_rad;
 use crate::hemisphere::disk::Disk;
-use crate::instrument::calibration::Applied;
+use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::calibration::{Interreflection, Photometry};
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
@@ -60,7 +60,7 @@ impl Correction {
         rig: &Rig,
         plan: &Plan,
         directions: &Directions,
-        applied: &Applied,
+        applied: &AppliedCalibration,
         disk: Disk,
         resampling: &Resampling,
     ) -> Result<Self, String> {

@@ -18,7 +18,7 @@ use super::radiometry::{Radiometry, Work};
 use super::{AssembleError, chunk_rows, seen, unlit};
 use crate::assemble::resample::Resampling;
 use crate::hemisphere::disk::Disk;
-use crate::instrument::calibration::Applied;
+use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
 use crate::plan::{Directions, Plan};
@@ -28,7 +28,7 @@ use crate::store::{BrdfRows, Segment};
 /// Turns the frames of single patterns into luminance on the disk, as assembly would.
 pub(crate) struct FrameAssembler<'a> {
     rig: &'a Rig,
-    applied: &'a Applied,
+    applied: &'a AppliedCalibration,
     radiometry: Vec<Radiometry>,
     resampling: Resampling,
     /// What calibration makes of the images of the directions that are expected.
@@ -44,7 +44,7 @@ pub(crate) struct FrameAssembler<'a> {
 /// [`AssembleError::Mismatch`] if the standard was not captured at the tilt of the sample.
 pub(crate) fn certainly_lit<'a>(
     rig: &Rig,
-    applied: &'a Applied,
+    applied: &'a AppliedCalibration,
     plan: &Plan,
 ) -> Result<impl Fn(DVec3) -> bool + use<'a>, AssembleError> {
     let (projector, edges) = (View::projector(rig), Edges::new(applied.edge_deg));
@@ -60,7 +60,7 @@ impl<'a> FrameAssembler<'a> {
     /// A sentence if there are no black exposures, or the standard was not captured at the tilt of the sample.
     pub(crate) fn new(
         rig: &'a Rig,
-        applied: &'a Applied,
+        applied: &'a AppliedCalibration,
         black: &[Segment],
         plan: &Plan,
         disk: Disk,

@@ -35,7 +35,7 @@ use crate::base::blame::Blame;
 use crate::base::text::by;
 use crate::brdf::{Brdf, BrdfError};
 use crate::hemisphere::disk::Disk;
-use crate::instrument::calibration::Applied;
+use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::optics::{Unmeasurable, View};
 use crate::instrument::rig::Rig;
@@ -135,7 +135,7 @@ pub fn assemble(
     rig: &Rig,
     plan: &Plan,
     directions: &Directions,
-    applied: &Applied,
+    applied: &AppliedCalibration,
     raw_path: &Path,
     target: &Path,
     progress: &(dyn Fn(usize) + Sync),
@@ -163,7 +163,10 @@ pub fn assemble(
     let correction =
         Correction::new(rig, plan, directions, applied, disk, &resampling).map_err(|reason| {
             AssembleError::Mismatch {
-                path: raw_path.with_file_name(Applied::FILE).display().to_string(),
+                path: raw_path
+                    .with_file_name(AppliedCalibration::FILE)
+                    .display()
+                    .to_string(),
                 reason,
             }
         })?;
@@ -291,7 +294,7 @@ fn black_segments(
 /// The radiometry of each exposure time, from the `black` segments; or why there is none.
 fn radiometries(
     rig: &Rig,
-    applied: &Applied,
+    applied: &AppliedCalibration,
     black: &[Segment],
     exposures_s: &[f64],
 ) -> Result<Vec<Radiometry>, String> {

@@ -8,7 +8,7 @@
 use glam::DVec3;
 
 use super::AssembleError;
-use crate::instrument::calibration::Applied;
+use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::calibration::Sight;
 use crate::instrument::optics::{Unmeasurable, View};
 use crate::plan::Plan;
@@ -23,12 +23,12 @@ impl<'a> OffSample<'a> {
     ///
     /// # Errors
     /// [`AssembleError::Mismatch`] if the standard was not captured at the tilt of the sample.
-    pub(super) fn new(applied: &'a Applied, plan: &Plan) -> Result<Self, AssembleError> {
+    pub(super) fn new(applied: &'a AppliedCalibration, plan: &Plan) -> Result<Self, AssembleError> {
         let sight = applied.photometry.as_ref().map(|photometry| {
             photometry
                 .sight(plan.request.tilt)
                 .map_err(|error| AssembleError::Mismatch {
-                    path: Applied::FILE.to_owned(),
+                    path: AppliedCalibration::FILE.to_owned(),
                     reason: error.to_string(),
                 })
         });

@@ -14,7 +14,7 @@ pub mod sample;
 use std::path::{Path, PathBuf};
 
 use crate::base::blame::Blame;
-use crate::brdf::interpolation::{Cells, Errors};
+use crate::brdf::interpolation::{BranchErrors, Cells};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
 use crate::instrument::optics::Unmeasurable;
@@ -81,7 +81,7 @@ pub struct Brdf {
     spot_deg: f64,
     cells: Cells,
     /// What leaving images out said when the file was made; `None` in files of before.
-    errors: Option<Errors>,
+    errors: Option<BranchErrors>,
 }
 
 impl Brdf {
@@ -149,7 +149,7 @@ impl Brdf {
             .filter(|spot_deg| *spot_deg > 0.0)
             .ok_or_else(|| content("spot_deg", "degrees above 0".to_owned(), spot.to_string()))?;
         let errors = match reader.small(ERRORS) {
-            Ok(data) => Errors::from_values(data.as_f64().unwrap_or_default().to_vec()),
+            Ok(data) => BranchErrors::from_values(data.as_f64().unwrap_or_default().to_vec()),
             Err(StoreError::ArrayMissing { .. }) => None,
             Err(error) => return Err(error.into()),
         };

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::Brdf;
 use crate::brdf::interpolation::{
-    Blend, Captures, Cells, Errors, Image, ImageOf, Interpolation, Lookup, learn, look_up,
+    Blend, BranchErrors, Captures, Cells, Image, ImageOf, Interpolation, Lookup, learn, look_up,
 };
 use crate::brdf::reflectance::{Missing, Value};
 use crate::hemisphere::direction::is_above_horizon;
@@ -60,7 +60,7 @@ impl Brdf {
     ///
     /// # Errors
     /// [`StoreError`].
-    pub(crate) fn learn(&self) -> Result<Option<Errors>, StoreError> {
+    pub(crate) fn learn(&self) -> Result<Option<BranchErrors>, StoreError> {
         learn(&Seen::values(self))
     }
 

@@ -17,7 +17,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use crate::base::blame::Blame;
-use crate::capture::measurement::MeasurementError;
+use crate::capture::directory::MeasurementError;
 use crate::capture::{CaptureError, Captured, Instrument, Tally};
 use crate::hemisphere::incident::Grid;
 use crate::instrument::calibration::{CalibrationError, RIG, file};

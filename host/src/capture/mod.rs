@@ -12,14 +12,14 @@
 
 pub mod camera;
 pub mod device;
-pub mod firing;
+pub mod directory;
+pub mod follow;
 pub mod link;
-pub mod measurement;
 pub mod pairing;
 pub mod pilot;
 pub mod projector;
 pub mod records;
-pub mod run;
+pub mod steps;
 
 use std::time::Duration;
 
@@ -27,10 +27,10 @@ use rcg_protocol::{Event, State, Step, StepRecord, Ticks};
 
 use crate::capture::camera::{Camera, CameraError, Frame};
 use crate::capture::device::{Device, DeviceError};
+use crate::capture::follow::Ending;
 use crate::capture::link::Link;
 use crate::capture::pairing::{Outcome, pair};
 use crate::capture::projector::{Projector, ProjectorError};
-use crate::capture::run::Ending;
 use crate::plan::pattern::{BitPattern, LitSet};
 use crate::plan::schedule::Timing;
 use crate::store::OrphanFrame;
@@ -108,7 +108,7 @@ pub enum CaptureError {
 }
 
 /// What one run brought.
-struct Haul {
+struct Received {
     records: Vec<StepRecord>,
     spurious_on: Vec<u64>,
     frames: Vec<Frame>,
@@ -152,7 +152,7 @@ impl Instrument {
                 steps.push(timing.shown(&timings[0]));
             }
             let settled = count - open.len();
-            let Haul {
+            let Received {
                 records,
                 spurious_on,
                 mut frames,
@@ -233,7 +233,7 @@ impl Instrument {
         timings: &[Timing],
         cycle: usize,
         mut recorded: impl FnMut(usize),
-    ) -> Result<Haul, CaptureError> {
+    ) -> Result<Received, CaptureError> {
         let steps = timings.len();
         let cycle = cycle.min(steps);
         let cyclic = timings.chunks(cycle).all(|chunk| *chunk == timings[..cycle]);
@@ -241,7 +241,7 @@ impl Instrument {
         let clock_hz = self.device.info().clock_hz;
         let table: Vec<Step> = table.iter().map(|timing| timing.step(clock_hz)).collect();
         self.camera.arm()?;
-        let mut haul = Haul {
+        let mut haul = Received {
             records: Vec::with_capacity(steps),
             spurious_on: Vec::new(),
             frames: Vec::with_capacity(steps),

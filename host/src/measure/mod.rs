@@ -15,9 +15,9 @@ use crate::base::progress::Progress;
 use crate::brdf::sample::SampleError;
 use crate::brdf::{Brdf, BrdfError};
 use crate::capture::Tally;
-use crate::capture::measurement::{Measurement, MeasurementError, State};
-use crate::capture::pilot::{pilot, propose};
-use crate::instrument::calibration::{Applied, Calibration, CalibrationError};
+use crate::capture::directory::{Measurement, MeasurementError, State};
+use crate::capture::pilot::{auto_exposure_s, propose};
+use crate::instrument::calibration::{AppliedCalibration, Calibration, CalibrationError};
 use crate::instrument::rig::Rig;
 use crate::judge::evaluate::evaluate;
 use crate::measure::report::{Elapsed, ReportError, Summary, report};
@@ -123,7 +123,7 @@ fn planned_like(
         progress.begin("pilot capture", 1, "runs");
         let mut instrument = setup.open(&scaled, &request)?;
         let exposures_s = if request.brackets.is_one() {
-            vec![pilot(&scaled, &request.grid, &mut instrument)?]
+            vec![auto_exposure_s(&scaled, &request.grid, &mut instrument)?]
         } else {
             let proposal = propose(&scaled, &request.grid, &request.brackets, &mut instrument)?;
             progress.remark(&proposal.to_string());
@@ -198,7 +198,7 @@ pub fn assemble_measurement(
     measurement: &Measurement,
     progress: &dyn Progress,
 ) -> Result<Assembled, MeasureError> {
-    let frames = measurement.plan.directions * measurement.plan.brackets();
+    let frames = measurement.plan.direction_count * measurement.plan.brackets();
     progress.begin("assemble", frames, "frames");
     let Measurement {
         rig,
@@ -209,7 +209,7 @@ pub fn assemble_measurement(
     let (raw, brdf) = (measurement.path("raw.zarr"), measurement.path("brdf.zarr"));
     // Frames of another measurement are not combined with this one's plan.
     measurement.raw()?;
-    let applied = Applied::read(measurement.dir()).map_err(Box::new)?;
+    let applied = AppliedCalibration::read(measurement.dir()).map_err(Box::new)?;
     let assembled = assemble(rig, plan, directions, &applied, &raw, &brdf, &|done| {
         progress.reach(done);
     })?;

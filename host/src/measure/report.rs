@@ -11,7 +11,7 @@ use crate::brdf::Brdf;
 use crate::brdf::reflectance::Reflectance;
 use crate::brdf::sample::Sample;
 use crate::capture::Tally;
-use crate::capture::measurement::Measurement;
+use crate::capture::directory::Measurement;
 use crate::hemisphere::judged::{JUDGED_THETA_DEG, RECIPROCAL_THETA_DEG};
 use crate::judge::evaluate::{Albedo, Comparison, Evaluation, Quantile, Resolution};
 use crate::judge::render::{PictureError, automatic_exposure, save, sheet, sphere, srgb};

@@ -1,7 +1,7 @@
 //! Exposure brackets: several exposures of different length of each pattern, for high dynamic range.
 //!
 //! # Design
-//! Neighbours are at most [`RATIO`] apart: where the longer one just saturates, the shorter one still gathers a quarter
+//! Neighbours are at most [`LARGEST_RATIO`] apart: where the longer one just saturates, the shorter one still gathers a quarter
 //! of the full well, so that with 20,000 e⁻ no value between the ends is worse than 1.4 %. Wider steps are accepted
 //! where they are asked for, up to [`largest_ratio`]: beyond, a signal could saturate the one and drown in the noise of
 //! the other.
@@ -15,9 +15,9 @@ use serde::{Deserialize, Deserializer, Serialize};
 use crate::instrument::rig::Rig;
 
 /// Largest ratio of neighbouring exposure times that is proposed.
-pub const RATIO: f64 = 4.0;
+pub const LARGEST_RATIO: f64 = 4.0;
 /// Most exposures of one pattern.
-pub const MOST: usize = 8;
+pub const MOST_EXPOSURES: usize = 8;
 /// Where the longer of two neighbours saturates, the signal of the shorter must be so many times its noise without light.
 const CLEAR: f64 = 10.0;
 
@@ -34,7 +34,7 @@ pub enum Brackets {
     One,
     /// As many as a pilot capture proposes.
     Auto,
-    /// So many, 2 to [`MOST`], between the shortest and the longest time that a pilot capture proposes.
+    /// So many, 2 to [`MOST_EXPOSURES`], between the shortest and the longest time that a pilot capture proposes.
     Number(usize),
     /// These exposure times in ms, ascending.
     TimesMs(Vec<f64>),
@@ -51,7 +51,7 @@ impl FromStr for Brackets {
         if !text.contains(',') {
             return match text.parse() {
                 Ok(1) => Ok(Self::One),
-                Ok(number @ 2..=MOST) => Ok(Self::Number(number)),
+                Ok(number @ 2..=MOST_EXPOSURES) => Ok(Self::Number(number)),
                 _ => Err(wrong()),
             };
         }
@@ -63,7 +63,7 @@ impl FromStr for Brackets {
         times_ms.sort_by(f64::total_cmp);
         let in_range = times_ms.iter().all(|ms| (1e-3..=6e4).contains(ms));
         let different = times_ms.windows(2).all(|pair| pair[0] < pair[1]);
-        if in_range && different && times_ms.len() <= MOST {
+        if in_range && different && times_ms.len() <= MOST_EXPOSURES {
             Ok(Self::TimesMs(times_ms))
         } else {
             Err(wrong())
@@ -193,7 +193,7 @@ mod tests {
         let full_dn = 4095.0 - 16.0;
         let noise_dn = ((3.0 * full_dn / 20_000.0_f64).powi(2) + 1.0 / 12.0).sqrt();
         assert!((full_dn / largest_ratio(&rig) / noise_dn - 10.0).abs() < 1e-9);
-        assert!(largest_ratio(&rig) > RATIO);
+        assert!(largest_ratio(&rig) > LARGEST_RATIO);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Whether the numbers of a plan file are those of a plan.
 
 use super::{Plan, PlanError, SEGMENT_MAX};
-use crate::plan::brackets::MOST;
+use crate::plan::brackets::MOST_EXPOSURES;
 use crate::plan::schedule::LONGEST_PERIOD_S;
 
 impl Plan {
@@ -62,8 +62,8 @@ impl Plan {
             let expected = "at least timing.cam_at_s + timing.cam_width_s";
             return Err(fail("timing.period_s", expected, &timing.period_s));
         }
-        if self.longer.len() >= MOST {
-            let expected = format!("at most {} exposures", MOST - 1);
+        if self.longer.len() >= MOST_EXPOSURES {
+            let expected = format!("at most {} exposures", MOST_EXPOSURES - 1);
             return Err(fail("longer", &expected, &self.longer.len()));
         }
         if !self.segment.is_multiple_of(self.brackets()) {

@@ -8,8 +8,8 @@
 //! load of the projector and one chunk of `raw.zarr`, and what a crash may cost.
 
 pub mod brackets;
-pub mod pace;
 pub mod pattern;
+pub mod predicted_time;
 pub mod schedule;
 pub mod stripes;
 
@@ -135,7 +135,8 @@ pub struct Plan {
     /// Times of one step; of several exposures the first, which shows the pattern.
     pub timing: Timing,
     /// Indices of the incident directions that are measured are derived from rig and grid; this is how many.
-    pub directions: usize,
+    #[serde(rename = "directions")]
+    pub direction_count: usize,
     /// The other exposures of each pattern, longer and longer, while it stays.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub longer: Vec<Timing>,
@@ -316,7 +317,7 @@ impl Plan {
             spot_deg,
             segment,
             timing,
-            directions: count,
+            direction_count: count,
             longer,
         })
     }
@@ -352,7 +353,7 @@ impl Plan {
     /// Number of exposures.
     #[must_use]
     pub const fn len(&self) -> usize {
-        (BLACK_EXPOSURES + self.directions) * self.brackets()
+        (BLACK_EXPOSURES + self.direction_count) * self.brackets()
     }
 
     /// Never: there are always black exposures.
@@ -365,7 +366,7 @@ impl Plan {
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         let cycle_s: f64 = self.timings().iter().map(|timing| timing.period_s).sum();
-        (BLACK_EXPOSURES + self.directions) as f64 * cycle_s
+        (BLACK_EXPOSURES + self.direction_count) as f64 * cycle_s
     }
 
     /// The plan as TOML.

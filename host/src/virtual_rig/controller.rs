@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use rcg_firmware::pulse::{Edge, Played, Reader, SYNC_LATENCY, StepWords, WordFormat};
-use rcg_firmware::session::{Action, Engine, Session};
+use rcg_firmware::session::{Action, EngineCommand, Session};
 use rcg_protocol::{Decoder, MAX_FRAME, Pace, Polarity, Start, Ticks, ToDevice, encode};
 
 use super::SharedStage;
@@ -97,14 +97,14 @@ impl VirtualController {
                     let frame = encode(&message, &mut buffer).expect("MAX_FRAME holds every message");
                     self.to_host.extend(frame.iter());
                 }
-                Action::Engine(Engine::Prime) => {
+                Action::Engine(EngineCommand::Prime) => {
                     let format = self.session.sequencer().format();
                     let format =
                         format.unwrap_or_else(|| WordFormat::new(Pace::FreeRunning, Polarity::default()));
                     self.primed = Some(Reader::new(format, Ticks::ZERO));
                 }
-                Action::Engine(Engine::Go(start)) => self.go(start),
-                Action::Engine(Engine::Halt) => self.halt(),
+                Action::Engine(EngineCommand::Go(start)) => self.go(start),
+                Action::Engine(EngineCommand::Halt) => self.halt(),
             }
         }
     }

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use rcg::capture::firing::{Bracket, Limits, Span};
 use rcg::capture::records::{RecordFile, flag_names};
+use rcg::capture::steps::{Bracket, Limits, Span};
 use rcg::instrument::rig::Rig;
 use rcg_protocol::{Event, Extent, Micros, Pace, Polarity, Program, Start, State, Step, StepRecord};
 use serde_json::json;

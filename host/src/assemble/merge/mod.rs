@@ -24,7 +24,7 @@
 use glam::Vec4;
 
 use super::radiometry::Radiometry;
-use crate::plan::brackets::MOST;
+use crate::plan::brackets::MOST_EXPOSURES;
 
 /// Samples with less than this share of the weight of the best are left out.
 const DARK_SHARE: f32 = 1.0 / 20.0;
@@ -55,7 +55,7 @@ pub(super) struct Merged {
 }
 
 impl<'a> Merge<'a> {
-    /// For exposures with these numbers, at most [`MOST`], the shortest first.
+    /// For exposures with these numbers, at most [`MOST_EXPOSURES`], the shortest first.
     pub(super) fn new(exposures: &'a [Radiometry]) -> Self {
         let first_s = exposures[0].exposure_s;
         let brackets = exposures
@@ -76,7 +76,7 @@ impl<'a> Merge<'a> {
         out.variance.clear();
         out.several.clear();
         let saturation = Vec4::splat(f32::from(self.exposures[0].saturation));
-        let mut numbers = [Number::default(); MOST];
+        let mut numbers = [Number::default(); MOST_EXPOSURES];
         for pixel in 0..pixels {
             let at = pixel * CHANNELS;
             for (k, number) in numbers[..self.brackets.len()].iter_mut().enumerate() {
@@ -116,7 +116,7 @@ impl<'a> Merge<'a> {
         }
         // 0/0 where everything saturated.
         let expected = (sum / weights).max(Vec4::ZERO);
-        let mut weight = [Vec4::ZERO; MOST];
+        let mut weight = [Vec4::ZERO; MOST_EXPOSURES];
         let mut best = Vec4::ZERO;
         for ((bracket, number), weight) in self.brackets.iter().zip(numbers).zip(&mut weight) {
             let variance = expected * (bracket.time * shot_per_dn) + number.dark_variance;

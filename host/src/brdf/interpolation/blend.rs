@@ -15,7 +15,7 @@ pub(super) const BACK: usize = RULES.len();
 
 /// Samples that a region must have to be believed.
 const ENOUGH: f64 = 24.0;
-/// Errors count with this power: 2 would be right for errors that know nothing of each other, and a large one chooses.
+/// BranchErrors count with this power: 2 would be right for errors that know nothing of each other, and a large one chooses.
 /// In between the better branch rules, and the blend stays smooth.
 const POWER: f32 = 4.0;
 /// Branches below this share of the best one are left out.
@@ -23,7 +23,7 @@ const LEAST_SHARE: f32 = 0.03;
 /// An image that is left out is predicted over twice the distance of a look-up, at which the error of linear
 /// interpolation is up to four times as large, while a branch that reads back is judged at its own distance.
 const LEFT_OUT: f64 = 0.5;
-/// Errors below this are alike: relative to white.
+/// BranchErrors below this are alike: relative to white.
 const LEAST_ERROR: f64 = 1e-5;
 
 /// Sums of squared errors of every branch by region.
@@ -53,7 +53,7 @@ impl Tally {
     }
 
     /// The errors; `None` if there were no samples.
-    pub(super) fn errors(&self) -> Option<Errors> {
+    pub(super) fn errors(&self) -> Option<BranchErrors> {
         let all = REGIONS + WIDER - 1;
         if self.counts[all] == 0.0 {
             return None;
@@ -69,15 +69,15 @@ impl Tally {
                 rms * if branch < BACK { LEFT_OUT } else { 1.0 } + LEAST_ERROR
             })
         };
-        Some(Errors((0..REGIONS).flat_map(of).collect()))
+        Some(BranchErrors((0..REGIONS).flat_map(of).collect()))
     }
 }
 
 /// Expected error of every branch in every region, [region, branch], relative to white.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Errors(Vec<f64>);
+pub struct BranchErrors(Vec<f64>);
 
-impl Errors {
+impl BranchErrors {
     /// The numbers, row-major.
     #[must_use]
     pub fn as_slice(&self) -> &[f64] {
@@ -114,10 +114,10 @@ pub enum Blend {
 impl Blend {
     /// For `interpolation`, with the `errors` of the captures; without them blending is direct interpolation.
     #[must_use]
-    pub fn new(interpolation: Interpolation, errors: Option<&Errors>) -> Self {
+    pub fn new(interpolation: Interpolation, errors: Option<&BranchErrors>) -> Self {
         match (interpolation, errors) {
             (Interpolation::HalfVector, _) => Self::One(HALF_VECTOR),
-            (Interpolation::Blended, Some(Errors(errors))) => Self::ByError(
+            (Interpolation::Blended, Some(BranchErrors(errors))) => Self::ByError(
                 errors
                     .chunks_exact(BRANCHES)
                     .map(|errors| std::array::from_fn(|branch| errors[branch].ln() as f32))

@@ -6,13 +6,13 @@
 //! look-up is: with the directions exchanged they are not the image itself. That error therefore holds what
 //! interpolation, noise and a lack of reciprocity (of the material or of the measurement) do together.
 //!
-//! Errors are those of luminance f·cosθi, compressed as by an eye, or a display, that adapts: dim parts count too.
+//! BranchErrors are those of luminance f·cosθi, compressed as by an eye, or a display, that adapts: dim parts count too.
 //! Some 10⁵ samples, spread over images and cells, are enough; they are drawn by fixed strides.
 
 use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::Errors;
+use super::BranchErrors;
 use super::blend::{BACK, BRANCHES, Tally};
 use super::captures::{Captures, Cells, ImageOf};
 use super::lookup::directions;
@@ -183,7 +183,7 @@ fn probes(captures: &impl Captures) -> Vec<Probe> {
 ///
 /// # Errors
 /// [`StoreError`] if the captures cannot be read.
-pub(crate) fn learn(captures: &impl Captures) -> Result<Option<Errors>, StoreError> {
+pub(crate) fn learn(captures: &impl Captures) -> Result<Option<BranchErrors>, StoreError> {
     debug_assert_eq!(BRANCHES, 2 * RULES.len());
     let mut probes = probes(captures);
     let mut wanted = vec![false; captures.set().len()];

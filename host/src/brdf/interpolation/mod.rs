@@ -30,7 +30,7 @@ mod table;
 #[cfg(test)]
 mod tests;
 
-pub use blend::{BRANCHES, Blend, Errors};
+pub use blend::{BRANCHES, Blend, BranchErrors};
 pub(crate) use captures::{Captures, Cells, Image, ImageOf};
 pub(crate) use leave_one_out::learn;
 pub(crate) use lookup::{Lookup, look_up};

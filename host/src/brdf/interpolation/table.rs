@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::captures::{Captures, Cells, Image, ImageOf};
 use super::lookup::look_up;
-use super::{Blend, Errors, Interpolation, learn};
+use super::{Blend, BranchErrors, Interpolation, learn};
 use crate::brdf::reflectance::Reflectance;
 use crate::brdf::reflectance::{Missing, Value};
 use crate::brdf::sample::Sample;
@@ -53,7 +53,7 @@ impl Table {
 
     /// What leaving images out says of the rules; `None` if there are too few.
     #[must_use]
-    pub fn learn(&self) -> Option<Errors> {
+    pub fn learn(&self) -> Option<BranchErrors> {
         learn(self).expect("invariant: memory can be read")
     }
 

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::region::{REGIONS, around, region};
-use super::{BRANCHES, Blend, Errors, Interpolation, RULES, Table};
+use super::{BRANCHES, Blend, BranchErrors, Interpolation, RULES, Table};
 use crate::brdf::reflectance::Reflectance as _;
 use crate::brdf::sample::{Sample, parse};
 use crate::hemisphere::direction::from_degrees;
@@ -170,7 +170,7 @@ fn reading_back_helps_where_the_outgoing_direction_was_captured_as_an_incident_o
         .collect();
     let forth = with_errors(Blend::new(
         Interpolation::Blended,
-        Errors::from_values(forth_only).as_ref(),
+        BranchErrors::from_values(forth_only).as_ref(),
     ));
     assert!(blended < 0.8 * forth, "{blended} {forth}");
 }
@@ -197,9 +197,9 @@ fn errors_survive_a_file_and_nonsense_is_refused() {
     let errors = Table::of(brass.as_ref(), grid(15.0), Disk::new(32))
         .learn()
         .unwrap();
-    let again = Errors::from_values(errors.as_slice().to_vec()).unwrap();
+    let again = BranchErrors::from_values(errors.as_slice().to_vec()).unwrap();
     assert_eq!(again, errors);
-    assert!(Errors::from_values(vec![1.0; 7]).is_none());
-    assert!(Errors::from_values(vec![0.0; REGIONS * BRANCHES]).is_none());
-    assert!(Errors::from_values(vec![f64::NAN; REGIONS * BRANCHES]).is_none());
+    assert!(BranchErrors::from_values(vec![1.0; 7]).is_none());
+    assert!(BranchErrors::from_values(vec![0.0; REGIONS * BRANCHES]).is_none());
+    assert!(BranchErrors::from_values(vec![f64::NAN; REGIONS * BRANCHES]).is_none());
 }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::base::progress::Progress;
 use crate::calibrate::{CalibrateError, Conditions, create_raw, file, open_raw, segment_of};
 use crate::capture::Tally;
-use crate::capture::pilot::Tests;
+use crate::capture::pilot::TestExposures;
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::incident::Grid;
 use crate::instrument::calibration::geometry::COMMAND;
@@ -140,7 +140,7 @@ pub fn capture(
         let (width_px, height_px) = instrument.projector.size_px();
         let mut image = BitPattern::black(width_px, height_px);
         draw(0, &mut image);
-        let tests = Tests::take(&rig, &[image.lit()], &mut instrument)?;
+        let tests = TestExposures::take(&rig, &[image.lit()], &mut instrument)?;
         if tests.is_too_bright {
             return Err(CalibrateError::Views {
                 expected: format!("a target that {} ms do not saturate", SHORTEST_EXPOSURE_S * 1e3),

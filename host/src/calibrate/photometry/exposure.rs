@@ -8,7 +8,7 @@
 
 use super::capture::Holder;
 use crate::calibrate::CalibrateError;
-use crate::capture::pilot::Tests;
+use crate::capture::pilot::TestExposures;
 use crate::plan::schedule::{LONGEST_EXPOSURE_S, SHORTEST_EXPOSURE_S};
 use crate::virtual_rig::Held;
 use crate::virtual_rig::setup::Setup;
@@ -99,7 +99,7 @@ fn longest_s(holders: &[Holder], standard: &Held, setup: &Setup) -> Result<f64, 
             .step_by(5)
             .map(|at| holder.lit(*at))
             .collect();
-        let tests = Tests::take(&holder.rig, &patterns, &mut instrument)?;
+        let tests = TestExposures::take(&holder.rig, &patterns, &mut instrument)?;
         longest_s = longest_s.min(if tests.is_too_bright { 0.0 } else { tests.longest_s });
     }
     Ok(longest_s)

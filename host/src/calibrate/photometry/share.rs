@@ -20,9 +20,9 @@ use crate::instrument::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
 const TURNS: usize = 8;
 /// A share is whole within so many of its standard uncertainties …
 const CLEAR: f64 = 3.0;
-/// … but at least within this, and never below 1 less [`MOST`].
+/// … but at least within this, and never below 1 less [`LARGEST_DEFICIT`].
 const LEAST: f64 = 0.02;
-const MOST: f64 = 0.5;
+const LARGEST_DEFICIT: f64 = 0.5;
 /// Before there are fields, what shines less than this share of the usual does not take part.
 const DIM: f64 = 0.4;
 /// Directions that judge a pixel, and pixels that judge a direction, about.
@@ -74,7 +74,8 @@ impl Share {
     /// Whether it is 1 within noise and the relative uncertainty of the prediction; `None` if nothing was predicted.
     fn is_whole(&self, relative: f64) -> Option<bool> {
         (self.weight > 0.0).then(|| {
-            let margin = (CLEAR * (self.weight.recip() + relative * relative).sqrt()).clamp(LEAST, MOST);
+            let margin =
+                (CLEAR * (self.weight.recip() + relative * relative).sqrt()).clamp(LEAST, LARGEST_DEFICIT);
             self.signal / self.weight > 1.0 - margin
         })
     }

@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use rcg_protocol::{Command, Fault, MAX_FRAME, Reply, Request, Response, STEPS_PER_APPEND, Seq, State, Step};
 
-use super::{Device, DeviceError, News};
+use super::{Device, DeviceError, FeedEvent};
 use crate::capture::link::Link;
 
 /// Batches under way. The controller keeps as many places for answers free of telemetry.
@@ -104,13 +104,13 @@ impl<I: Iterator<Item = Step>> Feed<I> {
 
     /// Takes in what the controller has answered, and sends what can be sent. Does not wait.
     pub(crate) fn advance<L: Link>(&mut self, device: &mut Device<L>) -> Result<(), DeviceError> {
-        while let Some(news) = device.news.pop_front() {
-            match news {
-                News::Room(steps) => {
+        while let Some(feed_events) = device.feed_events.pop_front() {
+            match feed_events {
+                FeedEvent::Room(steps) => {
                     self.room = steps;
                     self.full_until = None;
                 }
-                News::Answer(response) => self.answer(device, &response)?,
+                FeedEvent::Answer(response) => self.answer(device, &response)?,
             }
         }
         if self.over {

@@ -59,13 +59,13 @@ pub struct Device<L> {
     /// How long the host may be silent in a run of what was loaded last; zero for ever.
     dead_man: Micros,
     /// What a [`Feed`] wants to hear of; collected while there is one.
-    news: VecDeque<News>,
+    feed_events: VecDeque<FeedEvent>,
     feeding: bool,
 }
 
 /// What came for a [`Feed`], in the order of arrival.
 #[derive(Debug)]
-enum News {
+enum FeedEvent {
     /// An answer that nobody else waits for.
     Answer(Response),
     /// Steps that fit.
@@ -90,7 +90,7 @@ impl<L: Link> Device<L> {
             heard: 0,
             info: None,
             dead_man: Micros::DEFAULT_DEAD_MAN,
-            news: VecDeque::new(),
+            feed_events: VecDeque::new(),
             feeding: false,
         };
         device.open_session(nonce)?;
@@ -137,7 +137,7 @@ impl<L: Link> Device<L> {
     /// Collects what a [`Feed`] wants to hear of, or not any more.
     pub(crate) fn set_feeding(&mut self, feeding: bool) {
         self.feeding = feeding;
-        self.news.clear();
+        self.feed_events.clear();
     }
 
     /// What the controller is and can do.
@@ -294,7 +294,7 @@ impl<L: Link> Device<L> {
             }
             let left = deadline.saturating_sub(self.link.now());
             self.receive(left, |_| false)?;
-            let over = self.link.now() >= deadline || !self.news.is_empty();
+            let over = self.link.now() >= deadline || !self.feed_events.is_empty();
             if self.events.is_empty() && over {
                 return Ok(None);
             }
@@ -389,13 +389,13 @@ impl<L: Link> Device<L> {
             match self.decoder.push::<ToHost>(byte) {
                 Some(Ok(ToHost::Event(event))) => {
                     if let (Event::Room { steps, .. }, true) = (&event, self.feeding) {
-                        self.news.push_back(News::Room(*steps));
+                        self.feed_events.push_back(FeedEvent::Room(*steps));
                     }
                     self.events.push_back(event);
                 }
                 Some(Ok(ToHost::Response(response))) if wanted(&response) => found = Some(response.result),
                 Some(Ok(ToHost::Response(response))) if self.feeding => {
-                    self.news.push_back(News::Answer(response));
+                    self.feed_events.push_back(FeedEvent::Answer(response));
                 }
                 // The answer to an earlier attempt, or to a request that was given up.
                 Some(Ok(ToHost::Response(_))) | None => {}

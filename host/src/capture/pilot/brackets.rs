@@ -3,17 +3,19 @@
 //! # Design
 //! A few patterns, each exposed from the rig's default time down in steps of [`TEST_RATIO`], in one run. A pixel's rate comes
 //! from its longest exposure that does not saturate. The shortest bracket is made for the brightest pixel, the longest for
-//! the darkest; [`crate::plan::brackets::RATIO`] says how many are between them.
+//! the darkest; [`crate::plan::brackets::LARGEST_RATIO`] says how many are between them.
 
 use std::fmt;
 
 use super::{judged, patterns};
-use crate::capture::measurement::MeasurementError;
+use crate::capture::directory::MeasurementError;
 use crate::capture::{Instrument, Tally};
 use crate::hemisphere::incident::Grid;
 use crate::instrument::rig::Rig;
 use crate::plan::PlanError;
-use crate::plan::brackets::{Brackets, MOST, RATIO, geometric, largest_ratio, milliseconds};
+use crate::plan::brackets::{
+    Brackets, LARGEST_RATIO, MOST_EXPOSURES, geometric, largest_ratio, milliseconds,
+};
 use crate::plan::schedule::Timing;
 
 /// Exposure times of the pilot capture, each [`TEST_RATIO`] times shorter than the one before.
@@ -131,9 +133,9 @@ pub fn propose(
         }
         _ if wanted_s < APART * shortest_s => vec![shortest_s],
         _ => {
-            let ratio = RATIO.min(largest_ratio(rig)).max(APART);
+            let ratio = LARGEST_RATIO.min(largest_ratio(rig)).max(APART);
             let steps = (wanted_s / shortest_s).log(ratio).ceil() as usize;
-            geometric(shortest_s, wanted_s, (1 + steps).min(MOST))
+            geometric(shortest_s, wanted_s, (1 + steps).min(MOST_EXPOSURES))
         }
     };
     let last_s = exposures_s.last().copied().unwrap_or(shortest_s);

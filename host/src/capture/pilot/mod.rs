@@ -1,6 +1,6 @@
 //! The pilot capture, which chooses the exposure time, or those of several exposures.
 
-use crate::capture::measurement::MeasurementError;
+use crate::capture::directory::MeasurementError;
 use crate::capture::{Captured, Instrument, Tally};
 use crate::hemisphere::incident::Grid;
 use crate::hemisphere::judged::is_judged;
@@ -28,9 +28,9 @@ pub(crate) const PILOT_TARGET: f64 = 0.85;
 ///
 /// # Errors
 /// [`MeasurementError`].
-pub fn pilot(rig: &Rig, grid: &Grid, instrument: &mut Instrument) -> Result<f64, MeasurementError> {
+pub fn auto_exposure_s(rig: &Rig, grid: &Grid, instrument: &mut Instrument) -> Result<f64, MeasurementError> {
     let patterns = patterns(rig, grid)?;
-    let longest_s = Tests::take(rig, &patterns, instrument)?.longest_s;
+    let longest_s = TestExposures::take(rig, &patterns, instrument)?.longest_s;
     Ok(longest_s
         .min(rig.camera.exposure_s)
         .clamp(SHORTEST_EXPOSURE_S, LONGEST_EXPOSURE_S))
@@ -67,7 +67,7 @@ pub(crate) fn spread(directions: &Directions, indices: &[usize]) -> Vec<usize> {
 }
 
 /// Test exposures.
-pub(crate) struct Tests {
+pub(crate) struct TestExposures {
     /// One for each pattern.
     pub(crate) shots: Vec<Captured>,
     /// Exposure time in s with which they were taken.
@@ -78,7 +78,7 @@ pub(crate) struct Tests {
     pub(crate) is_too_bright: bool,
 }
 
-impl Tests {
+impl TestExposures {
     /// Takes an exposure of each of `patterns` (lit pixels), shorter and shorter ones until they do not saturate, or cannot
     /// be shorter.
     pub(crate) fn take(

@@ -133,7 +133,7 @@ pub(crate) fn check_rig(path: &Path, rig: &Rig, found: &str) -> Result<(), Calib
 /// What assembly takes into account, as `calibration.json` of a measurement has it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Applied {
+pub struct AppliedCalibration {
     /// Standard uncertainty (k = 1, RMS) of the directions of camera and projector, degrees; zero if nobody knows.
     pub direction_deg: [f64; 2],
     /// Standard uncertainty (k = 1) of where the edges of hole, rim and wire are, degrees; zero if nobody knows.
@@ -145,7 +145,7 @@ pub struct Applied {
     pub nominal_sha256: Option<String>,
 }
 
-impl Applied {
+impl AppliedCalibration {
     /// Name of its file in a measurement.
     pub const FILE: &str = "calibration.json";
 
@@ -202,8 +202,8 @@ impl Calibration {
 
     /// What measurements with it take into account.
     #[must_use]
-    pub fn applied(&self) -> Applied {
-        Applied {
+    pub fn applied(&self) -> AppliedCalibration {
+        AppliedCalibration {
             direction_deg: self
                 .geometry
                 .as_ref()

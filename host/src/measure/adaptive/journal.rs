@@ -17,9 +17,9 @@ use serde::{Deserialize, Serialize};
 
 use super::{Goal, GoalError};
 use crate::base::blame::Blame;
-use crate::capture::measurement::{MeasurementError, Sums, sums_at, sums_of};
+use crate::capture::directory::{MeasurementError, Sums, sums_at, sums_of};
 use crate::hemisphere::incident::{Grid, IncidentError};
-use crate::instrument::calibration::Applied;
+use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::rig::{Rig, RigError, explain};
 use crate::measure::MeasureError;
 use crate::plan::{BLACK_EXPOSURES, Plan, Request};
@@ -166,7 +166,7 @@ impl Journal {
         dir: &Path,
         asked: &Asked,
         rig: &Rig,
-        applied: Option<&Applied>,
+        applied: Option<&AppliedCalibration>,
         segments: Segments,
         clock_hz: u32,
     ) -> Result<Self, AdaptiveError> {
@@ -201,8 +201,11 @@ impl Journal {
         let sum_of_asked = sum(&content(ASKED)?);
         let mut sums = sums_of(&Self::asked(dir)?.request)?;
         sums.insert(ASKED.to_owned(), sum_of_asked.clone());
-        if dir.join(Applied::FILE).exists() {
-            sums.insert(Applied::FILE.to_owned(), sum(&content(Applied::FILE)?));
+        if dir.join(AppliedCalibration::FILE).exists() {
+            sums.insert(
+                AppliedCalibration::FILE.to_owned(),
+                sum(&content(AppliedCalibration::FILE)?),
+            );
         }
         let path = dir.join(FRAMES);
         let frames = if path.exists() {
@@ -213,7 +216,7 @@ impl Journal {
                 ("sample", "sample"),
                 ("truth", "truth"),
                 (ASKED, "content"),
-                (Applied::FILE, "calibration"),
+                (AppliedCalibration::FILE, "calibration"),
             ] {
                 if held(name) != sums.get(name).map(String::as_str) {
                     return Err(differs(dir, field));

@@ -14,10 +14,10 @@ use super::{BATCH, Goal, Stop};
 use crate::assemble::{FrameAssembler, certainly_lit};
 use crate::base::progress::Progress;
 use crate::capture::Instrument;
-use crate::capture::measurement::{Measurement, MeasurementError, take_segment};
+use crate::capture::directory::{Measurement, MeasurementError, take_segment};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{DirectionList, Grid, IncidentSet};
-use crate::instrument::calibration::{Applied, Calibration};
+use crate::instrument::calibration::{AppliedCalibration, Calibration};
 use crate::instrument::optics::{Unmeasurable, View};
 use crate::instrument::rig::Rig;
 use crate::measure::{MeasureError, planned};
@@ -35,7 +35,7 @@ const NOISE_RULES: f64 = 0.25;
 /// The loop's fixed parts.
 struct Loop<'a> {
     rig: &'a Rig,
-    applied: &'a Applied,
+    applied: &'a AppliedCalibration,
     /// Spots of light and exposures as in the plan that will come of it.
     plan: &'a Plan,
     timings: Vec<Timing>,
@@ -135,12 +135,12 @@ pub fn measure(
         &scaled,
         &plan,
         Segments {
-            captures: plan.directions,
+            captures: plan.direction_count,
             ..segments
         },
     )?;
     let facts = Map::from_iter([("adaptive".to_owned(), json!(adapted))]);
-    let measurement = Measurement::found_with(out, scaled.clone(), plan, None, facts)?.holding(lock);
+    let measurement = Measurement::create_in_with(out, scaled.clone(), plan, None, facts)?.holding(lock);
     journal.close()?;
     Ok((measurement, adapted))
 }
@@ -191,13 +191,13 @@ fn resumed_as(
     request: &Request,
     start: Option<&Grid>,
     goal: Goal,
-    applied: Option<&Applied>,
+    applied: Option<&AppliedCalibration>,
 ) -> Result<Asked, AdaptiveError> {
     let asked = Journal::asked(out)?;
     if let Some(applied) = applied.filter(|_| !Journal::has_frames(out)) {
         applied.write(out).map_err(MeasureError::from)?;
     }
-    let known = Applied::read(out).map_err(|error| MeasureError::from(Box::new(error)))?;
+    let known = AppliedCalibration::read(out).map_err(|error| MeasureError::from(Box::new(error)))?;
     let fields = [
         ("rig", asked.rig == scaled.to_toml()),
         ("goal", asked.goal == goal),
@@ -205,7 +205,9 @@ fn resumed_as(
         ("coarse start", asked.start.as_ref() == start),
         (
             "calibration",
-            applied.map_or(known == Applied::default(), |applied| known == *applied),
+            applied.map_or(known == AppliedCalibration::default(), |applied| {
+                known == *applied
+            }),
         ),
     ];
     match fields.into_iter().find(|(_, same)| !same) {
@@ -218,7 +220,7 @@ impl<'a> Loop<'a> {
     /// For images of `image_size` pixels a side of `rig`, its camera image scaled.
     fn new(
         rig: &'a Rig,
-        applied: &'a Applied,
+        applied: &'a AppliedCalibration,
         plan: &'a Plan,
         image_size: u32,
     ) -> Result<Self, AdaptiveError> {
@@ -293,7 +295,7 @@ impl<'a> Loop<'a> {
             let directions = Directions { grid: set, reasons };
             assembler
                 .expect(self.plan, &directions)
-                .map_err(|reason| unusable(Applied::FILE, reason))?;
+                .map_err(|reason| unusable(AppliedCalibration::FILE, reason))?;
             let set = directions.grid;
             self.catch_up(journal, &set, &mut stored, &assembler, &mut images, instrument)?;
             let left_out = leave_one_out(&directions_deg, &set, &images, self.disk, &cells);

@@ -15,7 +15,7 @@
 
 use super::cells::{Blocks, CellError, check_disjoint, union};
 use super::choose::MultiplexError;
-use crate::capture::pilot::{PILOT_CLIPPED, PILOT_TARGET, Tests, spread};
+use crate::capture::pilot::{PILOT_CLIPPED, PILOT_TARGET, TestExposures, spread};
 use crate::capture::{Captured, Instrument};
 use crate::hemisphere::direction::angle_between;
 use crate::hemisphere::incident::Grid;
@@ -108,7 +108,7 @@ impl Singles {
             .map(|at| &cells[at])
             .collect();
         let patterns: Vec<Vec<u32>> = chosen.iter().map(|lit| lit.pixels.clone()).collect();
-        let tests = Tests::take(rig, &patterns, instrument)?;
+        let tests = TestExposures::take(rig, &patterns, instrument)?;
 
         let channels = rig.camera.channels as usize;
         let camera = DirectionMap::of(&View::camera(rig));
@@ -237,7 +237,7 @@ fn taken(
     patterns: &[Vec<u32>],
     instrument: &mut Instrument,
 ) -> Result<Vec<Vec<f64>>, MultiplexError> {
-    let tests = Tests::take(rig, patterns, instrument)?;
+    let tests = TestExposures::take(rig, patterns, instrument)?;
     let rates = tests.shots.iter().map(|shot| rates(rig, shot, tests.exposure_s));
     Ok(rates.collect())
 }

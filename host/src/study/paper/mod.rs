@@ -19,7 +19,7 @@ use crate::base::progress::Progress;
 use crate::brdf::reflectance::Reflectance;
 use crate::brdf::sample::{SampleError, parse};
 use crate::brdf::{Brdf, BrdfError};
-use crate::capture::measurement::{Measurement, MeasurementError};
+use crate::capture::directory::{Measurement, MeasurementError};
 use crate::hemisphere::incident::Grid;
 use crate::instrument::optics::View;
 use crate::instrument::rig::{Rig, RigError};

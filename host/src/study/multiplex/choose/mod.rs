@@ -20,7 +20,7 @@ use super::cells::CellError;
 use super::pilot::{Singles, Sums, Value, blocks, dark_variance};
 use crate::base::blame::Blame;
 use crate::capture::Instrument;
-use crate::capture::measurement::MeasurementError;
+use crate::capture::directory::MeasurementError;
 use crate::hemisphere::incident::{Grid, IncidentError};
 use crate::instrument::rig::Rig;
 use crate::plan::PlanError;

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
 use crate::capture::{Instrument, Tally};
-use crate::instrument::calibration::Applied;
+use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
 use crate::plan::pattern::{LitSet, PatternMaker};
@@ -48,7 +48,7 @@ const BEGINNINGS: [&str; 9] = [
     "plan.tmp",
     "adaptive.tmp",
     "calibration.tmp",
-    Applied::FILE,
+    AppliedCalibration::FILE,
     "manifest.tmp",
     MANIFEST,
     lock::NAME,
@@ -154,12 +154,12 @@ impl Measurement {
         dir: &Path,
         rig: Rig,
         plan: Plan,
-        calibration: Option<&Applied>,
+        calibration: Option<&AppliedCalibration>,
     ) -> Result<Self, MeasurementError> {
         Self::check_new(dir)?;
         let lock = Lock::folder(dir)?;
         Self::check_new(dir)?;
-        Ok(Self::found_with(dir, rig, plan, calibration, Map::new())?.holding(lock))
+        Ok(Self::create_in_with(dir, rig, plan, calibration, Map::new())?.holding(lock))
     }
 
     /// As [`create`](Self::create), in a directory that holds what belongs to the measurement already, its calibration
@@ -167,19 +167,19 @@ impl Measurement {
     ///
     /// # Errors
     /// [`MeasurementError`].
-    pub fn found(dir: &Path, rig: Rig, plan: Plan) -> Result<Self, MeasurementError> {
-        Self::found_with(dir, rig, plan, None, Map::new())
+    pub fn create_in(dir: &Path, rig: Rig, plan: Plan) -> Result<Self, MeasurementError> {
+        Self::create_in_with(dir, rig, plan, None, Map::new())
     }
 
-    /// As [`found`](Self::found), with the `calibration` to write and `facts` for the manifest.
+    /// As [`create_in`](Self::create_in), with the `calibration` to write and `facts` for the manifest.
     ///
     /// # Errors
     /// [`MeasurementError`].
-    pub fn found_with(
+    pub fn create_in_with(
         dir: &Path,
         rig: Rig,
         plan: Plan,
-        calibration: Option<&Applied>,
+        calibration: Option<&AppliedCalibration>,
         facts: Map<String, Value>,
     ) -> Result<Self, MeasurementError> {
         let directions = Directions::new(&rig, &plan.request.grid)?;
@@ -254,13 +254,14 @@ impl Measurement {
         }
         let directions = Directions::new(&rig, &plan.request.grid)?;
         let lens = &rig.camera.lens;
-        if directions.measurable().count() != plan.directions || lens.width_px != plan.request.image_size {
+        if directions.measurable().count() != plan.direction_count || lens.width_px != plan.request.image_size
+        {
             return Err(MeasurementError::Differs {
                 path: rig_path.display().to_string(),
                 field: "rig",
                 expected: format!(
                     "{} measurable directions and {} pixels a side",
-                    plan.directions, plan.request.image_size
+                    plan.direction_count, plan.request.image_size
                 ),
                 found: format!("{} and {}", directions.measurable().count(), lens.width_px),
             });

@@ -126,10 +126,10 @@ impl Limits {
     }
 
     /// `span` in ticks; what is not 0 must not become 0.
-    fn ticks(self, option: &'static str, span: Span) -> Result<Ticks, FiringError> {
+    fn ticks(self, option: &'static str, span: Span) -> Result<Ticks, StepsError> {
         let ticks = span.ticks(self.clock_hz);
         if ticks == Ticks::ZERO && span.seconds(self.clock_hz) > 0.0 {
-            return Err(FiringError::BelowTick {
+            return Err(StepsError::BelowTick {
                 option,
                 found: span,
                 tick_ns: 1e9 / f64::from(self.clock_hz),
@@ -142,7 +142,7 @@ impl Limits {
 
 /// Why the trigger box cannot fire that.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum FiringError {
+pub enum StepsError {
     /// An exposure time out of range.
     #[error(transparent)]
     Schedule(#[from] ScheduleError),
@@ -207,7 +207,7 @@ pub enum FiringError {
     },
 }
 
-impl Blame for FiringError {
+impl Blame for StepsError {
     fn is_input(&self) -> bool {
         true
     }
@@ -230,8 +230,8 @@ impl Bracket {
     /// The steps, in the order of the exposure times; the trigger box with these `limits` can make them.
     ///
     /// # Errors
-    /// [`FiringError`] names the step and what in it cannot be.
-    pub fn steps(&self, rig: &Rig, limits: Limits) -> Result<Vec<Step>, FiringError> {
+    /// [`StepsError`] names the step and what in it cannot be.
+    pub fn steps(&self, rig: &Rig, limits: Limits) -> Result<Vec<Step>, StepsError> {
         let default = [Span::Seconds(rig.camera.exposure_s)];
         let exposures = if self.exposures.is_empty() {
             &default[..]
@@ -286,11 +286,11 @@ fn clear_of(width: Ticks, cam: Pulse, shortest: Ticks) -> Ticks {
 }
 
 /// Whether the trigger box can make `step`, the `index`-th.
-fn check(index: usize, step: &Step, limits: Limits) -> Result<(), FiringError> {
+fn check(index: usize, step: &Step, limits: Limits) -> Result<(), StepsError> {
     let words = |ticks| limits.words(ticks);
     let period = step.period;
     if period < limits.shortest || period > limits.longest_period {
-        return Err(FiringError::Period {
+        return Err(StepsError::Period {
             step: index,
             period: words(period),
             shortest: words(limits.shortest),
@@ -316,7 +316,7 @@ fn check(index: usize, step: &Step, limits: Limits) -> Result<(), FiringError> {
         }
         let end = at.0.saturating_add(width.0);
         if end > period.0 {
-            return Err(FiringError::Outside {
+            return Err(StepsError::Outside {
                 step: index,
                 pulse,
                 begins: words(at),
@@ -334,7 +334,7 @@ fn check(index: usize, step: &Step, limits: Limits) -> Result<(), FiringError> {
     });
     match close {
         None => Ok(()),
-        Some(pair) => Err(FiringError::TooClose {
+        Some(pair) => Err(StepsError::TooClose {
             step: index,
             first: pair[0].1,
             second: pair[1].1,

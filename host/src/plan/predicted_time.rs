@@ -70,7 +70,7 @@ pub struct Cost {
 
 /// Predicted time of a measurement.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Pace {
+pub struct PredictedTime {
     /// Mean time from one exposure to the next, in s.
     pub period_s: f64,
     /// Exposures per second.
@@ -91,7 +91,7 @@ pub struct Pace {
     pub costs: Vec<Cost>,
 }
 
-impl Pace {
+impl PredictedTime {
     /// The pace of `plan` on `rig`.
     #[must_use]
     pub fn new(plan: &Plan, directions: &Directions, rig: &Rig) -> Self {
@@ -115,7 +115,7 @@ impl Pace {
             period_s,
             rate_hz: 1.0 / period_s,
             instrument_s: exposures * period_s,
-            lit_s: (plan.directions * each) as f64 * period_s,
+            lit_s: (plan.direction_count * each) as f64 * period_s,
             black_s: (BLACK_EXPOSURES * each) as f64 * period_s,
             grid_s: (directions.grid.len() * each) as f64 * period_s,
             exposing_share: mean(&exposures_s) / period_s,
@@ -131,7 +131,7 @@ mod tests {
     use crate::hemisphere::incident::Grid;
     use crate::plan::Request;
 
-    fn pace(rig: &Rig, step_deg: f64) -> Pace {
+    fn pace(rig: &Rig, step_deg: f64) -> PredictedTime {
         let request = Request {
             grid: Grid::ThetaPhi { step_deg },
             image_size: 32,
@@ -144,10 +144,10 @@ mod tests {
             seed: 1,
         };
         let plan = Plan::new(request.clone(), rig, rig.camera.exposure_s).unwrap();
-        Pace::new(&plan, &Directions::new(rig, &request.grid).unwrap(), rig)
+        PredictedTime::new(&plan, &Directions::new(rig, &request.grid).unwrap(), rig)
     }
 
-    fn limits(pace: &Pace) -> Vec<Limit> {
+    fn limits(pace: &PredictedTime) -> Vec<Limit> {
         pace.costs.iter().map(|cost| cost.limit).collect()
     }
 

@@ -1,7 +1,7 @@
 //! Going on with a measurement only as what it is.
 
 use super::{Measurement, MeasurementError};
-use crate::instrument::calibration::{Applied, Calibration, rig_hash};
+use crate::instrument::calibration::{AppliedCalibration, Calibration, rig_hash};
 use crate::instrument::rig::Rig;
 use crate::plan::Request;
 
@@ -16,7 +16,7 @@ impl Measurement {
             let (expected, found) = (self.rig.name.clone(), rig.name.clone());
             return Err(self.differs("rig", expected, found));
         }
-        let applied = Applied::read(self.dir())?;
+        let applied = AppliedCalibration::read(self.dir())?;
         if let Some(calibration) = calibration
             && applied != calibration.applied()
         {

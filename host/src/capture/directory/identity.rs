@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::{Measurement, MeasurementError};
-use crate::instrument::calibration::Applied;
+use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::rig::Rig;
 use crate::plan::{Plan, Request};
 use crate::store::checksum::{sum, sum_of};
@@ -14,7 +14,7 @@ use crate::store::whole_file::FileError;
 pub(crate) type Sums = BTreeMap<String, String>;
 
 /// Files in the directory that say what the measurement is; the last is there only with a calibration.
-const FILES: [&str; 3] = ["rig.toml", "plan.toml", Applied::FILE];
+const FILES: [&str; 3] = ["rig.toml", "plan.toml", AppliedCalibration::FILE];
 /// Names of the files from elsewhere.
 const SAMPLE: &str = "sample";
 const TRUTH: &str = "truth";
@@ -49,10 +49,10 @@ pub(crate) fn sums_at(dir: &Path, rig: &Rig, plan: &Plan) -> Result<Sums, Measur
     let mut sums = sums_of(&plan.request)?;
     sums.insert(FILES[0].to_owned(), sum(rig.to_toml().as_bytes()));
     sums.insert(FILES[1].to_owned(), sum(plan.to_toml().as_bytes()));
-    let path = dir.join(Applied::FILE);
+    let path = dir.join(AppliedCalibration::FILE);
     if path.is_file() {
         let sum = sum_of(&path).map_err(|source| FileError::at(&path, source))?;
-        sums.insert(Applied::FILE.to_owned(), sum);
+        sums.insert(AppliedCalibration::FILE.to_owned(), sum);
     }
     Ok(sums)
 }
