@@ -16,6 +16,7 @@
 //! - [`witness`]: what the camera's STROBE line says about each trigger
 //! - [`outbox`]: messages that wait for the link, and the records of the next one
 //! - [`session`]: requests in, responses, events and engine commands out
+//! - `virtual_time`: the box without a board, for tests and what stands in for one
 
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
@@ -29,6 +30,8 @@ pub mod pulse;
 pub mod sequencer;
 pub mod session;
 pub mod store;
+#[cfg(not(target_os = "none"))]
+pub mod virtual_time;
 pub mod vsync;
 pub mod witness;
 

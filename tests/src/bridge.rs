@@ -1,11 +1,10 @@
 //! A trigger box at a pseudo terminal, with a bridge at its wires: what the virtual rig meets outside of its process.
 //!
 //! # Design
-//! The firmware's session and the reference reading of its words, in a thread. Its time is virtual: it stands still
+//! The box of the firmware's library, in a thread. Its time is virtual: it stands still
 //! until the rig has answered an edge, and passes quickly otherwise. Its dead-man switch is not polled, because the
 //! host's signs of life come in real time.
 
-use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, ErrorKind, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
@@ -14,9 +13,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use rcg_firmware::pulse::{Edge, Played, Reader, SYNC_LATENCY, StepWords};
-use rcg_firmware::session::{Action, EngineCommand, Session};
-use rcg_protocol::{Decoder, Level, Line, MAX_FRAME, Start, Ticks, ToDevice, encode};
+use rcg_firmware::pulse::Edge;
+use rcg_firmware::virtual_time::{Pins, StrobeEdge, VirtualBox};
+use rcg_protocol::{Level, Line, Ticks};
 use serialport::{SerialPort as _, TTYPort};
 
 /// Ticks per second.
@@ -56,13 +55,7 @@ impl Bridge {
             master,
             _held: held,
             listener,
-            rig: None,
-            session: Session::new(CLOCK_HZ, 77),
-            decoder: Decoder::new(),
-            now,
-            late,
-            primed: None,
-            run: None,
+            controller: VirtualBox::new(AtWires { rig: None, late }, CLOCK_HZ, 77, now),
         };
         let thread = thread::spawn({
             let over = Arc::clone(&over);
@@ -95,157 +88,71 @@ struct Bench {
     master: TTYPort,
     _held: File,
     listener: TcpListener,
-    rig: Option<Rig>,
-    session: Session,
-    decoder: Decoder,
-    now: Ticks,
-    late: Ticks,
-    primed: Option<Reader>,
-    run: Option<Run>,
-}
-
-/// Times of the reader count from the start.
-struct Run {
-    reader: Reader,
-    started: Ticks,
-    steps: u64,
-    strobes: VecDeque<(Ticks, bool)>,
+    controller: VirtualBox<AtWires>,
 }
 
 impl Bench {
     fn turn(&mut self) {
         if let Ok((stream, _)) = self.listener.accept() {
-            self.rig = Rig::greet(stream);
+            self.controller.pins().rig = Rig::greet(stream);
         }
-        if self.run.is_none() || self.master.bytes_to_read().is_ok_and(|count| count > 0) {
-            self.hear();
+        let is_running = self.controller.is_running();
+        if !is_running || self.master.bytes_to_read().is_ok_and(|count| count > 0) {
+            let mut bytes = [0; 512];
+            // Nothing came in time.
+            let count = self.master.read(&mut bytes).unwrap_or(0);
+            self.controller
+                .hear(&bytes[..count], |frame| say(&mut self.master, frame));
         }
-        if self.run.is_some() {
-            self.play();
-        } else {
-            self.now += Ticks(u64::from(CLOCK_HZ) / 1000);
-        }
-        self.act();
+        self.controller.advance(Ticks(u64::MAX));
+        self.controller.act(|frame| say(&mut self.master, frame));
     }
+}
 
-    fn hear(&mut self) {
-        let mut bytes = [0; 512];
-        // Nothing came in time.
-        let count = self.master.read(&mut bytes).unwrap_or(0);
-        for &byte in &bytes[..count] {
-            match self.decoder.push::<ToDevice>(byte) {
-                Some(Ok(message)) => self.session.request(self.now, &message),
-                Some(Err(_)) => self.session.corrupt_frame(),
-                None => {}
-            }
-            self.act();
-        }
-    }
-
-    fn act(&mut self) {
-        while let Some(action) = self.session.action() {
-            match action {
-                Action::Send(message) => {
-                    let mut buffer = [0; MAX_FRAME];
-                    let frame = encode(&message, &mut buffer).expect("MAX_FRAME holds every message");
-                    self.say(frame);
-                }
-                Action::Engine(EngineCommand::Prime) => {
-                    let format = self.session.sequencer().format().expect("a program is loaded");
-                    self.primed = Some(Reader::new(format, Ticks::ZERO));
-                }
-                Action::Engine(EngineCommand::Go(start)) => {
-                    let Some(reader) = self.primed.take() else {
-                        continue;
-                    };
-                    if start == Start::OnSync {
-                        let edge = next_sync(self.rig.as_ref(), self.now).expect("a rig is there");
-                        self.now = edge + Ticks(SYNC_LATENCY);
-                    }
-                    self.run = Some(Run {
-                        reader,
-                        started: self.now,
-                        steps: 0,
-                        strobes: VecDeque::new(),
-                    });
-                    self.session.begun(self.now);
-                }
-                Action::Engine(EngineCommand::Halt) => {
-                    self.primed = None;
-                    let mut at = Ticks::ZERO;
-                    if let Some(mut run) = self.run.take() {
-                        at = self.now.saturating_sub(run.started).max(run.reader.now());
-                        let (rig, started) = (&mut self.rig, run.started);
-                        run.reader.halt(at, |edge| {
-                            tell(rig, edge, started);
-                        });
-                    }
-                    self.session.halted(at);
-                }
-            }
+/// Waits for a client that reads slowly; what none reads is lost.
+fn say(master: &mut TTYPort, mut frame: &[u8]) {
+    let patience = Instant::now() + Duration::from_secs(1);
+    while !frame.is_empty() && Instant::now() < patience {
+        match master.write(frame) {
+            Ok(count) => frame = &frame[count..],
+            Err(error) if error.kind() == ErrorKind::TimedOut => {}
+            Err(error) => panic!("the port fails: {error}"),
         }
     }
+}
 
-    /// Waits for a client that reads slowly; what none reads is lost.
-    fn say(&mut self, mut frame: &[u8]) {
-        let patience = Instant::now() + Duration::from_secs(1);
-        while !frame.is_empty() && Instant::now() < patience {
-            match self.master.write(frame) {
-                Ok(count) => frame = &frame[count..],
-                Err(error) if error.kind() == ErrorKind::TimedOut => {}
-                Err(error) => panic!("the port fails: {error}"),
-            }
+/// What the rig at the wires, if one is there, does at the pins.
+struct AtWires {
+    rig: Option<Rig>,
+    late: Ticks,
+}
+
+impl Pins for AtWires {
+    fn edge(&mut self, edge: Edge) -> Option<StrobeEdge> {
+        let line = if edge.line == Line::Proj { "proj" } else { "cam" };
+        let level = u8::from(edge.level == Level::Active);
+        let said = self
+            .rig
+            .as_mut()?
+            .ask(&format!("edge {} {line} {level}\n", edge.at.0));
+        if said.is_none() {
+            self.rig = None;
         }
-    }
-
-    fn play(&mut self) {
-        let Some(mut run) = self.run.take() else { return };
-        let (rig, started) = (&mut self.rig, run.started);
-        let mut words = StepWords::new();
-        let push = |piece: &[u32]| {
-            words
-                .extend_from_slice(piece)
-                .expect("a step has room for its words");
+        let said = said?;
+        let words: Vec<&str> = said.first()?.split(' ').collect();
+        let ["drive", tick, "strobe", level] = words[..] else {
+            panic!("the rig says {said:?}");
         };
-        if self.session.next_step(push).is_none() {
-            let end = run.reader.now();
-            let mut strobes = Vec::new();
-            run.reader
-                .halt(end, |edge| strobes.extend(tell(rig, edge, started)));
-            run.strobes.extend(strobes);
-            self.report_strobes(&mut run, Ticks(u64::MAX));
-            self.session.drained(self.now - run.started);
-            return;
-        }
-        let mut synced = None;
-        for &word in &words {
-            let vsync = rig.as_ref().and_then(|rig| rig.vsync);
-            let next = |from: Ticks| {
-                synced = after(vsync, started + from).map(|edge| edge - started);
-                synced
-            };
-            let strobes = &mut run.strobes;
-            let played = run
-                .reader
-                .play(word, next, |edge| strobes.extend(tell(rig, edge, started)));
-            assert_eq!(played, Played::Through, "a rig is there");
-        }
-        if let Some(edge) = synced {
-            self.session.sync(edge, true);
-        }
-        self.now = run.started + run.reader.now();
-        run.steps += 1;
-        let now = self.now;
-        self.report_strobes(&mut run, now);
-        self.session.fired(run.steps, run.reader.now());
-        self.run = Some(run);
+        Some(StrobeEdge {
+            at: Ticks(tick.parse().expect("a number")) + self.late,
+            active: level == "1",
+        })
     }
 
-    fn report_strobes(&mut self, run: &mut Run, until: Ticks) {
-        while let Some((at, active)) = run.strobes.pop_front_if(|strobe| strobe.0 <= until) {
-            self.now = self.now.max(at);
-            self.session.strobe(active, at - run.started + self.late);
-        }
+    fn next_sync(&mut self, from: Ticks) -> Option<Ticks> {
+        let (first, period) = self.rig.as_ref()?.vsync?;
+        let periods = from.0.saturating_sub(first).div_ceil(period);
+        Some(Ticks(first + periods * period))
     }
 }
 
@@ -289,31 +196,4 @@ impl Rig {
             }
         }
     }
-}
-
-/// Tells the rig of an edge; returns the edge of STROBE that it answers with.
-fn tell(rig: &mut Option<Rig>, edge: Edge, started: Ticks) -> Option<(Ticks, bool)> {
-    let line = if edge.line == Line::Proj { "proj" } else { "cam" };
-    let level = u8::from(edge.level == Level::Active);
-    let at = started + edge.at;
-    let said = rig.as_mut()?.ask(&format!("edge {} {line} {level}\n", at.0));
-    if said.is_none() {
-        *rig = None;
-    }
-    let said = said?;
-    let words: Vec<&str> = said.first()?.split(' ').collect();
-    let ["drive", tick, "strobe", level] = words[..] else {
-        panic!("the rig says {said:?}");
-    };
-    Some((Ticks(tick.parse().expect("a number")), level == "1"))
-}
-
-fn next_sync(rig: Option<&Rig>, from: Ticks) -> Option<Ticks> {
-    after(rig.and_then(|rig| rig.vsync), from)
-}
-
-fn after(vsync: Option<(u64, u64)>, from: Ticks) -> Option<Ticks> {
-    let (first, period) = vsync?;
-    let periods = from.0.saturating_sub(first).div_ceil(period);
-    Some(Ticks(first + periods * period))
 }

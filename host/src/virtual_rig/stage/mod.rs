@@ -8,6 +8,7 @@ use std::collections::VecDeque;
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
+use rcg_firmware::virtual_time::StrobeEdge;
 use rcg_protocol::{Level, Line, Ticks};
 
 use super::Behaviour;
@@ -23,14 +24,6 @@ pub struct Mischief {
     pub dropped_frames: f64,
     /// Frames that come twice.
     pub doubled_frames: f64,
-}
-
-/// An edge of the STROBE line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct StrobeEdge {
-    /// On the controller's clock.
-    pub(super) at: Ticks,
-    pub(super) active: bool,
 }
 
 /// One exposure that is over.

@@ -29,10 +29,10 @@ use std::net::{Shutdown, TcpStream, ToSocketAddrs as _};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use rcg_firmware::virtual_time::StrobeEdge;
 use rcg_protocol::{Level, Line, Ticks};
 
 use super::SharedStage;
-use super::stage::StrobeEdge;
 
 /// A bridge that has not said its clock by then never will.
 const GREETING: Duration = Duration::from_secs(10);
