@@ -94,6 +94,19 @@ fi
 step "format"
 cargo fmt --all --check
 
+step "licences and advisories"
+if command -v cargo-deny >/dev/null; then
+    cargo deny check licenses bans sources
+    # The list of advisories comes over the network; without one there is nothing to compare with.
+    if cargo deny fetch db >/dev/null 2>&1; then
+        cargo deny check advisories
+    else
+        echo "no list of advisories can be fetched: they are skipped"
+    fi
+else
+    echo "no cargo-deny (cargo install cargo-deny --locked): licences and advisories are skipped"
+fi
+
 step "firmware: build for RP2040 at 200 and 125 MHz, and for RP2350"
 firmware=$PWD/target/thumbv6m-none-eabi/firmware/rcg-firmware
 cargo fw-200mhz
