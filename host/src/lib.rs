@@ -1,5 +1,33 @@
 //! Host of the RCG (Rapid Catadioptric Gonioreflectometer).
 //!
+//! Measure on the virtual rig, read what came of it, look a pair of directions up:
+//! ```
+//! use rcg::{base::progress::Silent, brdf::Brdf, hemisphere::direction::from_degrees, hemisphere::incident::Grid};
+//! use rcg::{instrument::rig::Rig, measure, plan::{Request, brackets::Brackets}, virtual_rig::setup::Setup};
+//!
+//! # let folder = tempfile::tempdir()?;
+//! # let folder = folder.path();
+//! let request = Request {
+//!     sample: Some("ward:brass".to_owned()), truth: None, tilt: None, noise: true, seed: 1,
+//!     grid: Grid::ThetaPhi { step_deg: 30.0 }, image_size: 16,
+//!     exposure_s: None, brackets: Brackets::One, // a pilot capture finds how long
+//! };
+//! let setup = Setup::default();
+//! // `folder` is a path: new, or empty.
+//! let measurement = measure::prepare(folder, &Rig::load("rcg-1")?, request, &setup, &Silent)?;
+//! measure::capture(&measurement, &setup, &Silent)?;
+//! measure::assemble_measurement(&measurement, &Silent)?;
+//!
+//! let brdf = Brdf::open(&measurement.path("brdf.zarr"))?;
+//! match brdf.values(&[(from_degrees(45.0, 0.0), from_degrees(45.0, 120.0))])?[0] {
+//!     Ok([r, g, b]) => println!("f = {r} {g} {b} in 1/sr"),
+//!     Err(reason) => println!("no value: {reason}"),
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//! [`measure::complete`] does what follows `prepare` in one go, and evaluates and reports too. Longer programs stand in
+//! `host/examples/`.
+//!
 //! # Design
 //! Rooms, each of which knows those above it in this table and no other (a test holds the imports to that):
 //!
