@@ -187,10 +187,6 @@ fn replies() {
 }
 
 #[test]
-#[expect(
-    clippy::too_many_lines,
-    reason = "one row per fault, and this file stays as it is"
-)]
 fn faults() {
     let refused = |command, state| Fault::Refused { command, state };
     for (name, message, expected) in [
