@@ -6,7 +6,7 @@
 use std::error::Error;
 
 use rcg::capture::device::{Device, Patience};
-use rcg::capture::firing::{Bracket, Limits, Span};
+use rcg::capture::steps::{Bracket, Limits, Span};
 use rcg::capture::link::{self, Link};
 use rcg::capture::records::flag_names;
 use rcg::instrument::rig::Rig;
