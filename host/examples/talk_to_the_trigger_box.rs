@@ -6,9 +6,9 @@
 use std::error::Error;
 
 use rcg::capture::device::{Device, Patience};
-use rcg::capture::steps::{Bracket, Limits, Span};
 use rcg::capture::link::{self, Link};
 use rcg::capture::records::flag_names;
+use rcg::capture::steps::{Bracket, Limits, Span};
 use rcg::instrument::rig::Rig;
 use rcg::virtual_rig::VirtualController;
 use rcg_protocol::{Event, Extent, Micros, Pace, Program, State, StepRecord, Ticks};
