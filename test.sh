@@ -39,7 +39,7 @@ finish() {
     step "passed, in $((SECONDS - began)) s"
     printf '%s' "$times"
     echo "the ten slowest tests:"
-    sed -nE 's/^test (.*) \.\.\. ok <([0-9.]+)s>$/\2 s  \1/p' target/tests.log | sort -rn | head -n 10
+    sed -nE 's/^test (.*) \.\.\. ok <([0-9.]+)s>$/\2 s  \1/p' target/tests.log | sort -rn | sed -n 1,10p
     if [ -f target/hil-figures.txt ]; then
         echo "what the trials measured:"
         cat target/hil-figures.txt
@@ -50,7 +50,7 @@ step "toolchain"
 need_compiler
 need_rust
 if command -v rustup >/dev/null; then
-    have() { rustup "$1" list --installed --toolchain "$channel" | grep -q "$2"; }
+    have() { rustup "$1" list --installed --toolchain "$channel" | grep "$2" >/dev/null; }
     for component in clippy rustfmt; do
         have component "$component" || rustup component add "$component" --toolchain "$channel"
     done
