@@ -3,7 +3,7 @@
 //! # Design
 //! A pixel that the horizon, an edge of the sample, of the hole or of the rim, or the wire cuts collects light from a part
 //! of its area only, and what it reads is less than its direction's. A pixel is whole if its centre and its four corners
-//! see the sample, each clear of the edges, and none of them lies across the wire from the centre. Edges are straight
+//! see the sample, each clear of the edges, and no two of them lie on different sides of the wire. Edges are straight
 //! enough over a pixel for the corners to speak for all of its border.
 
 use glam::DVec2;
@@ -28,7 +28,7 @@ impl View {
     /// Whether the pixel whose upper left corner is `corner` is whole.
     fn sees_whole(&self, corner: DVec2, clearance_rad: f64) -> Result<(), Unmeasurable> {
         const PLACES: [[f64; 2]; 5] = [[0.5, 0.5], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
-        let mut centre_side = None;
+        let mut side_before = None;
         for place in PLACES {
             let at = corner + DVec2::from_array(place);
             let reflection = self.reflect_pixel(at).ok_or(Unmeasurable::OutsideImage)?;
@@ -36,7 +36,8 @@ impl View {
             self.reach_sample(&reflection)?;
             let from_f1 = reflection.mirror_m - self.ellipsoid.f1();
             let side = self.wire.and_then(|wire| wire.is_left(from_f1));
-            let across = *centre_side.get_or_insert(side) != side && side.is_some();
+            let across = side_before.is_some() && side.is_some() && side != side_before;
+            side_before = side_before.or(side);
             match self.edge_within_of(&reflection, clearance_rad) {
                 Some(reason) => return Err(reason),
                 None if across => return Err(Unmeasurable::Occluded),
@@ -59,6 +60,40 @@ mod tests {
             let place = |step: usize| (step as f64 + 0.5) / 15.0;
             view.direction(x + place(part % 15), y + place(part / 15)).is_ok()
         })
+    }
+
+    #[test]
+    fn a_pixel_is_occluded_only_where_the_wire_is() {
+        for preset in ["rcg-1", "dmd"] {
+            for (size, azimuth_deg) in [
+                (40, None),
+                (48, None),
+                (41, None),
+                (48, Some(0.0)),
+                (47, Some(33.0)),
+            ] {
+                let mut rig = Rig::load(preset).unwrap().with_image_size(size).unwrap();
+                let wire = rig.wire.as_mut().expect("a preset with a wire");
+                wire.azimuth_deg = azimuth_deg.unwrap_or(wire.azimuth_deg);
+                let view = View::camera(&rig);
+                let size = size as usize;
+                let occluded = |index: usize| {
+                    let (x, y) = ((index % size) as f64, (index / size) as f64);
+                    (0..1681).any(|part| {
+                        let place = |step: usize| (step as f64 - 10.0) / 20.0;
+                        view.direction(x + place(part % 41), y + place(part / 41))
+                            == Err(Unmeasurable::Occluded)
+                    })
+                };
+                for (index, reason) in view.cut_pixels(0.0).iter().enumerate() {
+                    // Half a pixel around is searched too: a strip may be thinner than the places lie apart.
+                    assert!(
+                        *reason != Some(Unmeasurable::Occluded) || occluded(index),
+                        "{preset}, {size}: {index}"
+                    );
+                }
+            }
+        }
     }
 
     #[test]
