@@ -4,7 +4,7 @@
 # Pico. Installs what is missing where it can. Says how long each step took, and which tests took longest.
 #
 # `./test.sh fast`: format, lints of the host, unit tests and mocked links; no emulator, no physics that takes long.
-# `./test.sh full`: all pairs of options with each other, not only some.
+# `./test.sh full`: long tests that are ignored else, more draws, all pairs of options with each other.
 set -euo pipefail
 cd "$(dirname "$0")"
 case "${1:-}" in

@@ -12,10 +12,9 @@ use rcg::capture::directory::Measurement;
 use rcg::hemisphere::incident::Grid;
 use rcg::instrument::calibration::AppliedCalibration;
 use rcg::instrument::rig::Rig;
-use rcg::measure::capture;
-use rcg::plan::{Plan, Request};
+use rcg::measure::{Job, capture};
+use rcg::plan::{Plan, Request, Virtual};
 use rcg::store::{BrdfLayout, BrdfRows, BrdfWriter};
-use rcg::virtual_rig::setup::Setup;
 
 fn main() {
     divan::main();
@@ -26,20 +25,22 @@ fn captured(dir: &Path) -> Measurement {
         grid: Grid::ThetaPhi { step_deg: 2.0 },
         image_size: 96,
         exposure_s: Some(0.004),
-        brackets: rcg::plan::brackets::Brackets::One,
-        sample: Some("ward:brass".to_owned()),
-        truth: None,
-        tilt: None,
-        noise: true,
-        seed: 1,
+        ..Request::default()
     };
     let rig = Rig::load("rcg-2")
         .expect("a preset")
         .with_image_size(96)
         .expect("sees the sample");
-    let plan = Plan::new(request, &rig, 0.004).expect("fits");
+    let plan = Plan::new(request, &rig, 0.004)
+        .expect("fits")
+        .on(Virtual::default());
     let measurement = Measurement::create(dir, rig, plan).expect("a new directory");
-    capture(&measurement, &Setup::default(), &Silent).expect("the virtual rig works");
+    capture(
+        &measurement,
+        &Job::of(&measurement, None).expect("known"),
+        &Silent,
+    )
+    .expect("the virtual rig works");
     measurement
 }
 

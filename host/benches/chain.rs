@@ -21,20 +21,14 @@ fn measure(bencher: Bencher, step_deg: f64) {
     let request = Request {
         grid: Grid::ThetaPhi { step_deg },
         image_size: 96,
-        exposure_s: None,
-        brackets: rcg::plan::brackets::Brackets::One,
-        sample: Some("ward:brass".to_owned()),
-        truth: None,
-        tilt: None,
-        noise: true,
-        seed: 1,
+        ..Request::default()
     };
     let directions = (90.0 / step_deg * 360.0 / step_deg) as u32;
     bencher.counter(ItemsCount::new(directions)).bench_local(|| {
         let dir = tempfile::tempdir().expect("a place for files");
         let out = dir.path().join("m");
         let setup = Setup::default();
-        let m = prepare(&out, &rig, request.clone(), &setup, &Silent).expect("plans");
-        complete(&m, &setup, &|| Duration::ZERO, &Silent).expect("measures")
+        let (job, m) = prepare(&out, &rig, request.clone(), &setup, &Silent).expect("plans");
+        complete(&m, &job, &|| Duration::ZERO, &Silent).expect("measures")
     });
 }

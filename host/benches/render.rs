@@ -10,7 +10,7 @@ use rcg::brdf::Brdf;
 use rcg::instrument::rig::Rig;
 use rcg::judge::render::{Picture, corrugated, save, sheet, sphere};
 use rcg::measure::{assemble_measurement, capture, prepare};
-use rcg::plan::Request;
+use rcg::plan::{Request, Virtual};
 use rcg::virtual_rig::setup::Setup;
 
 fn main() {
@@ -26,16 +26,15 @@ fn measured(dir: &Path) -> Brdf {
         grid: rcg::hemisphere::incident::Grid::ThetaPhi { step_deg: 3.0 },
         image_size: 96,
         exposure_s: Some(0.004),
-        brackets: rcg::plan::brackets::Brackets::One,
-        sample: Some("satin".to_owned()),
-        truth: None,
-        tilt: None,
-        noise: true,
-        seed: 1,
+        ..Request::default()
     };
-    let (rig, setup) = (Rig::load("rcg-2").expect("a preset"), Setup::default());
-    let measurement = prepare(dir, &rig, request, &setup, &Silent).expect("plans");
-    capture(&measurement, &setup, &Silent).expect("the virtual rig works");
+    let rig = Rig::load("rcg-2").expect("a preset");
+    let setup = Setup::from(Virtual {
+        sample: "satin".to_owned(),
+        ..Virtual::default()
+    });
+    let (job, measurement) = prepare(dir, &rig, request, &setup, &Silent).expect("plans");
+    capture(&measurement, &job, &Silent).expect("the virtual rig works");
     assemble_measurement(&measurement, &Silent).expect("assembles");
     Brdf::open(&measurement.path("brdf.zarr")).expect("was assembled")
 }

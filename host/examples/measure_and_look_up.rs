@@ -14,8 +14,7 @@ use rcg::hemisphere::direction::{from_degrees, to_degrees};
 use rcg::hemisphere::incident::Grid;
 use rcg::instrument::rig::Rig;
 use rcg::measure::{complete, prepare};
-use rcg::plan::Request;
-use rcg::plan::brackets::Brackets;
+use rcg::plan::{Request, Virtual};
 use rcg::virtual_rig::setup::Setup;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -51,19 +50,16 @@ fn measure(folder: &Path) -> Result<(), Box<dyn Error>> {
         grid: Grid::ThetaPhi { step_deg: 10.0 },
         image_size: 48,
         // A pilot capture finds how long.
-        exposure_s: None,
-        brackets: Brackets::One,
-        sample: Some("ward:brass".to_owned()),
-        truth: None,
-        tilt: None,
-        noise: true,
-        seed: 1,
+        ..Request::default()
     };
-    let setup = Setup::default();
-    let measurement = prepare(folder, &rig, request, &setup, &Silent)?;
+    let setup = Setup::from(Virtual {
+        sample: "ward:brass".to_owned(),
+        ..Virtual::default()
+    });
+    let (job, measurement) = prepare(folder, &rig, request, &setup, &Silent)?;
     // The library has no clock of its own.
     let began = Instant::now();
-    let summary = complete(&measurement, &setup, &|| began.elapsed(), &Silent)?;
+    let summary = complete(&measurement, &job, &|| began.elapsed(), &Silent)?;
     println!(
         "{} on {}: {} exposures of {:.3} ms, {} samples; see {}",
         summary.sample,

@@ -3,19 +3,16 @@
 //! Measure on the virtual rig, read what came of it, look a pair of directions up:
 //! ```
 //! use rcg::{base::progress::Silent, brdf::Brdf, hemisphere::direction::from_degrees, hemisphere::incident::Grid};
-//! use rcg::{instrument::rig::Rig, measure, plan::{Request, brackets::Brackets}, virtual_rig::setup::Setup};
+//! use rcg::{instrument::rig::Rig, measure, plan::{Request, Virtual}, virtual_rig::setup::Setup};
 //!
 //! # let folder = tempfile::tempdir()?;
 //! # let folder = folder.path();
-//! let request = Request {
-//!     sample: Some("ward:brass".to_owned()), truth: None, tilt: None, noise: true, seed: 1,
-//!     grid: Grid::ThetaPhi { step_deg: 30.0 }, image_size: 16,
-//!     exposure_s: None, brackets: Brackets::One, // a pilot capture finds how long
-//! };
-//! let setup = Setup::default();
+//! // A pilot capture finds how long to expose.
+//! let request = Request { grid: Grid::ThetaPhi { step_deg: 30.0 }, image_size: 16, ..Request::default() };
+//! let setup = Setup::from(Virtual { sample: "ward:brass".to_owned(), ..Virtual::default() });
 //! // `folder` is a path: new, or empty.
-//! let measurement = measure::prepare(folder, &Rig::load("rcg-1")?, request, &setup, &Silent)?;
-//! measure::capture(&measurement, &setup, &Silent)?;
+//! let (job, measurement) = measure::prepare(folder, &Rig::load("rcg-1")?, request, &setup, &Silent)?;
+//! measure::capture(&measurement, &job, &Silent)?;
 //! measure::assemble_measurement(&measurement, &Silent)?;
 //!
 //! let brdf = Brdf::open(&measurement.path("brdf.zarr"))?;

@@ -26,3 +26,9 @@ pub use bridge::Bridge;
 pub use controller::{Controller, TICK_NS};
 pub use line::Faults;
 pub use world::{MockLink, Peer};
+
+/// Whether the long tests are wanted: `./test.sh full`.
+#[must_use]
+pub fn is_full() -> bool {
+    std::env::var_os("RCG_FULL").is_some()
+}

@@ -13,29 +13,32 @@ use rcg::brdf::Brdf;
 use rcg::capture::directory::Measurement;
 use rcg::hemisphere::incident::Grid;
 use rcg::instrument::rig::Rig;
-use rcg::measure::{assemble_measurement, capture, prepare};
-use rcg::plan::Request;
+use rcg::measure::{Job, assemble_measurement, capture, prepare};
 use rcg::plan::brackets::Brackets;
+use rcg::plan::{Faults, Request, Virtual};
 use rcg::store::provenance::Provenance;
 use rcg::store::{RawStore, Segment};
-use rcg::virtual_rig::Mischief;
 use rcg::virtual_rig::setup::Setup;
 
 /// The clock of the simulated trigger box.
 const CLOCK_HZ: f64 = 125e6;
 const MILLION: f64 = 1e6;
 
-fn request(sample: &str, brackets: &str, noise: bool) -> Request {
+fn request(brackets: &str) -> Request {
     Request {
         grid: Grid::ThetaPhi { step_deg: 15.0 },
         image_size: 48,
-        exposure_s: None,
         brackets: brackets.parse().unwrap(),
-        sample: Some(sample.to_owned()),
-        truth: None,
-        tilt: None,
+        ..Request::default()
+    }
+}
+
+fn holding(sample: &str, noise: bool) -> Virtual {
+    Virtual {
+        sample: sample.to_owned(),
         noise,
         seed: 3,
+        ..Virtual::default()
     }
 }
 
@@ -49,13 +52,9 @@ fn rig(bits: u8) -> Rig {
     rig
 }
 
-fn captured(dir: &Path, rig: &Rig, request: Request, mischief: Mischief) -> Measurement {
-    let setup = Setup {
-        mischief,
-        ..Setup::default()
-    };
-    let measurement = prepare(dir, rig, request, &setup, &Silent).unwrap();
-    capture(&measurement, &setup, &Silent).unwrap();
+fn captured(dir: &Path, rig: &Rig, request: Request, virtual_rig: Virtual) -> Measurement {
+    let (job, measurement) = prepare(dir, rig, request, &virtual_rig.into(), &Silent).unwrap();
+    capture(&measurement, &job, &Silent).unwrap();
     measurement
 }
 
@@ -102,8 +101,13 @@ fn samples(measurement: &Measurement) -> (Samples, usize, Assembled) {
 fn a_camera_of_12_bits_reaches_a_million_to_one_on_brass() {
     let dir = tempfile::tempdir().unwrap();
     let measure = |name: &str, bits, sample: &str, noise| {
-        let request = request(sample, "3.5,25,160,1064", noise);
-        captured(&dir.path().join(name), &rig(bits), request, Mischief::default())
+        let request = request("3.5,25,160,1064");
+        captured(
+            &dir.path().join(name),
+            &rig(bits),
+            request,
+            holding(sample, noise),
+        )
     };
     let measurement = measure("brass", 12, "ward:brass", true);
     let (brass, merged, assembled) = samples(&measurement);
@@ -178,12 +182,8 @@ fn with_the_same_exposures_a_sample_a_million_times_darker_is_above_its_noise() 
     let brightest = 0.5 * 33.3 / 3.5;
     let f = brightest / MILLION;
     let dir = tempfile::tempdir().unwrap();
-    let request = request(
-        &format!("lambert:{}", f * std::f64::consts::PI),
-        "3.5,25,160,1064",
-        true,
-    );
-    let measurement = captured(&dir.path().join("m"), &rig(12), request, Mischief::default());
+    let dim = holding(&format!("lambert:{}", f * std::f64::consts::PI), true);
+    let measurement = captured(&dir.path().join("m"), &rig(12), request("3.5,25,160,1064"), dim);
     let (dark, ..) = samples(&measurement);
     // The first ring in reach, 37.5°: cos θ is 0.79, which the brightest value has lost too.
     let ring = dark.iter().filter(|(at, _)| (48..72).contains(&at.0));
@@ -202,21 +202,22 @@ fn with_the_same_exposures_a_sample_a_million_times_darker_is_above_its_noise() 
 fn each_exposure_of_a_pattern_is_that_of_a_measurement_with_this_one_alone() {
     let dir = tempfile::tempdir().unwrap();
     let rig = Rig::load("rcg-2").unwrap();
-    let calm = Mischief::default();
+    let brass = holding("ward:brass", false);
     let together = captured(
         &dir.path().join("together"),
         &rig,
-        request("ward:brass", "1,8,40", false),
-        calm,
+        request("1,8,40"),
+        brass.clone(),
     );
     let together = exposures(&together);
     let frame = 48 * 48 * 3;
     for (k, exposure_s) in [0.001, 0.008, 0.04].into_iter().enumerate() {
         let alone = Request {
             exposure_s: Some(exposure_s),
-            ..request("ward:brass", "1", false)
+            ..request("1")
         };
-        let alone = exposures(&captured(&dir.path().join(format!("{k}")), &rig, alone, calm));
+        let dir = dir.path().join(format!("{k}"));
+        let alone = exposures(&captured(&dir, &rig, alone, brass.clone()));
         assert_eq!(together.records.len(), 3 * alone.records.len());
         let its = together.frames.chunks_exact(frame).skip(k).step_by(3);
         assert!(
@@ -245,8 +246,8 @@ fn the_edges_come_as_planned_to_the_tick() {
         let measurement = captured(
             &dir.path().join("m"),
             &rig,
-            request("lambert:0.5", times, true),
-            Mischief::default(),
+            request(times),
+            holding("lambert:0.5", true),
         );
         let all = exposures(&measurement);
         let steps: Vec<_> = measurement
@@ -271,19 +272,18 @@ fn the_edges_come_as_planned_to_the_tick() {
 fn what_is_missing_is_taken_again_with_its_own_exposure_time() {
     let dir = tempfile::tempdir().unwrap();
     let rig = Rig::load("rcg-2").unwrap();
-    let request = request("ward:brass", "1,8,40", false);
-    let calm = captured(
-        &dir.path().join("calm"),
-        &rig,
-        request.clone(),
-        Mischief::default(),
-    );
-    let mischief = Mischief {
-        missed_triggers: 0.1,
-        dropped_frames: 0.1,
-        doubled_frames: 0.1,
+    let brass = holding("ward:brass", false);
+    let request = request("1,8,40");
+    let calm = captured(&dir.path().join("calm"), &rig, request.clone(), brass.clone());
+    let rough = Virtual {
+        faults: Faults {
+            missed_triggers: 0.1,
+            dropped_frames: 0.1,
+            doubled_frames: 0.1,
+        },
+        ..brass
     };
-    let hit = captured(&dir.path().join("hit"), &rig, request, mischief);
+    let hit = captured(&dir.path().join("hit"), &rig, request, rough);
     let (calm, hit) = (exposures(&calm), exposures(&hit));
     assert!(calm.frames == hit.frames, "frames differ");
     let mut again = [0; 3];
@@ -303,8 +303,8 @@ fn what_is_missing_is_taken_again_with_its_own_exposure_time() {
 fn a_capture_that_lost_its_end_is_completed_to_the_same_bytes() {
     let dir = tempfile::tempdir().unwrap();
     let rig = rig(12);
-    let request = request("ward:brass", "4,20,100,500", true);
-    let measurement = captured(&dir.path().join("m"), &rig, request, Mischief::default());
+    let brass = holding("ward:brass", true);
+    let measurement = captured(&dir.path().join("m"), &rig, request("4,20,100,500"), brass);
     let whole = exposures(&measurement);
     let frames = measurement.path("raw.zarr/frames");
     let mut chunks: Vec<_> = fs::read_dir(&frames)
@@ -315,7 +315,7 @@ fn a_capture_that_lost_its_end_is_completed_to_the_same_bytes() {
     chunks.sort();
     assert!(chunks.len() > 1, "several segments");
     fs::remove_file(chunks.last().unwrap()).unwrap();
-    capture(&measurement, &Setup::default(), &Silent).unwrap();
+    capture(&measurement, &Job::of(&measurement, None).unwrap(), &Silent).unwrap();
     assert!(exposures(&measurement) == whole, "frames or records differ");
 }
 
@@ -323,15 +323,10 @@ fn a_capture_that_lost_its_end_is_completed_to_the_same_bytes() {
 fn a_pilot_capture_proposes_what_the_sample_needs() {
     let dir = tempfile::tempdir().unwrap();
     let propose = |name: &str, sample: &str, brackets: &str| {
-        let request = request(sample, brackets, true);
-        let measurement = prepare(
-            &dir.path().join(name),
-            &rig(12),
-            request,
-            &Setup::default(),
-            &Silent,
-        );
-        measurement.unwrap().plan.exposures_s()
+        let setup = Setup::from(holding(sample, true));
+        let dir = dir.path().join(name);
+        let prepared = prepare(&dir, &rig(12), request(brackets), &setup, &Silent);
+        prepared.unwrap().1.plan.exposures_s()
     };
     // Brass is some hundred times as bright at its peak as beside it, paper-like samples are not.
     let brass = propose("brass", "ward:brass", "auto");

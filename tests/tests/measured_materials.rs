@@ -14,8 +14,7 @@ use rcg::hemisphere::direction::from_degrees;
 use rcg::hemisphere::incident::Grid;
 use rcg::instrument::rig::Rig;
 use rcg::measure::{complete, prepare};
-use rcg::plan::Request;
-use rcg::plan::brackets::Brackets;
+use rcg::plan::{Request, Virtual};
 use rcg::virtual_rig::setup::Setup;
 
 const PAPER: &str = "paper_white_rgb.bsdf";
@@ -116,18 +115,17 @@ fn comes_back(path: &Path, largest: f64) {
     let request = Request {
         grid: Grid::ThetaPhi { step_deg: 6.0 },
         image_size: 96,
-        exposure_s: None,
-        brackets: Brackets::One,
-        sample: Some(path.display().to_string()),
-        truth: None,
-        tilt: None,
-        noise: false,
-        seed: 1,
+        ..Request::default()
     };
+    let setup = Setup::from(Virtual {
+        sample: path.display().to_string(),
+        noise: false,
+        ..Virtual::default()
+    });
     let dir = tempfile::tempdir().unwrap();
     let rig = Rig::load("rcg-1").unwrap();
-    let measurement = prepare(&dir.path().join("m"), &rig, request, &Setup::default(), &Silent).unwrap();
-    let summary = complete(&measurement, &Setup::default(), &|| Duration::ZERO, &Silent).unwrap();
+    let (job, measurement) = prepare(&dir.path().join("m"), &rig, request, &setup, &Silent).unwrap();
+    let summary = complete(&measurement, &job, &|| Duration::ZERO, &Silent).unwrap();
     let against = summary.evaluation.against_reference.unwrap();
     println!("{}: {:?}", path.display(), against.relative_error);
     let median = against.relative_error.median.value().unwrap();

@@ -5,7 +5,6 @@ use std::path::Path;
 
 use rcg::base::progress::Silent;
 use rcg::brdf::Brdf;
-use rcg::calibrate::Conditions;
 use rcg::calibrate::photometry::{self, Request};
 use rcg::capture::directory::Measurement;
 use rcg::hemisphere::incident::Grid;
@@ -13,8 +12,8 @@ use rcg::instrument::calibration::{Calibration, RIG};
 use rcg::instrument::optics::Unmeasurable;
 use rcg::instrument::rig::Rig;
 use rcg::measure::{assemble_measurement, capture, prepare};
-use rcg::plan;
 use rcg::plan::brackets::Brackets;
+use rcg::plan::{self, Virtual};
 use rcg::virtual_rig::setup::Setup;
 use rcg::virtual_rig::{Tolerances, Truth};
 use rcg_tests::measurements::{Scored, coarse, scored};
@@ -49,13 +48,18 @@ fn strayed(preset: &str, millimetres: [f64; 3], seed: u64) -> (Truth, Rig) {
     (truth, known)
 }
 
-fn measured(dir: &Path, calibration: &Calibration, request: plan::Request) -> (Measurement, Brdf) {
+fn measured(
+    dir: &Path,
+    calibration: &Calibration,
+    request: plan::Request,
+    virtual_rig: &Virtual,
+) -> (Measurement, Brdf) {
     let setup = Setup {
         calibration: Some(calibration.clone()),
-        ..Setup::default()
+        ..Setup::from(virtual_rig.clone())
     };
-    let measurement = prepare(dir, &calibration.rig, request, &setup, &Silent).unwrap();
-    capture(&measurement, &setup, &Silent).unwrap();
+    let (job, measurement) = prepare(dir, &calibration.rig, request, &setup, &Silent).unwrap();
+    capture(&measurement, &job, &Silent).unwrap();
     assemble_measurement(&measurement, &Silent).unwrap();
     let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
     (measurement, brdf)
@@ -85,14 +89,16 @@ fn what_the_standard_did_not_fill_is_off_sample_and_the_rest_is_right() {
             second_standard: Some("lambert:0.2".to_owned()),
             tilts: tilts.clone(),
             exposure_s: None,
-            conditions: Conditions {
-                image_size: 48,
-                truth: Some(path.display().to_string()),
-                noise: true,
-                seed: 3,
-            },
+            image_size: 48,
         };
-        photometry::capture(&request, &dir, &Setup::default(), &Silent).unwrap();
+        let virtual_rig = Virtual {
+            sample: spec.to_owned(),
+            truth: Some(path.display().to_string()),
+            seed: 3,
+            ..Virtual::default()
+        };
+        let world = Setup::from(virtual_rig.clone()).world().unwrap();
+        photometry::capture(&request, &dir, &world, &Silent).unwrap();
         photometry::calibrate(&dir, 0.0025).unwrap();
         let calibration = Calibration::open(&dir, &known).unwrap();
         for tilt in std::iter::once(None).chain(tilts.into_iter().map(Some)) {
@@ -100,16 +106,12 @@ fn what_the_standard_did_not_fill_is_off_sample_and_the_rest_is_right() {
                 grid: Grid::ThetaPhi { step_deg: 15.0 },
                 // Another size than that of the calibration.
                 image_size: 32,
-                exposure_s: None,
                 brackets: Brackets::Number(2),
-                sample: Some(spec.to_owned()),
-                truth: Some(path.display().to_string()),
                 tilt,
-                noise: true,
-                seed: 7,
+                ..plan::Request::default()
             };
             let name = format!("measured-{}", tilt.is_some());
-            let (_, brdf) = measured(&folder.path().join(name), &calibration, request);
+            let (_, brdf) = measured(&folder.path().join(name), &calibration, request, &virtual_rig);
             let cells = brdf.disk().len();
             off_cells += (0..cells)
                 .filter(|cell| brdf.outgoing_reason(*cell) == Some(Unmeasurable::OffSample))
@@ -145,14 +147,10 @@ fn a_sample_at_a_tilt_without_a_standard_is_refused() {
         second_standard: None,
         tilts: Vec::new(),
         exposure_s: None,
-        conditions: Conditions {
-            image_size: 24,
-            truth: None,
-            noise: true,
-            seed: 3,
-        },
+        image_size: 24,
     };
-    photometry::capture(&request, folder.path(), &Setup::default(), &Silent).unwrap();
+    let world = Setup::default().world().unwrap();
+    photometry::capture(&request, folder.path(), &world, &Silent).unwrap();
     photometry::calibrate(folder.path(), 0.0025).unwrap();
     let calibration = Calibration::open(folder.path(), &known).unwrap();
     calibration.check_tilt(None).unwrap();

@@ -1,61 +1,83 @@
 //! Known BRDF → schedule → edges → frames → the same BRDF, through the real session, client, stores and files.
 
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Duration;
 
 use rcg::base::progress::Silent;
 use rcg::brdf::Brdf;
 use rcg::brdf::interpolation::Interpolation;
 use rcg::capture::directory::Measurement;
+use rcg::capture::{Instrument, Tally};
 use rcg::hemisphere::direction::from_degrees;
 use rcg::hemisphere::incident::Grid;
 use rcg::instrument::rig::Rig;
 use rcg::judge::evaluate::{Evaluation, evaluate};
 use rcg::judge::fit::{Fit, Model};
-use rcg::measure::{assemble_measurement, capture, complete};
-use rcg::plan::{Plan, Request};
+use rcg::measure::{Job, assemble_measurement, complete, conclude};
+use rcg::plan::{Faults, Plan, Request, Virtual};
 use rcg::store::provenance::Provenance;
-use rcg::virtual_rig::Mischief;
-use rcg::virtual_rig::setup::Setup;
+use rcg::virtual_rig::{Behaviour, Held, Noise, Truth};
+use rcg_tests::is_full;
 
 /// Moves the camera's pulse by this many seconds.
 struct Moved(f64);
 
-fn request(sample: &str, noise: bool) -> Request {
+fn request() -> Request {
     Request {
         grid: Grid::ThetaPhi { step_deg: 15.0 },
         image_size: 48,
-        exposure_s: None,
-        brackets: rcg::plan::brackets::Brackets::One,
-        sample: Some(sample.to_owned()),
-        truth: None,
-        tilt: None,
-        noise,
-        seed: 5,
+        ..Request::default()
     }
 }
 
-fn begin(dir: &Path, preset: &str, request: Request, exposure_s: f64, moved: &Moved) -> Measurement {
+fn holding(sample: &str, noise: bool) -> Virtual {
+    Virtual {
+        sample: sample.to_owned(),
+        noise,
+        seed: 5,
+        ..Virtual::default()
+    }
+}
+
+fn begin(
+    dir: &Path,
+    preset: &str,
+    (request, virtual_rig): (Request, Virtual),
+    exposure_s: f64,
+    moved: &Moved,
+) -> Measurement {
     let rig = Rig::load(preset)
         .unwrap()
         .with_image_size(request.image_size)
         .unwrap();
-    let mut plan = Plan::new(request, &rig, exposure_s).unwrap();
+    let mut plan = Plan::new(request, &rig, exposure_s).unwrap().on(virtual_rig);
     plan.timing.cam_at_s += moved.0;
     Measurement::create(dir, rig, plan).unwrap()
 }
 
-/// A whole measurement: captured without mischief, and assembled.
-fn measured(dir: &Path, preset: &str, request: Request, exposure_s: f64, moved: &Moved) -> Measurement {
-    let measurement = begin(dir, preset, request, exposure_s, moved);
-    capture(&measurement, &Setup::default(), &Silent).unwrap();
+fn capture(measurement: &Measurement) -> Tally {
+    let job = Job::of(measurement, None).unwrap();
+    rcg::measure::capture(measurement, &job, &Silent).unwrap()
+}
+
+/// A whole measurement: captured without faults, and assembled.
+fn measured(
+    dir: &Path,
+    preset: &str,
+    asked: (Request, Virtual),
+    exposure_s: f64,
+    moved: &Moved,
+) -> Measurement {
+    let measurement = begin(dir, preset, asked, exposure_s, moved);
+    capture(&measurement);
     assemble_measurement(&measurement, &Silent).unwrap();
     measurement
 }
 
 fn judge(measurement: &Measurement) -> Evaluation {
     let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
-    let spec = measurement.plan.request.sample.as_deref().unwrap();
+    let spec = &measurement.plan.virtual_rig.as_ref().unwrap().sample;
     let sample = rcg::brdf::sample::parse(spec).unwrap();
     evaluate(&brdf, Some((spec, sample.as_ref())), &|_| {}).unwrap()
 }
@@ -66,7 +88,7 @@ fn chain(preset: &str, sample: &str, exposure_s: f64, moved: &Moved) -> f64 {
     let measurement = measured(
         &dir.path().join("m"),
         preset,
-        request(sample, false),
+        (request(), holding(sample, false)),
         exposure_s,
         moved,
     );
@@ -94,9 +116,10 @@ fn between_captures_the_look_up_follows_the_highlight() {
     let dir = tempfile::tempdir().unwrap();
     let request = Request {
         image_size: 96,
-        ..request("ward:brass", false)
+        ..request()
     };
-    let measurement = measured(&dir.path().join("m"), "rcg-2", request, 0.004, &Moved(0.0));
+    let asked = (request, holding("ward:brass", false));
+    let measurement = measured(&dir.path().join("m"), "rcg-2", asked, 0.004, &Moved(0.0));
     let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
     let sample = rcg::brdf::sample::parse("ward:brass").unwrap();
     // In the highlight, where interpolations differ: half vectors within 12° of the normal.
@@ -138,14 +161,16 @@ fn between_captures_the_look_up_follows_the_highlight() {
 
 #[test]
 fn a_model_is_recovered_from_its_noisy_measurement_within_the_stated_uncertainty() {
-    for preset in ["rcg-1", "rcg-2"] {
+    let cases = [("rcg-1", 10.0, 64), ("rcg-1", 5.0, 96), ("rcg-2", 5.0, 96)];
+    for &(preset, step_deg, image_size) in &cases[..if is_full() { 3 } else { 1 }] {
         let dir = tempfile::tempdir().unwrap();
         let request = Request {
-            grid: Grid::ThetaPhi { step_deg: 5.0 },
-            image_size: 96,
-            ..request("ward:brass", true)
+            grid: Grid::ThetaPhi { step_deg },
+            image_size,
+            ..request()
         };
-        let measurement = measured(&dir.path().join("m"), preset, request, 0.004, &Moved(0.0));
+        let asked = (request, holding("ward:brass", true));
+        let measurement = measured(&dir.path().join("m"), preset, asked, 0.004, &Moved(0.0));
         let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
         let fit = Fit::of_brdf(Model::Ward, &brdf).unwrap();
         for parameter in &fit.parameters {
@@ -180,20 +205,14 @@ fn a_camera_pulse_that_straddles_two_patterns_spoils_the_brdf() {
 #[test]
 fn missed_triggers_dropped_and_doubled_frames_change_nothing_but_the_tally() {
     let dir = tempfile::tempdir().unwrap();
-    let take = |name: &str, mischief: Mischief| {
-        let measurement = begin(
-            &dir.path().join(name),
-            "rcg-1",
-            request("ggx:satin", false),
-            0.01,
-            &Moved(0.0),
-        );
-        let setup = Setup {
-            trigger_box: None,
-            mischief,
-            ..Setup::default()
+    let take = |name: &str, faults: Faults| {
+        let virtual_rig = Virtual {
+            faults,
+            ..holding("ggx:satin", false)
         };
-        let tally = capture(&measurement, &setup, &Silent).unwrap();
+        let asked = (request(), virtual_rig);
+        let measurement = begin(&dir.path().join(name), "rcg-1", asked, 0.01, &Moved(0.0));
+        let tally = capture(&measurement);
         assemble_measurement(&measurement, &Silent).unwrap();
         let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
         let chunks: Vec<_> = (0..brdf.chunks())
@@ -208,13 +227,13 @@ fn missed_triggers_dropped_and_doubled_frames_change_nothing_but_the_tally() {
             .collect();
         (tally, chunks)
     };
-    let (calm, clean) = take("calm", Mischief::default());
-    let mischief = Mischief {
+    let (calm, clean) = take("calm", Faults::default());
+    let faults = Faults {
         missed_triggers: 0.1,
         dropped_frames: 0.1,
         doubled_frames: 0.1,
     };
-    let (rough, repaired) = take("rough", mischief);
+    let (rough, repaired) = take("rough", faults);
     assert_eq!(
         (
             calm.missed_triggers,
@@ -245,22 +264,22 @@ fn a_capture_taken_up_again_at_any_segment_has_the_same_bits() {
         let request = Request {
             image_size: 16,
             grid: Grid::ThetaPhi { step_deg: 30.0 },
-            ..request("lambert:0.5", true)
+            ..request()
         };
-        let mut plan = Plan::new(request, &rig, 0.0333).unwrap();
+        let virtual_rig = Virtual {
+            faults: Faults {
+                missed_triggers: 0.1,
+                dropped_frames: 0.1,
+                doubled_frames: 0.1,
+            },
+            ..holding("lambert:0.5", true)
+        };
+        let mut plan = Plan::new(request, &rig, 0.0333).unwrap().on(virtual_rig);
         plan.segment = 5;
         Measurement::create(&dir.path().join(name), rig, plan).unwrap()
     };
-    let setup = Setup {
-        mischief: Mischief {
-            missed_triggers: 0.1,
-            dropped_frames: 0.1,
-            doubled_frames: 0.1,
-        },
-        ..Setup::default()
-    };
     let whole = begun("whole");
-    let tally = capture(&whole, &setup, &Silent).unwrap();
+    let tally = capture(&whole);
     assert!(tally.missed_triggers > 0 && tally.duplicates > 0);
     let of = |measurement: &Measurement| {
         let raw = measurement.raw().unwrap();
@@ -278,7 +297,7 @@ fn a_capture_taken_up_again_at_any_segment_has_the_same_bits() {
         for segment in from..expected.len() {
             std::fs::remove_file(whole.path(&format!("raw.zarr/seal/c.{segment}"))).unwrap();
         }
-        assert_eq!(capture(&whole, &setup, &Silent).unwrap(), tally);
+        assert_eq!(capture(&whole), tally);
         assert!(of(&whole) == expected, "taken up again at segment {from}");
     }
 }
@@ -289,7 +308,7 @@ fn the_stated_uncertainty_is_that_of_the_noise() {
     let measurement = measured(
         &dir.path().join("m"),
         "rcg-1",
-        request("lambert:0.5", true),
+        (request(), holding("lambert:0.5", true)),
         0.0333,
         &Moved(0.0),
     );
@@ -325,11 +344,17 @@ fn a_known_brdf_is_judged_without_error_and_a_wrong_one_is_not() {
     let measurement = begin(
         &dir.path().join("m"),
         "rcg-2",
-        request("lambert:0.5", false),
+        (request(), holding("lambert:0.5", false)),
         0.0333,
         &Moved(0.0),
     );
-    let summary = complete(&measurement, &Setup::default(), &|| Duration::ZERO, &Silent).unwrap();
+    let summary = complete(
+        &measurement,
+        &Job::of(&measurement, None).unwrap(),
+        &|| Duration::ZERO,
+        &Silent,
+    )
+    .unwrap();
     // Energy: a white furnace of albedo 0.5, seen almost whole by this rig.
     for albedo in &summary.evaluation.albedo {
         assert!(
@@ -352,4 +377,59 @@ fn a_known_brdf_is_judged_without_error_and_a_wrong_one_is_not() {
         .value()
         .unwrap();
     assert!((median - 1.0 / 9.0).abs() < 0.005, "{median}");
+}
+
+#[test]
+fn a_real_sample_is_compared_with_nothing_unless_that_is_asked_for() {
+    let dir = tempfile::tempdir().unwrap();
+    for reference in [None, Some("lambert:0.5")] {
+        let rig = Rig::load("rcg-1").unwrap().with_image_size(16).unwrap();
+        let request = Request {
+            grid: Grid::ThetaPhi { step_deg: 30.0 },
+            image_size: 16,
+            sample_name: Some("plate 3".to_owned()),
+            sample_description: Some("ground, batch 7".to_owned()),
+            reference: reference.map(str::to_owned),
+            ..Request::default()
+        };
+        // A plan without a virtual rig is one for a real instrument.
+        let plan = Plan::new(request, &rig, 0.0333).unwrap();
+        let dir = dir.path().join(reference.unwrap_or("none"));
+        let measurement = Measurement::create(&dir, rig.clone(), plan).unwrap();
+        let job = Job::of(&measurement, None).unwrap();
+        let refused = rcg::measure::capture(&measurement, &job, &Silent)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            refused.contains("real cameras and projectors cannot be driven yet"),
+            "{refused}"
+        );
+
+        let behaviour = Behaviour {
+            noise: Noise::On,
+            seed: 1,
+            faults: Faults::default(),
+        };
+        let held = Held::Sample(Arc::from(rcg::brdf::sample::parse("lambert:0.3").unwrap()));
+        let mut instrument = Instrument::simulated(&Truth::of(&rig), held, behaviour).unwrap();
+        let tally = measurement.capture(&mut instrument, &mut |_| {}).unwrap();
+        let compared = job.reference.as_ref();
+        let summary = conclude(&measurement, compared, tally, &|| Duration::ZERO, &Silent).unwrap();
+        let against = summary.evaluation.against_reference;
+        assert_eq!(
+            against.as_ref().map(|against| against.reference.as_str()),
+            reference
+        );
+        assert_eq!(summary.sample, "plate 3");
+        let page = std::fs::read_to_string(measurement.path("report.html")).unwrap();
+        assert!(
+            page.contains("plate 3: ground, batch 7") && !page.contains("brass"),
+            "{page}"
+        );
+        assert_eq!(page.contains("below lambert:0.5"), reference.is_some(), "{page}");
+        if let Some(against) = against {
+            let error = against.relative_error.median.value().unwrap();
+            assert!((error - 0.4).abs() < 0.05, "{error}");
+        }
+    }
 }

@@ -12,33 +12,37 @@ use rcg::capture::device::DeviceError;
 use rcg::hemisphere::incident::Grid;
 use rcg::instrument::rig::Rig;
 use rcg::measure::{complete, prepare};
-use rcg::plan::Request;
 use rcg::plan::pattern::BitPattern;
 use rcg::plan::schedule::Timing;
-use rcg::virtual_rig::Mischief;
+use rcg::plan::{Faults, Request, Virtual};
 use rcg::virtual_rig::setup::{Setup, TriggerBox};
 use rcg_protocol::{Pace, Program, Start, State, Ticks};
 use rcg_tests::Bridge;
 
-const CALM: Mischief = Mischief {
+const CALM: Faults = Faults {
     missed_triggers: 0.0,
     dropped_frames: 0.0,
     doubled_frames: 0.0,
 };
-const MISCHIEF: Mischief = Mischief {
+const FAULTS: Faults = Faults {
     missed_triggers: 0.05,
     dropped_frames: 0.05,
     doubled_frames: 0.05,
 };
 
-fn setup(bridge: Option<&Bridge>, mischief: Mischief) -> Setup {
+fn setup(bridge: Option<&Bridge>, noise: bool, faults: Faults) -> Setup {
     Setup {
         trigger_box: bridge.map(|bridge| TriggerBox {
             port: bridge.port.clone(),
             wires: bridge.wires.clone(),
         }),
-        mischief,
-        ..Setup::default()
+        calibration: None,
+        virtual_rig: Virtual {
+            noise,
+            seed: 5,
+            faults,
+            ..Virtual::default()
+        },
     }
 }
 
@@ -46,13 +50,7 @@ fn request() -> Request {
     Request {
         grid: Grid::ThetaPhi { step_deg: 15.0 },
         image_size: 32,
-        exposure_s: None,
-        brackets: rcg::plan::brackets::Brackets::One,
-        sample: Some("ward:brass".to_owned()),
-        truth: None,
-        tilt: None,
-        noise: true,
-        seed: 5,
+        ..Request::default()
     }
 }
 
@@ -77,17 +75,17 @@ fn a_measurement_has_the_same_bits_behind_a_port() {
     let dir = tempfile::tempdir().unwrap();
     let rig = Rig::load("rcg-1").unwrap();
     let measure = |name: &str, setup: &Setup| {
-        let measurement = prepare(&dir.path().join(name), &rig, request(), setup, &Silent).unwrap();
-        let summary = complete(&measurement, setup, &|| Duration::ZERO, &Silent).unwrap();
+        let (job, measurement) = prepare(&dir.path().join(name), &rig, request(), setup, &Silent).unwrap();
+        let summary = complete(&measurement, &job, &|| Duration::ZERO, &Silent).unwrap();
         let read = |part: &str| files(&measurement.path(part));
         (summary.capture, read("brdf.zarr"), read("raw.zarr"))
     };
-    let simulated = measure("simulated", &setup(None, MISCHIEF));
+    let simulated = measure("simulated", &setup(None, true, FAULTS));
     assert!(simulated.0.missed_triggers > 0 && simulated.0.dropped_frames > 0);
     assert!(simulated.1.len() > 3 && simulated.2.len() > 3);
     for (start, late) in [(1, 0), (987_654_321_987, 0), (3, 1)] {
         let bridge = Bridge::new(Ticks(start), Ticks(late));
-        let behind_a_port = measure(&format!("port-{start}"), &setup(Some(&bridge), MISCHIEF));
+        let behind_a_port = measure(&format!("port-{start}"), &setup(Some(&bridge), true, FAULTS));
         assert_eq!(behind_a_port.0, simulated.0, "from tick {start}");
         for (part, ours, theirs) in [
             ("brdf.zarr", &behind_a_port.1, &simulated.1),
@@ -136,13 +134,9 @@ fn runs_that_begin_on_sync_have_the_same_images() {
     let rig = Rig::load("rcg-1").unwrap().with_image_size(32).unwrap();
     let timing = Timing::new(&rig, 0.004).unwrap();
     // Noise off: what differs between two runs of one instrument is then the exposure.
-    let request = Request {
-        noise: false,
-        ..request()
-    };
     let free = Timing::program(4);
     let images = |setup: &Setup| {
-        let mut instrument = setup.open(&rig, &request).unwrap();
+        let mut instrument = setup.world().unwrap().open(&rig, None).unwrap();
         let programs = [
             free,
             Program {
@@ -162,7 +156,7 @@ fn runs_that_begin_on_sync_have_the_same_images() {
                 .collect::<Vec<_>>()
         })
     };
-    let [at_once, on_sync, each_on_sync] = images(&setup(None, CALM));
+    let [at_once, on_sync, each_on_sync] = images(&setup(None, false, CALM));
     assert_eq!(at_once.len(), 4);
     assert!(
         at_once.windows(2).all(|pair| pair[0].1 != pair[1].1),
@@ -171,7 +165,7 @@ fn runs_that_begin_on_sync_have_the_same_images() {
     assert!(at_once == on_sync && at_once == each_on_sync);
     let bridge = Bridge::new(Ticks(31_415_927), Ticks::ZERO);
     assert!(
-        images(&setup(Some(&bridge), CALM))
+        images(&setup(Some(&bridge), false, CALM))
             .iter()
             .all(|images| *images == at_once)
     );
@@ -181,8 +175,8 @@ fn runs_that_begin_on_sync_have_the_same_images() {
 fn a_box_that_is_still_busy_is_taken_over() {
     let rig = Rig::load("rcg-1").unwrap().with_image_size(16).unwrap();
     let bridge = Bridge::new(Ticks(3), Ticks::ZERO);
-    let setup = setup(Some(&bridge), CALM);
-    let mut first = setup.open(&rig, &request()).unwrap();
+    let world = setup(Some(&bridge), true, CALM).world().unwrap();
+    let mut first = world.open(&rig, None).unwrap();
     let timing = Timing::new(&rig, 0.004).unwrap();
     // Far more steps than the box can play before the next client comes.
     let step = timing.step(first.device.info().clock_hz);
@@ -190,6 +184,6 @@ fn a_box_that_is_still_busy_is_taken_over() {
     first.device.arm().unwrap();
     assert_eq!(first.device.start().unwrap().state, State::Running);
     drop(first);
-    let mut second = setup.open(&rig, &request()).unwrap();
+    let mut second = world.open(&rig, None).unwrap();
     assert_eq!(expose(&mut second, &timing, &Timing::program(4)).len(), 4);
 }

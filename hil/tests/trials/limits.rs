@@ -8,7 +8,7 @@ use rcg_hil::trace;
 use rcg_protocol::{Fault, Line, Pulse, State, Step, Ticks};
 
 use crate::runs::{check_edges, fire, follow, load, take_edges};
-use crate::steps::{solid, table};
+use crate::steps::{in_part, solid, table};
 
 crate::trials!("limits":
     shortest_pulse_and_resolution [Edges],
@@ -92,7 +92,7 @@ fn too_close_is_refused(bench: &mut Bench) -> Outcome {
     )
 }
 
-/// Ever shorter steps from a table, each length for 0.1 s, until one does not end well.
+/// Ever shorter steps from a table, each length for 0.1 s or a part of that, until one does not end well.
 fn shortest_period_of_a_table(bench: &mut Bench) -> Outcome {
     let per_us = u64::from(bench.device.info().clock_hz / 1_000_000);
     let mut shortest = None;
@@ -110,7 +110,7 @@ fn shortest_period_of_a_table(bench: &mut Bench) -> Outcome {
             cam: Pulse::new(period / 2, period / 4),
             period: Ticks(period),
         };
-        let count = per_us * 100_000 / period;
+        let count = in_part(per_us * 100_000) / period;
         let program = table(&[step], count);
         load(bench, &program, &[step])?;
         let run = fire(bench)?;

@@ -7,6 +7,14 @@ use rcg_protocol::{Extent, Program, Pulse, Step, Ticks};
 /// Steps of the paper's measurement of one material.
 pub(crate) const STEPS: u64 = 32_400;
 
+/// `whole` where the long tests are wanted (`./test.sh full`), else a fifth of it.
+pub(crate) fn in_part(whole: u64) -> u64 {
+    match std::env::var_os("RCG_FULL") {
+        Some(_) => whole,
+        None => whole / 5,
+    }
+}
+
 /// Ticks of one step at 9,523 Hz, the rate of 1-bit patterns of a DLPC900 (105 µs), on a clock of `hz`.
 pub(crate) fn period(hz: u32) -> u64 {
     u64::from(hz / 9_523)

@@ -10,16 +10,21 @@ use rcg_hil::trace;
 use rcg_protocol::{Line, State, StepFlags, Ticks};
 
 use crate::runs::{fire, follow_pinging, load, take_edges};
-use crate::steps::{plain, table};
+use crate::steps::{in_part, plain, table};
 
 crate::trials!("strobes":
     missed_triggers_are_named [Inputs],
     spurious_strobes_are_named [Inputs],
 );
 
-const STEPS: u64 = 10_000;
-/// 1 % of them.
-const ODD: usize = 100;
+/// 1 % of the steps.
+fn odd_steps() -> usize {
+    steps() as usize / 100
+}
+
+fn steps() -> u64 {
+    in_part(10_000)
+}
 
 /// Rate at which a UART carries all records.
 const RATE_HZ: u32 = 4_000;
@@ -27,9 +32,9 @@ const RATE_HZ: u32 = 4_000;
 fn missed_triggers_are_named(bench: &mut Bench) -> Outcome {
     let period = u64::from(bench.device.info().clock_hz / RATE_HZ);
     let step = plain(period);
-    load(bench, &table(&[step], STEPS), &[step])?;
+    load(bench, &table(&[step], steps()), &[step])?;
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
-    let mut ignored: Vec<u64> = sample(&mut rng, STEPS as usize, ODD)
+    let mut ignored: Vec<u64> = sample(&mut rng, steps() as usize, odd_steps())
         .iter()
         .map(|k| k as u64)
         .collect();
@@ -41,7 +46,7 @@ fn missed_triggers_are_named(bench: &mut Bench) -> Outcome {
     })?;
     let run = fire(bench)?;
     let heard = follow_pinging(bench, run)?;
-    heard.expect(State::Done, None, STEPS)?;
+    heard.expect(State::Done, None, steps())?;
 
     let named = heard.flagged(StepFlags::MISSED);
     let right = named
@@ -54,7 +59,12 @@ fn missed_triggers_are_named(bench: &mut Bench) -> Outcome {
         "steps",
         Limit::Reported,
     )?;
-    bench.figure("of them named", right, "steps", Limit::Exactly(ODD as f64))?;
+    bench.figure(
+        "of them named",
+        right,
+        "steps",
+        Limit::Exactly(odd_steps() as f64),
+    )?;
     bench.figure("invented", named.len() - right, "steps", Limit::Exactly(0.0))?;
     bench.figure(
         "spurious strobes invented",
@@ -70,7 +80,7 @@ fn missed_triggers_are_named(bench: &mut Bench) -> Outcome {
         "others paired",
         paired.count(),
         "strobes",
-        Limit::Exactly((STEPS as usize - ODD) as f64),
+        Limit::Exactly((steps() as usize - odd_steps()) as f64),
     )
 }
 
@@ -78,7 +88,7 @@ fn missed_triggers_are_named(bench: &mut Bench) -> Outcome {
 fn spurious_strobes_are_named(bench: &mut Bench) -> Outcome {
     let period = u64::from(bench.device.info().clock_hz / RATE_HZ);
     let step = plain(period); // CAM rests from 0.7 of the step on
-    load(bench, &table(&[step], STEPS), &[step])?;
+    load(bench, &table(&[step], steps()), &[step])?;
     let run = bench.device.arm()?;
     take_edges(bench);
     bench.device.start()?;
@@ -90,7 +100,7 @@ fn spurious_strobes_are_named(bench: &mut Bench) -> Outcome {
         bench.pico().lock().run(1_000)?;
     };
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(2);
-    let mut odd: Vec<u64> = sample(&mut rng, STEPS as usize - 200, ODD)
+    let mut odd: Vec<u64> = sample(&mut rng, steps() as usize - 200, odd_steps())
         .iter()
         .map(|k| k as u64 + 100)
         .collect();
@@ -105,7 +115,7 @@ fn spurious_strobes_are_named(bench: &mut Bench) -> Outcome {
         ..StrobeModel::default()
     })?;
     let heard = follow_pinging(bench, run)?;
-    heard.expect(State::Done, None, STEPS)?;
+    heard.expect(State::Done, None, steps())?;
 
     let named = heard.flagged(StepFlags::DOUBLE);
     bench.figure("spurious strobes made", extra.len(), "strobes", Limit::Reported)?;
@@ -117,7 +127,7 @@ fn spurious_strobes_are_named(bench: &mut Bench) -> Outcome {
         "of them named by step",
         right,
         "steps",
-        Limit::Exactly(ODD as f64),
+        Limit::Exactly(odd_steps() as f64),
     )?;
     bench.figure("invented", named.len() - right, "steps", Limit::Exactly(0.0))?;
     let timed = heard.spurious.iter().zip(&extra).filter(|(on, at)| {
@@ -128,16 +138,16 @@ fn spurious_strobes_are_named(bench: &mut Bench) -> Outcome {
         "told with their time",
         timed.count(),
         "events",
-        Limit::Exactly(ODD as f64),
+        Limit::Exactly(odd_steps() as f64),
     )?;
     bench.figure(
         "events of them",
         heard.spurious.len(),
         "events",
-        Limit::Exactly(ODD as f64),
+        Limit::Exactly(odd_steps() as f64),
     )?;
     let counted = bench.device.status()?.counters.spurious_strobes;
-    bench.figure("counted", counted, "strobes", Limit::Exactly(ODD as f64))?;
+    bench.figure("counted", counted, "strobes", Limit::Exactly(odd_steps() as f64))?;
     let missed = heard
         .flagged(StepFlags::MISSED)
         .into_iter()

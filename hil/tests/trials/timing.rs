@@ -6,12 +6,12 @@ use rcg_hil::figures::Limit;
 use rcg_protocol::{State, Step};
 
 use crate::runs::{check_edges, check_pairing, fire, follow_pinging, load, take_edges, wire_strobe};
-use crate::steps::{STEPS, bracket, period, plain, random, table};
+use crate::steps::{STEPS, bracket, in_part, period, plain, random, table};
 
 crate::trials!("timing":
     plain_32400 [CamStrobe],
-    brackets_32400 [CamStrobe],
-    random_32400 [CamStrobe],
+    brackets [CamStrobe],
+    random_steps [CamStrobe],
     paired_at_4_khz [CamStrobe],
 );
 
@@ -20,15 +20,15 @@ fn plain_32400(bench: &mut Bench) -> Outcome {
     play(bench, &[step], STEPS)
 }
 
-fn brackets_32400(bench: &mut Bench) -> Outcome {
+fn brackets(bench: &mut Bench) -> Outcome {
     let steps = bracket(period(bench.device.info().clock_hz));
-    play(bench, &steps, STEPS / 3)
+    play(bench, &steps, in_part(STEPS / 3))
 }
 
-fn random_32400(bench: &mut Bench) -> Outcome {
+fn random_steps(bench: &mut Bench) -> Outcome {
     // As many different ones as the table has words for, five each.
     let steps = random(3_240, period(bench.device.info().clock_hz), 20);
-    play(bench, &steps, STEPS / 3_240)
+    play(bench, &steps, in_part(STEPS / 3_240))
 }
 
 /// What a UART carries without losing a record.

@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use rcg::capture::directory::Measurement;
+use rcg::measure::Job;
 
 use crate::Done;
 use crate::output::Output;
-use crate::request::SetupArgs;
+use crate::request::{FaultArgs, PortArgs};
 
 /// Capture the frames of a planned measurement, or what is missing of them.
 #[derive(Debug, clap::Args)]
@@ -15,13 +16,19 @@ pub(crate) struct Args {
     #[arg(value_name = "DIR")]
     dir: PathBuf,
     #[command(flatten)]
-    setup: SetupArgs,
+    faults: FaultArgs,
+    #[command(flatten)]
+    port: PortArgs,
 }
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
-    let setup = args.setup.setup()?;
-    let measurement = Measurement::open_to_write(&args.dir)?;
-    let tally = rcg::measure::capture(&measurement, &setup, output)?;
+    let trigger_box = args.port.trigger_box()?;
+    let mut measurement = Measurement::open_to_write(&args.dir)?;
+    if let Some(virtual_rig) = &mut measurement.plan.virtual_rig {
+        virtual_rig.faults = args.faults.faults(virtual_rig.faults);
+    }
+    let job = Job::of(&measurement, trigger_box)?;
+    let tally = rcg::measure::capture(&measurement, &job, output)?;
     output.print(&tally, || {
         format!(
             "{} exposures paired; {} triggers missed, {} frames dropped, {} taken again\n",

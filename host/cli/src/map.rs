@@ -5,7 +5,6 @@ use std::io::{self, Write as _};
 use rcg::hemisphere::direction::from_degrees;
 use rcg::instrument::optics::{Spread, Unmeasurable, View};
 use rcg::instrument::rig::{Rig, Tilt};
-use rcg::virtual_rig::setup::Setup;
 use serde_json::json;
 
 use crate::Done;
@@ -37,7 +36,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
-    let rig = args.calibration.rig(Rig::load(rig)?, &mut Setup::default())?;
+    let (rig, _) = args.calibration.rig(Rig::load(rig)?)?;
     let mut rig = rig.tilted(args.tilt)?;
     if let Some(size) = args.image_size {
         rig = rig.with_image_size(size)?;

@@ -8,14 +8,14 @@ use rcg::hemisphere::incident::Grid;
 use rcg::instrument::rig::Rig;
 use rcg::measure::adaptive::{self, AdaptiveError, Begun, Goal};
 use rcg::measure::report::lines;
-use rcg::measure::{complete, prepare_like};
-use rcg::plan::{Plan, Request};
+use rcg::measure::{Job, complete};
+use rcg::plan::{Plan, Request, Virtual};
 use rcg::virtual_rig::setup::Setup;
 
 use crate::Done;
 use crate::failure::Failure;
 use crate::output::{Output, table};
-use crate::request::{CalibrationArgs, RequestArgs, SetupArgs};
+use crate::request::{CalibrationArgs, PortArgs, RequestArgs, VirtualArgs};
 
 /// Plan, capture, assemble, evaluate and report in one go.
 #[derive(Debug, clap::Args)]
@@ -25,6 +25,9 @@ pub(crate) struct Args {
     out: PathBuf,
     #[command(flatten)]
     request: RequestArgs,
+    /// Known material to compare the result with, as --sample takes it [default: what stands in the virtual rig]
+    #[arg(long, value_name = "SAMPLE")]
+    reference: Option<String>,
     /// Choose the incident directions on the way, where the predicted error is largest, until --target or --budget; --grid
     /// and --step say from which directions it starts [default: 48 that are far apart]
     #[arg(long)]
@@ -44,38 +47,80 @@ pub(crate) struct Args {
     #[arg(long)]
     resume: bool,
     #[command(flatten)]
-    setup: SetupArgs,
+    virtual_rig: VirtualArgs,
+    #[command(flatten)]
+    port: PortArgs,
 }
 
-/// The measurement that was begun, adaptively if there is a `begun`, which must be what is asked for.
-fn resumed(args: &Args, rig: &Rig, setup: &Setup, begun: Option<&Begun>) -> Result<Measurement, Failure> {
+/// The job of the measurement that was begun, adaptively if there is a `begun`, which must be what is asked for.
+fn resumed(
+    args: &Args,
+    rig: &Rig,
+    setup: &Setup,
+    begun: Option<&Begun>,
+    replay: Option<&Plan>,
+) -> Result<(Job, Measurement), Failure> {
     let mut measurement = Measurement::open_to_write(&args.out)?;
     measurement.check_rig(rig, setup.calibration.as_ref())?;
-    let held = &measurement.plan.request;
-    let request = match (begun, args.adaptive) {
+    let held = &measurement.plan;
+    let (request, virtual_rig) = match (begun, args.adaptive) {
         (Some(begun), true) => {
             let (start, goal) = args.adaptive(Some(begun))?;
             adaptive::check_same(&args.out, begun, start.as_ref(), goal)?;
-            let request = args.request.request(Some(&begun.request))?;
-            Request {
-                grid: held.grid.clone(),
-                ..request
-            }
+            let (request, virtual_rig) = args.asked(Some(&begun.request), Some(&begun.virtual_rig))?;
+            let grid = held.request.grid.clone();
+            (Request { grid, ..request }, virtual_rig)
         }
         (None, true) => {
             return Err(Failure::input(format!(
                 "{}: expected a measurement that was begun with --adaptive, found one of a {}",
                 args.out.display(),
-                held.grid
+                held.request.grid
             )));
         }
-        (_, false) => match &args.replay {
-            Some(path) => args.request.request(Some(&Plan::of_rig(path, rig)?.replayed()))?,
-            None => args.request.request(Some(held))?,
+        (_, false) => match replay {
+            Some(plan) => args.asked(Some(&plan.replayed()), plan.virtual_rig.as_ref())?,
+            None => args.asked(Some(&held.request), held.virtual_rig.as_ref())?,
         },
     };
-    measurement.check_same(&request)?;
-    Ok(measurement)
+    measurement.check_same(&request, &virtual_rig)?;
+    let job = Job::of(&measurement, setup.trigger_box.clone())?;
+    Ok((job, measurement))
+}
+
+/// The job of a measurement that begins, or of one that was `begun` adaptively and has no plan yet.
+fn begin(
+    args: &Args,
+    rig: &Rig,
+    setup: &mut Setup,
+    begun: Option<&Begun>,
+    replay: Option<&Plan>,
+    output: &Output,
+) -> Result<(Job, Measurement), Failure> {
+    if args.adaptive || begun.is_some() {
+        let (start, goal) = args.adaptive(begun)?;
+        let before = begun.map(|begun| (&begun.request, &begun.virtual_rig));
+        let (request, virtual_rig) =
+            args.asked(before.map(|(request, _)| request), before.map(|(_, rig)| rig))?;
+        setup.virtual_rig = virtual_rig;
+        let (out, start) = (&args.out, start.as_ref());
+        let (job, measurement, _) =
+            adaptive::measure(out, rig, &request, start, goal, setup, args.resume, output)?;
+        return Ok((job, measurement));
+    }
+    Measurement::check_new(&args.out)?;
+    let before = replay.map(Plan::replayed);
+    let (request, virtual_rig) =
+        args.asked(before.as_ref(), replay.and_then(|plan| plan.virtual_rig.as_ref()))?;
+    setup.virtual_rig = virtual_rig;
+    let like = replay.zip(before).and_then(|(plan, before)| {
+        let times = |request: &Request| (request.exposure_s, request.brackets.clone());
+        let is_same = times(&request) == times(&before) && request.image_size == before.image_size;
+        is_same.then_some(plan)
+    });
+    let job = Job::like(rig, request, like, setup, output)?;
+    let measurement = job.begin(&args.out)?;
+    Ok((job, measurement))
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
@@ -95,43 +140,33 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             "{name}: expected --adaptive beside it, found none"
         )));
     }
-    let mut setup = args.setup.setup()?;
-    let rig = args.calibration.rig(Rig::load(rig)?, &mut setup)?;
+    let trigger_box = args.port.trigger_box()?;
+    let (rig, calibration) = args.calibration.rig(Rig::load(rig)?)?;
+    let mut setup = Setup {
+        trigger_box,
+        calibration,
+        ..Setup::default()
+    };
+    let replay = args
+        .replay
+        .as_ref()
+        .map(|path| Plan::of_rig(path, &rig))
+        .transpose()?;
     let begun = if args.resume {
         adaptive::begun(&args.out)?
     } else {
         None
     };
-    let measurement = if args.resume && Measurement::exists(&args.out) {
-        resumed(args, &rig, &setup, begun.as_ref())?
-    } else if args.adaptive || begun.is_some() {
-        if args.resume {
-            Measurement::sweep(&args.out)?;
-        }
-        let (start, goal) = args.adaptive(begun.as_ref())?;
-        let request = args.request.request(begun.as_ref().map(|begun| &begun.request))?;
-        let (out, start) = (&args.out, start.as_ref());
-        adaptive::measure(out, &rig, &request, start, goal, &setup, args.resume, output)?.0
+    let (job, measurement) = if args.resume && Measurement::exists(&args.out) {
+        resumed(args, &rig, &setup, begun.as_ref(), replay.as_ref())?
     } else {
         if args.resume {
             Measurement::sweep(&args.out)?;
         }
-        let plan = args
-            .replay
-            .as_ref()
-            .map(|path| Plan::of_rig(path, &rig))
-            .transpose()?;
-        let before = plan.as_ref().map(Plan::replayed);
-        let request = args.request.request(before.as_ref())?;
-        let like = plan.as_ref().zip(before).and_then(|(plan, before)| {
-            let times = |request: &Request| (request.exposure_s, request.brackets.clone());
-            let is_same = times(&request) == times(&before) && request.image_size == before.image_size;
-            is_same.then_some(plan)
-        });
-        prepare_like(&args.out, &rig, request, like, &setup, output)?
+        begin(args, &rig, &mut setup, begun.as_ref(), replay.as_ref(), output)?
     };
     let began = Instant::now();
-    let summary = complete(&measurement, &setup, &|| began.elapsed(), output)?;
+    let summary = complete(&measurement, &job, &|| began.elapsed(), output)?;
     output.print(&summary, || {
         let mut lines = lines(&summary);
         lines.push(("report", measurement.path("report.html").display().to_string()));
@@ -142,6 +177,19 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
 }
 
 impl Args {
+    /// What is asked for, with what there was before in place of the defaults.
+    fn asked(
+        &self,
+        request: Option<&Request>,
+        virtual_rig: Option<&Virtual>,
+    ) -> Result<(Request, Virtual), Failure> {
+        let mut asked = self.request.request(request)?;
+        if self.reference.is_some() {
+            asked.reference.clone_from(&self.reference);
+        }
+        Ok((asked.located(), self.virtual_rig.virtual_rig(virtual_rig)))
+    }
+
     /// Coarse beginning and goal of an adaptive measurement; what is not given is as it was `begun`.
     fn adaptive(&self, begun: Option<&Begun>) -> Result<(Option<Grid>, Goal), Failure> {
         let start = self.request.given_grid()?;

@@ -4,16 +4,16 @@ use std::fmt::Write as _;
 
 use rcg::base::progress::Progress as _;
 use rcg::instrument::rig::Rig;
+use rcg::measure::Job;
 use rcg::measure::report::duration;
-use rcg::plan::Plan;
 use rcg::study::multiplex::choose::{Choice, Method, REGIONS, choose};
-use rcg::virtual_rig::setup::DEFAULT_SAMPLE;
+use rcg::virtual_rig::setup::Setup;
 use serde_json::{Value, json};
 
 use crate::Done;
 use crate::failure::Failure;
 use crate::output::Output;
-use crate::request::{CalibrationArgs, RequestArgs, SetupArgs};
+use crate::request::{CalibrationArgs, PortArgs, RequestArgs, VirtualArgs};
 
 /// Say whether multiplexed light pays: uncertainty of single, longer and multiplexed exposures in the same time.
 ///
@@ -34,7 +34,9 @@ pub(crate) struct Args {
     #[arg(long, value_name = "E", allow_negative_numbers = true)]
     read_noise: Option<f64>,
     #[command(flatten)]
-    setup: SetupArgs,
+    virtual_rig: VirtualArgs,
+    #[command(flatten)]
+    port: PortArgs,
 }
 
 /// Which orders are tried.
@@ -55,8 +57,13 @@ fn order(text: &str) -> Result<Order, String> {
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
-    let mut setup = args.setup.setup()?;
-    let mut rig = args.calibration.rig(Rig::load(rig)?, &mut setup)?;
+    let trigger_box = args.port.trigger_box()?;
+    let (mut rig, calibration) = args.calibration.rig(Rig::load(rig)?)?;
+    let setup = Setup {
+        virtual_rig: args.virtual_rig.virtual_rig(None),
+        trigger_box,
+        calibration,
+    };
     let request = args.request.request(None)?;
     if request.exposure_s.is_some() || !request.brackets.is_one() {
         return Err(Failure::input(
@@ -65,7 +72,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         ));
     }
     if let Some(read_noise_e) = args.read_noise {
-        if request.truth.is_some() || setup.calibration.is_some() {
+        if setup.virtual_rig.truth.is_some() || setup.calibration.is_some() {
             return Err(Failure::input(format!(
                 "--read-noise: expected none with --truth or --calibration, which say what the camera really has, found \
                  {read_noise_e}"
@@ -73,20 +80,19 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         }
         rig = rig.with_read_noise(read_noise_e)?;
     }
-    let rig = request.rig(&rig)?;
-    Plan::new(request.clone(), &rig, rig.camera.exposure_s)?;
-    let mut instrument = setup.open(&rig, &request)?;
-    let rig = setup
-        .calibration
-        .as_ref()
-        .map_or_else(|| rig.clone(), |found| found.with_camera(&rig));
-    let sample = request.sample.as_deref().unwrap_or(DEFAULT_SAMPLE);
+    let job = Job::with_times(&rig, request, &[rig.camera.exposure_s], &setup)?;
+    let mut instrument = job.open()?;
+    let rig = match &job.calibration {
+        Some(found) => found.with_camera(&job.rig),
+        None => job.rig.clone(),
+    };
+    let sample = &setup.virtual_rig.sample;
     let order = match args.order {
         Order::Auto => None,
         Order::Given(order) => Some(order),
     };
     output.begin("pilot capture", 1, "runs");
-    let choice = choose(&rig, &request.grid, order, &mut instrument)?;
+    let choice = choose(&rig, &job.plan.request.grid, order, &mut instrument)?;
     output.end();
     let mut value = serde_json::to_value(&choice).map_err(std::io::Error::from)?;
     if let Value::Object(object) = &mut value {

@@ -12,7 +12,6 @@ use rcg::plan::pattern::{BitPattern, PatternMaker};
 use rcg::plan::{Directions, PlanError, spot_deg};
 use rcg::store::Lock;
 use rcg::store::whole_file::write_whole;
-use rcg::virtual_rig::setup::Setup;
 use serde_json::json;
 
 use crate::Done;
@@ -38,7 +37,7 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
-    let rig = args.calibration.rig(Rig::load(rig)?, &mut Setup::default())?;
+    let (rig, _) = args.calibration.rig(Rig::load(rig)?)?;
     let rig = rig.tilted(args.tilt)?;
     let grid = args.grid.grid(None, 15.0)?;
     let directions = Directions::new(&rig, &grid).map_err(PlanError::from)?;

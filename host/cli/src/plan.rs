@@ -5,16 +5,17 @@ use std::path::PathBuf;
 use rcg::assemble::dynamic_range;
 use rcg::instrument::rig::Rig;
 use rcg::measure::report::duration;
-use rcg::measure::{planned, prepare};
+use rcg::measure::{Job, prepare};
 use rcg::plan::brackets::milliseconds;
 use rcg::plan::predicted_time::PredictedTime;
 use rcg::plan::schedule::Bound;
 use rcg::plan::{Directions, Plan, PlanError};
+use rcg::virtual_rig::setup::Setup;
 use serde_json::{Value, json};
 
 use crate::Done;
 use crate::output::{Output, table};
-use crate::request::{CalibrationArgs, RequestArgs, SetupArgs};
+use crate::request::{CalibrationArgs, PortArgs, RequestArgs, VirtualArgs};
 
 /// Show what a measurement would take, or write its plan.
 #[derive(Debug, clap::Args)]
@@ -27,29 +28,27 @@ pub(crate) struct Args {
     #[command(flatten)]
     calibration: CalibrationArgs,
     #[command(flatten)]
-    setup: SetupArgs,
+    virtual_rig: VirtualArgs,
+    #[command(flatten)]
+    port: PortArgs,
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
-    let mut setup = args.setup.setup()?;
-    let rig = args.calibration.rig(Rig::load(rig)?, &mut setup)?;
+    let trigger_box = args.port.trigger_box()?;
+    let (rig, calibration) = args.calibration.rig(Rig::load(rig)?)?;
+    let setup = Setup {
+        virtual_rig: args.virtual_rig.virtual_rig(None),
+        trigger_box,
+        calibration,
+    };
     let request = args.request.request(None)?;
     let plan = if let Some(out) = &args.out {
-        prepare(out, &rig, request, &setup, output)?.plan
+        prepare(out, &rig, request, &setup, output)?.0.plan
     } else if !request.brackets.is_one() {
-        planned(&rig, request, &setup, output)?.1
+        Job::new(&rig, request, &setup, output)?.plan
     } else {
-        if let Some(calibration) = &setup.calibration {
-            calibration.check_tilt(request.tilt)?;
-        }
         let exposure_s = request.exposure_s.unwrap_or(rig.camera.exposure_s);
-        request
-            .sample
-            .as_deref()
-            .map(rcg::brdf::sample::parse)
-            .transpose()?;
-        let scaled = request.rig(&rig)?;
-        Plan::new(request, &scaled, exposure_s)?
+        Job::with_times(&rig, request, &[exposure_s], &setup)?.plan
     };
     let rig = rig.tilted(plan.request.tilt)?;
     let directions = Directions::new(&rig, &plan.request.grid).map_err(PlanError::from)?;

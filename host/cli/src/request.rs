@@ -7,10 +7,8 @@ use rcg::instrument::calibration::Calibration;
 use rcg::instrument::rig::{Rig, Tilt};
 use rcg::plan::brackets::Brackets;
 use rcg::plan::schedule::EXPOSURES_S;
-use rcg::plan::{IMAGE_SIZES_PX, PlanError, Request};
-use rcg::virtual_rig::setup::DEFAULT_SAMPLE;
-use rcg::virtual_rig::setup::{Setup, TriggerBox};
-use rcg::virtual_rig::{Mischief, Truth};
+use rcg::plan::{Faults, IMAGE_SIZES_PX, PlanError, Request, Virtual};
+use rcg::virtual_rig::setup::TriggerBox;
 
 use crate::failure::Failure;
 
@@ -58,10 +56,6 @@ impl GridArgs {
 /// What is measured. An argument that is not given has its default, or on `--resume` the value of before.
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct RequestArgs {
-    /// What the virtual rig measures: lambert:0.5, ward:brass, ward:rd=0.1,rs=0.33,ax=0.05,ay=0.16, ggx:satin,
-    /// velvet, satin, or a measured .bsdf file [default: ward:brass]
-    #[arg(long, value_name = "SAMPLE")]
-    sample: Option<String>,
     #[command(flatten)]
     grid: GridArgs,
     /// Camera image and outgoing grid: pixels a side [default: 96]
@@ -79,15 +73,93 @@ pub(crate) struct RequestArgs {
     /// none]
     #[arg(long, value_name = "TILT:TOWARDS[:TURN]", allow_hyphen_values = true)]
     tilt: Option<Tilt>,
+    /// What you call the sample, for the report [default: as --sample]
+    #[arg(long, value_name = "TEXT", value_parser = words)]
+    sample_name: Option<String>,
+    /// What else there is to say of the sample: batch, finish, how it lies in the holder
+    #[arg(long, value_name = "TEXT", value_parser = words)]
+    sample_description: Option<String>,
+}
+
+/// The heading in the help of what concerns the virtual rig alone.
+const VIRTUAL: &str = "Virtual rig";
+
+/// The virtual rig and what stands in it. An argument that is not given has its default, or on `--resume` the value of
+/// before.
+#[derive(Clone, Debug, clap::Args)]
+pub(crate) struct VirtualArgs {
+    /// What the virtual rig measures: lambert:0.5, ward:brass, ward:rd=0.1,rs=0.33,ax=0.05,ay=0.16, ggx:satin,
+    /// velvet, satin, or a measured .bsdf file [default: ward:brass]
+    #[arg(long, value_name = "SAMPLE", help_heading = VIRTUAL)]
+    sample: Option<String>,
+    #[command(flatten)]
+    conditions: ConditionArgs,
+}
+
+/// How the virtual rig really is, whatever stands in it.
+#[derive(Clone, Debug, clap::Args)]
+pub(crate) struct ConditionArgs {
     /// How the virtual rig really is: a file that `rcg truth` writes [default: as the rig file says]
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = VIRTUAL)]
     truth: Option<String>,
     /// Switch shot and read noise of the virtual rig on or off [default: on]
-    #[arg(long, value_name = "on|off", value_parser = ["on", "off"])]
+    #[arg(long, value_name = "on|off", value_parser = ["on", "off"], help_heading = VIRTUAL)]
     noise: Option<String>,
     /// Seed of all chance of the virtual rig [default: 1]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", help_heading = VIRTUAL)]
     seed: Option<u64>,
+    #[command(flatten)]
+    faults: FaultArgs,
+}
+
+/// What goes wrong on the virtual rig on purpose.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(crate) struct FaultArgs {
+    /// Share of triggers that the virtual camera ignores, on purpose [default: 0]
+    #[arg(long, value_name = "RATE", value_parser = rate, help_heading = VIRTUAL)]
+    missed_triggers: Option<f64>,
+    /// Share of frames that are lost on the way from the virtual camera, on purpose [default: 0]
+    #[arg(long, value_name = "RATE", value_parser = rate, help_heading = VIRTUAL)]
+    dropped_frames: Option<f64>,
+    /// Share of frames that arrive twice from the virtual camera, on purpose [default: 0]
+    #[arg(long, value_name = "RATE", value_parser = rate, help_heading = VIRTUAL)]
+    doubled_frames: Option<f64>,
+}
+
+impl VirtualArgs {
+    /// The virtual rig, with that of `before` in place of the defaults if there is one.
+    pub(crate) fn virtual_rig(&self, before: Option<&Virtual>) -> Virtual {
+        let mut asked = self.conditions.virtual_rig(before);
+        if let Some(sample) = &self.sample {
+            asked.sample.clone_from(sample);
+        }
+        asked.located()
+    }
+}
+
+impl ConditionArgs {
+    /// The virtual rig, with that of `before` in place of the defaults if there is one.
+    pub(crate) fn virtual_rig(&self, before: Option<&Virtual>) -> Virtual {
+        let before = before.cloned().unwrap_or_default();
+        Virtual {
+            truth: self.truth.clone().or(before.truth),
+            noise: self.noise.as_ref().map_or(before.noise, |noise| noise == "on"),
+            seed: self.seed.unwrap_or(before.seed),
+            faults: self.faults.faults(before.faults),
+            sample: before.sample,
+        }
+    }
+}
+
+impl FaultArgs {
+    /// The faults, those of `before` where none is given.
+    pub(crate) fn faults(self, before: Faults) -> Faults {
+        Faults {
+            missed_triggers: self.missed_triggers.unwrap_or(before.missed_triggers),
+            dropped_frames: self.dropped_frames.unwrap_or(before.dropped_frames),
+            doubled_frames: self.doubled_frames.unwrap_or(before.doubled_frames),
+        }
+    }
 }
 
 /// What is known of the instrument.
@@ -99,15 +171,13 @@ pub(crate) struct CalibrationArgs {
 }
 
 impl CalibrationArgs {
-    /// The rig to measure with: `rig`, or what the calibration made of it, which goes into `setup`.
-    pub(crate) fn rig(&self, rig: Rig, setup: &mut Setup) -> Result<Rig, Failure> {
+    /// The rig to measure with: `rig`, or what the calibration made of it, and the calibration.
+    pub(crate) fn rig(&self, rig: Rig) -> Result<(Rig, Option<Calibration>), Failure> {
         let Some(dir) = &self.calibration else {
-            return Ok(rig);
+            return Ok((rig, None));
         };
         let calibration = Calibration::open(dir, &rig)?;
-        let rig = calibration.rig.clone();
-        setup.calibration = Some(calibration);
-        Ok(rig)
+        Ok((calibration.rig.clone(), Some(calibration)))
     }
 }
 
@@ -127,76 +197,31 @@ impl RequestArgs {
                  is (all times can be given there), found {ms}"
             )));
         }
-        // Before anything is made.
-        if let Some(truth) = &self.truth {
-            Truth::load(Path::new(truth))?;
-        }
-        let sample = before.map_or_else(|| Some(DEFAULT_SAMPLE.to_owned()), |before| before.sample.clone());
-        let request = Request {
-            grid: self.grid.grid(before.map(|before| &before.grid), 3.0)?,
-            image_size: self
-                .image_size
-                .unwrap_or_else(|| before.map_or(96, |before| before.image_size)),
+        let before = before.cloned().unwrap_or_default();
+        Ok(Request {
+            grid: self.grid.grid(Some(&before.grid), 3.0)?,
+            image_size: self.image_size.unwrap_or(before.image_size),
             exposure_s: match (self.exposure_ms, &self.brackets) {
                 (Some(ms), _) => Some(ms * 1e-3),
                 (None, Some(brackets)) if !brackets.is_one() => None,
-                (None, _) => before.and_then(|b| b.exposure_s),
+                (None, _) => before.exposure_s,
             },
             brackets: match (&self.brackets, self.exposure_ms) {
                 (Some(brackets), _) => brackets.clone(),
                 (None, Some(_)) => Brackets::One,
-                (None, None) => before.map_or(Brackets::One, |b| b.brackets.clone()),
+                (None, None) => before.brackets,
             },
-            sample: self.sample.clone().or(sample),
-            truth: self
-                .truth
-                .clone()
-                .or_else(|| before.and_then(|b| b.truth.clone())),
-            tilt: self.tilt.or_else(|| before.and_then(|b| b.tilt)),
-            noise: self
-                .noise
-                .as_ref()
-                .map_or_else(|| before.is_none_or(|b| b.noise), |noise| noise == "on"),
-            seed: self
-                .seed
-                .unwrap_or_else(|| before.map_or(1, |before| before.seed)),
-        };
-        Ok(request.located())
-    }
-}
-
-/// What goes wrong on the virtual rig on purpose.
-#[derive(Clone, Copy, Debug, clap::Args)]
-pub(crate) struct MischiefArgs {
-    /// Share of triggers that the virtual camera ignores
-    #[arg(long, value_name = "RATE", default_value_t = 0.0, value_parser = rate, help_heading = "Faults on purpose")]
-    missed_triggers: f64,
-    /// Share of frames that are lost on the way from the virtual camera
-    #[arg(long, value_name = "RATE", default_value_t = 0.0, value_parser = rate, help_heading = "Faults on purpose")]
-    dropped_frames: f64,
-    /// Share of frames that arrive twice from the virtual camera
-    #[arg(long, value_name = "RATE", default_value_t = 0.0, value_parser = rate, help_heading = "Faults on purpose")]
-    doubled_frames: f64,
-}
-
-impl MischiefArgs {
-    /// The virtual rig with the simulated trigger box.
-    pub(crate) const fn setup(&self) -> Setup {
-        Setup {
-            trigger_box: None,
-            mischief: Mischief {
-                missed_triggers: self.missed_triggers,
-                dropped_frames: self.dropped_frames,
-                doubled_frames: self.doubled_frames,
-            },
-            calibration: None,
-        }
+            tilt: self.tilt.or(before.tilt),
+            sample_name: self.sample_name.clone().or(before.sample_name),
+            sample_description: self.sample_description.clone().or(before.sample_description),
+            reference: before.reference,
+        })
     }
 }
 
 /// What drives the virtual rig.
 #[derive(Clone, Debug, clap::Args)]
-pub(crate) struct SetupArgs {
+pub(crate) struct PortArgs {
     /// Port of the trigger box (/dev/ttyACM0, COM3), auto to look for it on USB, or sim for the simulated one
     /// [default: sim]
     #[arg(long, value_name = "PORT")]
@@ -204,39 +229,27 @@ pub(crate) struct SetupArgs {
     /// Where the lines of that trigger box end: a bridge that tells its edges and takes SYNC and STROBE
     #[arg(long, value_name = "HOST:PORT")]
     wires: Option<String>,
-    #[command(flatten)]
-    mischief: MischiefArgs,
 }
 
-impl SetupArgs {
-    /// As the library takes it.
-    pub(crate) fn setup(&self) -> Result<Setup, Failure> {
-        let trigger_box = match (self.port.as_deref().unwrap_or("sim"), &self.wires) {
-            ("sim", None) => None,
-            ("sim", Some(wires)) => {
-                return Err(Failure::input(format!(
-                    "--wires {wires}: expected the --port of the trigger box that they belong to, found the \
-                     simulated one, which needs no wires"
-                )));
-            }
-            (port, None) => {
-                return Err(Failure::input(format!(
-                    "--port {port}: expected --wires HOST:PORT beside it, found none: real cameras and projectors \
-                     cannot be driven yet, so that a trigger box measures with the virtual rig only (leave --port \
-                     away to simulate the trigger box too)"
-                )));
-            }
-            (port, Some(wires)) => Some(TriggerBox {
+impl PortArgs {
+    /// The trigger box outside of this program, if one is asked for.
+    pub(crate) fn trigger_box(&self) -> Result<Option<TriggerBox>, Failure> {
+        match (self.port.as_deref().unwrap_or("sim"), &self.wires) {
+            ("sim", None) => Ok(None),
+            ("sim", Some(wires)) => Err(Failure::input(format!(
+                "--wires {wires}: expected the --port of the trigger box that they belong to, found the simulated one, \
+                 which needs no wires"
+            ))),
+            (port, None) => Err(Failure::input(format!(
+                "--port {port}: expected --wires HOST:PORT beside it, found none: real cameras and projectors cannot be \
+                 driven yet, so that a trigger box measures with the virtual rig only (leave --port away to simulate the \
+                 trigger box too)"
+            ))),
+            (port, Some(wires)) => Ok(Some(TriggerBox {
                 port: port.to_owned(),
                 wires: wires.clone(),
-            }),
-        };
-        let Setup { mischief, .. } = self.mischief.setup();
-        Ok(Setup {
-            trigger_box,
-            mischief,
-            calibration: None,
-        })
+            })),
+        }
     }
 }
 
@@ -260,6 +273,16 @@ pub(crate) fn exposure_ms(text: &str) -> Result<f64, String> {
         _ => Err(format!(
             "expected a number of milliseconds from {low_ms} to {high_ms}"
         )),
+    }
+}
+
+/// Words on one line, which no terminal obeys.
+fn words(text: &str) -> Result<String, String> {
+    match text.trim() {
+        words if !words.is_empty() && words.len() <= 1000 && !words.contains(char::is_control) => {
+            Ok(words.to_owned())
+        }
+        _ => Err("expected some words on one line, of at most 1000 bytes".to_owned()),
     }
 }
 

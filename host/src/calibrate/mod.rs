@@ -19,11 +19,9 @@ use serde::Serialize;
 use crate::base::blame::Blame;
 use crate::capture::directory::MeasurementError;
 use crate::capture::{CaptureError, Captured, Instrument, Tally};
-use crate::hemisphere::incident::Grid;
 use crate::instrument::calibration::{CalibrationError, RIG, file};
-use crate::instrument::rig::{RigError, Tilt};
-use crate::plan::brackets::Brackets;
-use crate::plan::{self, PlanError};
+use crate::instrument::rig::RigError;
+use crate::plan::PlanError;
 use crate::store::checksum::sum;
 use crate::store::raw::SUBJECT;
 use crate::store::whole_file::FileError;
@@ -32,36 +30,6 @@ use crate::virtual_rig::setup::SetupError;
 
 /// Kind of exposures that show a view of a calibration.
 const VIEW: u8 = crate::store::exposure_record::KINDS[2].0;
-
-/// How the views of a calibration are captured.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Conditions {
-    /// Pixels a side of the camera's image.
-    pub image_size: u32,
-    /// How the virtual rig really is; see [`plan::Request::truth`].
-    pub truth: Option<String>,
-    /// Whether the virtual rig is noisy.
-    pub noise: bool,
-    /// Source of all chance of the virtual rig.
-    pub seed: u64,
-}
-
-impl Conditions {
-    /// What an instrument is opened for, with what it holds tilted by `tilt`.
-    fn request(&self, grid: Grid, tilt: Option<Tilt>) -> plan::Request {
-        plan::Request {
-            grid,
-            image_size: self.image_size,
-            exposure_s: None,
-            brackets: Brackets::default(),
-            sample: None,
-            truth: self.truth.clone(),
-            tilt,
-            noise: self.noise,
-            seed: self.seed,
-        }
-    }
-}
 
 /// Why there is no calibration.
 #[derive(Debug, thiserror::Error)]

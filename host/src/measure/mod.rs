@@ -2,6 +2,7 @@
 
 pub mod adaptive;
 pub mod goal;
+mod job;
 pub mod report;
 
 use std::path::Path;
@@ -16,15 +17,16 @@ use crate::brdf::sample::SampleError;
 use crate::brdf::{Brdf, BrdfError};
 use crate::capture::Tally;
 use crate::capture::directory::{Measurement, MeasurementError, State};
-use crate::capture::pilot::{auto_exposure_s, propose};
-use crate::instrument::calibration::{AppliedCalibration, Calibration, CalibrationError};
+use crate::instrument::calibration::{AppliedCalibration, CalibrationError};
 use crate::instrument::rig::Rig;
 use crate::judge::evaluate::evaluate;
 use crate::measure::report::{Elapsed, ReportError, Summary, report};
-use crate::plan::{Plan, Request};
+use crate::plan::Request;
 use crate::store::StoreError;
 use crate::store::whole_file::FileError;
-use crate::virtual_rig::setup::{DEFAULT_SAMPLE, Setup, SetupError};
+use crate::virtual_rig::setup::{Setup, SetupError};
+
+pub use job::{Job, Reference};
 
 /// Why a measurement failed.
 #[derive(Debug, thiserror::Error)]
@@ -78,70 +80,8 @@ impl From<StoreError> for MeasureError {
     }
 }
 
-/// The plan of `request` on `rig` (as loaded, its camera at full size), and the rig as [`Request::rig`] makes it; a pilot
-/// capture finds the exposure times if `request` leaves them open.
-///
-/// # Errors
-/// [`MeasureError`].
-pub fn planned(
-    rig: &Rig,
-    request: Request,
-    setup: &Setup,
-    progress: &dyn Progress,
-) -> Result<(Rig, Plan), MeasureError> {
-    planned_like(rig, request, None, setup, progress)
-}
-
-/// As [`planned`], with the exposure times and segments of the plan `like` if there is one: a request in milliseconds does not
-/// have the times to the last bit, and noise is drawn by what is exposed in one run.
-fn planned_like(
-    rig: &Rig,
-    request: Request,
-    like: Option<&Plan>,
-    setup: &Setup,
-    progress: &dyn Progress,
-) -> Result<(Rig, Plan), MeasureError> {
-    // Checks what was asked for before anything is built.
-    crate::brdf::sample::parse(request.sample.as_deref().unwrap_or(DEFAULT_SAMPLE))?;
-    let given_s = like
-        .map(Plan::exposures_s)
-        .or_else(|| request.brackets.times_s())
-        .or_else(|| request.exposure_s.map(|exposure_s| vec![exposure_s]));
-    if let Some(calibration) = &setup.calibration {
-        calibration.check_tilt(request.tilt).map_err(Box::new)?;
-    }
-    let any_s = given_s.clone().unwrap_or_else(|| vec![rig.camera.exposure_s]);
-    let scaled = request.rig(rig).map_err(MeasurementError::from)?;
-    Plan::bracketed(request.clone(), &scaled, &any_s).map_err(MeasurementError::from)?;
-    let exposures_s = if let Some(exposures_s) = given_s {
-        if setup.trigger_box.is_some() {
-            // What does not answer is named before anything is written.
-            setup.open(&scaled, &request)?;
-        }
-        exposures_s
-    } else {
-        progress.begin("pilot capture", 1, "runs");
-        let mut instrument = setup.open(&scaled, &request)?;
-        let exposures_s = if request.brackets.is_one() {
-            vec![auto_exposure_s(&scaled, &request.grid, &mut instrument)?]
-        } else {
-            let proposal = propose(&scaled, &request.grid, &request.brackets, &mut instrument)?;
-            progress.remark(&proposal.to_string());
-            proposal.exposures_s
-        };
-        progress.end();
-        exposures_s
-    };
-    let mut plan = Plan::bracketed(request, &scaled, &exposures_s).map_err(MeasurementError::from)?;
-    if let Some(like) = like {
-        plan.segment = like.segment;
-    }
-    Ok((scaled, plan))
-}
-
-/// Plans a measurement of `request` on `rig` (as loaded, its camera at full size) in the new directory `out`; the
-/// exposure time is found by a pilot capture if `request` leaves it open. If `setup`
-/// has a calibration, `rig` is its rig.
+/// Plans a measurement of `request` on `rig` (as loaded, its camera at full size; the calibration's if `setup` has one) in the
+/// new directory `out`, and the job to do there.
 ///
 /// # Errors
 /// [`MeasureError`].
@@ -151,39 +91,22 @@ pub fn prepare(
     request: Request,
     setup: &Setup,
     progress: &dyn Progress,
-) -> Result<Measurement, MeasureError> {
-    prepare_like(out, rig, request, None, setup, progress)
-}
-
-/// As [`prepare`], with the exposure times and segments of the plan `like` if there is one.
-///
-/// # Errors
-/// [`MeasureError`].
-pub fn prepare_like(
-    out: &Path,
-    rig: &Rig,
-    request: Request,
-    like: Option<&Plan>,
-    setup: &Setup,
-    progress: &dyn Progress,
-) -> Result<Measurement, MeasureError> {
+) -> Result<(Job, Measurement), MeasureError> {
     Measurement::check_new(out)?;
-    let (scaled, plan) = planned_like(rig, request, like, setup, progress)?;
-    let applied = setup.calibration.as_ref().map(Calibration::applied);
-    Ok(Measurement::create_with(out, scaled, plan, applied.as_ref())?)
+    let job = Job::new(rig, request, setup, progress)?;
+    let measurement = job.begin(out)?;
+    Ok((job, measurement))
 }
 
-/// Captures what is missing of `measurement` with the instrument that `setup` opens.
+/// Captures what is missing of `measurement` with the instrument of its `job`.
 ///
 /// # Errors
 /// [`MeasureError`].
-pub fn capture(
-    measurement: &Measurement,
-    setup: &Setup,
-    progress: &dyn Progress,
-) -> Result<Tally, MeasureError> {
-    let mut instrument = setup.open(&measurement.rig, &measurement.plan.request)?;
-    measurement.check_inputs()?;
+pub fn capture(measurement: &Measurement, job: &Job, progress: &dyn Progress) -> Result<Tally, MeasureError> {
+    let mut instrument = job.open()?;
+    if let Some(world) = &job.world {
+        measurement.check_read(&world.inputs)?;
+    }
     progress.begin("capture", measurement.plan.len(), "exposures");
     let tally = measurement.capture(&mut instrument, &mut |done| progress.reach(done))?;
     progress.end();
@@ -220,45 +143,57 @@ pub fn assemble_measurement(
     Ok(assembled)
 }
 
-/// All stages that are still to be done for `measurement`.
+/// All stages that are still to be done for `measurement`, whose `job` this is.
 ///
 /// # Errors
 /// [`MeasureError`].
 pub fn complete(
     measurement: &Measurement,
-    setup: &Setup,
+    job: &Job,
+    clock: &dyn Fn() -> Duration,
+    progress: &dyn Progress,
+) -> Result<Summary, MeasureError> {
+    let began = clock();
+    let tally = capture(measurement, job, progress)?;
+    let capture_s = clock().saturating_sub(began).as_secs_f64();
+    let mut summary = conclude(measurement, job.reference.as_ref(), tally, clock, progress)?;
+    summary.elapsed_s.capture = capture_s;
+    Ok(summary)
+}
+
+/// All stages after the capture of `measurement`, of which there is a `tally`; the result is compared with `reference` if
+/// there is one.
+///
+/// # Errors
+/// [`MeasureError`].
+pub fn conclude(
+    measurement: &Measurement,
+    reference: Option<&Reference>,
+    tally: Tally,
     clock: &dyn Fn() -> Duration,
     progress: &dyn Progress,
 ) -> Result<Summary, MeasureError> {
     let mut elapsed = Elapsed::default();
-    let began = clock();
-    let tally = capture(measurement, setup, progress)?;
     let captured = clock();
-    elapsed.capture = (captured.saturating_sub(began)).as_secs_f64();
     let assembled = assemble_measurement(measurement, progress)?;
     let built = clock();
     elapsed.assemble = (built.saturating_sub(captured)).as_secs_f64();
 
     let brdf = Brdf::open(&measurement.path("brdf.zarr"))?;
-    let spec = measurement
-        .plan
-        .request
-        .sample
-        .as_deref()
-        .unwrap_or(DEFAULT_SAMPLE);
-    let sample = crate::brdf::sample::parse(spec)?;
-    measurement.check_inputs()?;
     progress.begin("evaluate", brdf.chunks(), "chunks");
-    let evaluation = evaluate(&brdf, Some((spec, sample.as_ref())), &|done| progress.reach(done))?;
+    let against = reference.map(|reference| (reference.name.as_str(), reference.sample.as_ref()));
+    let evaluation = evaluate(&brdf, against, &|done| progress.reach(done))?;
     progress.end();
     let judged = clock();
     elapsed.evaluate = (judged.saturating_sub(built)).as_secs_f64();
 
     let plan = &measurement.plan;
+    let held = plan.virtual_rig.as_ref().map(|spec| spec.sample.clone());
     let mut summary = Summary {
         out: measurement.dir().display().to_string(),
         rig: measurement.rig.name.clone(),
-        sample: spec.to_owned(),
+        sample: plan.request.sample_name.clone().or(held).unwrap_or_default(),
+        sample_description: plan.request.sample_description.clone(),
         grid: plan.request.grid.to_string(),
         step_deg: plan.request.grid.step_deg(),
         adaptive: measurement.noted("adaptive"),
@@ -274,7 +209,8 @@ pub fn complete(
         elapsed_s: elapsed,
     };
     progress.begin("draw", 1, "reports");
-    report(measurement, &brdf, sample.as_ref(), &summary)?;
+    let beside = reference.map(|reference| reference.sample.as_ref());
+    report(measurement, &brdf, beside, &summary)?;
     progress.end();
     summary.elapsed_s.report = (clock().saturating_sub(judged)).as_secs_f64();
     measurement.note(State::Reported, Map::new())?;

@@ -35,8 +35,10 @@ pub struct Summary {
     pub out: String,
     /// Name of the rig.
     pub rig: String,
-    /// What was measured.
+    /// What was measured: its name, or what stands in the virtual rig.
     pub sample: String,
+    /// What else the user says of it.
+    pub sample_description: Option<String>,
     /// The incident directions in words.
     pub grid: String,
     /// Degrees between their rings; `None` for a list.
@@ -92,33 +94,36 @@ pub enum ReportError {
     File(#[from] FileError),
 }
 
-/// Draws `figures/` and writes `report.html`.
+/// Draws `figures/`, with `reference` beside what was measured if there is one, and writes `report.html`.
 ///
 /// # Errors
 /// [`ReportError`].
 pub fn report(
     measurement: &Measurement,
     brdf: &Brdf,
-    sample: &dyn Sample,
+    reference: Option<&dyn Sample>,
     summary: &Summary,
 ) -> Result<(), ReportError> {
     let figures = measurement.path("figures");
     fs::create_dir_all(&figures).map_err(|source| FileError::at(&figures, source))?;
-    save(&spheres(brdf, sample)?, &figures.join("sphere.png"))?;
+    save(&spheres(brdf, reference)?, &figures.join("sphere.png"))?;
     save(&frames(measurement)?, &figures.join("frames.png"))?;
     write_whole(&measurement.path("report.html"), page(summary).as_bytes())?;
     Ok(())
 }
 
-/// Measured spheres above, the sample itself below, one column per light.
-fn spheres(brdf: &Brdf, sample: &dyn Sample) -> Result<RgbImage, StoreError> {
+/// Measured spheres above, what they are compared with below, one column per light.
+fn spheres(brdf: &Brdf, reference: Option<&dyn Sample>) -> Result<RgbImage, StoreError> {
     let row = |material: &dyn Reflectance| {
         LIGHTS_DEG
             .iter()
             .map(|&light| sphere(material, SPHERE, light))
             .collect::<Result<Vec<_>, _>>()
     };
-    let rows = [row(brdf)?, row(&sample)?];
+    let mut rows = vec![row(brdf)?];
+    if let Some(reference) = reference {
+        rows.push(row(&reference)?);
+    }
     let exposure = automatic_exposure(&rows);
     Ok(sheet(&rows, exposure))
 }
@@ -160,8 +165,13 @@ fn frames(measurement: &Measurement) -> Result<RgbImage, StoreError> {
 /// The summary as lines of (what, figure), for the page and the terminal.
 #[must_use]
 pub fn lines(summary: &Summary) -> Vec<(&'static str, String)> {
+    let described = summary.sample_description.as_ref();
+    let sample = described.map_or_else(
+        || summary.sample.clone(),
+        |described| format!("{}: {described}", summary.sample),
+    );
     let mut lines = vec![
-        ("sample", summary.sample.clone()),
+        ("sample", sample),
         ("rig", summary.rig.clone()),
         (
             "incident directions",
@@ -440,11 +450,15 @@ fn page(summary: &Summary) -> String {
          <style>body{{font:16px/1.5 system-ui,sans-serif;max-width:60em;margin:2em auto;padding:0 1em}}\
          th{{text-align:left;padding-right:2em;vertical-align:top;white-space:nowrap}}img{{max-width:100%}}</style>\n\
          <h1>{title}</h1>\n<table>\n{rows}</table>\n\
-         <h2>Spheres</h2>\n<p>Above as measured, below the sample itself; lights at {lights}. Hatched: directions \
+         <h2>Spheres</h2>\n<p>{shown}; lights at {lights}. Hatched: directions \
          that were not measured.</p>\n<img src=\"figures/sphere.png\" alt=\"lit spheres\">\n\
          <h2>Camera images</h2>\n<p>From steep to grazing incidence, each stretched to its own range.</p>\n\
          <img src=\"figures/frames.png\" alt=\"camera images\">\n</html>\n",
         title = escape(&summary.sample),
+        shown = match &summary.evaluation.against_reference {
+            Some(against) => format!("Above as measured, below {}", escape(&against.reference)),
+            None => "As measured".to_owned(),
+        },
         lights = LIGHTS_DEG
             .map(|(theta, phi)| format!("({theta}°, {phi}°)"))
             .join(", "),

@@ -46,6 +46,17 @@ impl Plan {
                 return Err(fail(field, expected, &found));
             }
         }
+        if let Some(virtual_rig) = &self.virtual_rig {
+            let faults = &virtual_rig.faults;
+            let rates = [
+                faults.missed_triggers,
+                faults.dropped_frames,
+                faults.doubled_frames,
+            ];
+            if let Some(rate) = rates.iter().find(|rate| !(0.0..=1.0).contains(*rate)) {
+                return Err(fail("virtual.faults", "rates from 0 to 1", rate));
+            }
+        }
         if !(1..=SEGMENT_MAX).contains(&self.segment) {
             return Err(fail(
                 "segment",

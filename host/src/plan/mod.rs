@@ -12,6 +12,7 @@ pub mod pattern;
 pub mod predicted_time;
 pub mod schedule;
 pub mod stripes;
+mod virtual_rig;
 
 use serde::{Deserialize, Serialize};
 
@@ -21,6 +22,8 @@ use crate::instrument::optics::{Unmeasurable, View};
 use crate::instrument::rig::{Rig, RigError, Tilt, explain};
 use crate::plan::brackets::{Brackets, largest_ratio};
 use crate::plan::schedule::{ScheduleError, Timing};
+
+pub use virtual_rig::{Faults, Virtual};
 
 mod check;
 
@@ -34,7 +37,7 @@ const SEGMENT_BYTES: usize = 16 << 20;
 const SEGMENT_MAX: usize = 400;
 
 /// Version of the format of `plan.toml`.
-const FORMAT: u32 = 3;
+const FORMAT: u32 = 4;
 
 /// The key of `plan.toml` that is read first.
 #[derive(Deserialize)]
@@ -64,20 +67,35 @@ pub struct Request {
     /// Exposures of each pattern; a pilot capture chooses their times unless they are given here.
     #[serde(default, skip_serializing_if = "Brackets::is_one")]
     pub brackets: Brackets,
-    /// What the virtual rig measures, as [`crate::brdf::sample::parse`] takes it; `None` for a real instrument.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub sample: Option<String>,
-    /// File that says how the virtual rig really is, as [`crate::virtual_rig::Truth::load`] takes it; `None` if it is as
-    /// the rig file says.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub truth: Option<String>,
     /// How the holder tilts the sample; not at all if there is nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tilt: Option<Tilt>,
-    /// Whether the virtual rig is noisy.
-    pub noise: bool,
-    /// Source of all chance of the virtual rig.
-    pub seed: u64,
+    /// What the user calls the sample.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sample_name: Option<String>,
+    /// What else the user says of the sample: batch, finish, how it lies in the holder.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sample_description: Option<String>,
+    /// A known material that the result is compared with, as [`crate::brdf::sample::parse`] takes it; if there is none, that
+    /// which stands in the virtual rig, and for a real instrument nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reference: Option<String>,
+}
+
+impl Default for Request {
+    /// A θ × φ grid of 3°, images of 96 × 96 pixels, one exposure whose time is found by a pilot capture.
+    fn default() -> Self {
+        Self {
+            grid: Grid::ThetaPhi { step_deg: 3.0 },
+            image_size: 96,
+            exposure_s: None,
+            brackets: Brackets::One,
+            tilt: None,
+            sample_name: None,
+            sample_description: None,
+            reference: None,
+        }
+    }
 }
 
 impl Request {
@@ -90,21 +108,12 @@ impl Request {
         Ok(rig.tilted(self.tilt)?.with_image_size(self.image_size)?)
     }
 
-    /// With the full paths of the files that it names, so that they are found from any working directory. A path that
-    /// leads nowhere, or is no text, stays as it is.
+    /// With the full path of the file that it is compared with, so that it is found from any working directory. A path
+    /// that leads nowhere, or is no text, stays as it is.
     #[must_use]
     pub fn located(mut self) -> Self {
-        let full = |path: &std::path::Path| {
-            let full = path.canonicalize().ok()?;
-            full.to_str().map(str::to_owned)
-        };
-        let sample = self.sample.as_deref().and_then(crate::brdf::sample::file_of);
-        if let Some(sample) = sample.and_then(full) {
-            self.sample = Some(sample);
-        }
-        if let Some(truth) = self.truth.as_deref().and_then(|path| full(path.as_ref())) {
-            self.truth = Some(truth);
-        }
+        let reference = self.reference.as_deref().and_then(virtual_rig::located_sample);
+        self.reference = reference.or(self.reference);
         self
     }
 
@@ -140,6 +149,9 @@ pub struct Plan {
     /// The other exposures of each pattern, longer and longer, while it stays.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub longer: Vec<Timing>,
+    /// The virtual rig that it is made for; `None` for a real instrument.
+    #[serde(default, rename = "virtual", skip_serializing_if = "Option::is_none")]
+    pub virtual_rig: Option<Virtual>,
 }
 
 /// What one exposure is for.
@@ -319,7 +331,17 @@ impl Plan {
             timing,
             direction_count: count,
             longer,
+            virtual_rig: None,
         })
+    }
+
+    /// This plan, for the virtual rig.
+    #[must_use]
+    pub fn on(self, virtual_rig: Virtual) -> Self {
+        Self {
+            virtual_rig: Some(virtual_rig),
+            ..self
+        }
     }
 
     /// What the patterns are for, in their order.

@@ -135,13 +135,7 @@ mod tests {
         let request = Request {
             grid: Grid::ThetaPhi { step_deg },
             image_size: 32,
-            exposure_s: None,
-            brackets: crate::plan::brackets::Brackets::One,
-            sample: None,
-            truth: None,
-            tilt: None,
-            noise: false,
-            seed: 1,
+            ..Request::default()
         };
         let plan = Plan::new(request.clone(), rig, rig.camera.exposure_s).unwrap();
         PredictedTime::new(&plan, &Directions::new(rig, &request.grid).unwrap(), rig)

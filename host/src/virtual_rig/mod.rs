@@ -37,12 +37,12 @@ use crate::capture::camera::{Camera, CameraError, Frame};
 use crate::capture::projector::{Projector, ProjectorError};
 use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::rig::Rig;
+use crate::plan::Faults;
 use crate::plan::pattern::BitPattern;
 
 pub use controller::{CLOCK_HZ, VirtualController};
 pub use held::{FlatMirror, Held};
 pub use sensor::Noise;
-pub use stage::Mischief;
 pub use truth::{Field, Flaws, Tolerances, Truth};
 pub use wires::{Wires, WiresError};
 
@@ -59,7 +59,7 @@ pub struct Behaviour {
     /// Source of all chance.
     pub seed: u64,
     /// What goes wrong on purpose.
-    pub mischief: Mischief,
+    pub faults: Faults,
 }
 
 /// The three simulated ends of one rig.
@@ -133,7 +133,7 @@ impl VirtualController {
         let behaviour = Behaviour {
             noise: Noise::Off,
             seed: 0,
-            mischief: Mischief::default(),
+            faults: Faults::default(),
         };
         Self::new(SharedStage::new(rig, behaviour, CLOCK_HZ), 0)
     }

@@ -4,24 +4,35 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::base::blame::Blame;
-use crate::brdf::sample::SampleError;
+use crate::brdf::sample::{Sample, SampleError};
 use crate::capture::Instrument;
 use crate::capture::device::{Device, DeviceError, Patience};
+use crate::capture::directory::{Sums, stamps_of, sums_of};
 use crate::capture::link::{self, Link};
 use crate::instrument::calibration::Calibration;
-use crate::instrument::rig::{Rig, RigError};
-use crate::plan::{PlanError, Request};
-use crate::virtual_rig::{Behaviour, Held, Mischief, Noise, Truth, VirtualRig, Wires, WiresError};
-
-/// What the virtual rig holds unless told otherwise.
-pub const DEFAULT_SAMPLE: &str = "ward:brass";
+use crate::instrument::rig::{Rig, RigError, Tilt};
+use crate::plan::Virtual;
+use crate::store::whole_file::FileError;
+use crate::virtual_rig::{Behaviour, Held, Noise, Truth, VirtualRig, Wires, WiresError};
 
 /// Why there is no instrument.
 #[derive(Debug, thiserror::Error)]
 pub enum SetupError {
-    /// What is to be measured.
+    /// A file that is named for the virtual rig.
     #[error(transparent)]
-    Plan(#[from] PlanError),
+    File(#[from] FileError),
+    /// A file that is named for the virtual rig became another while it was read.
+    #[error("{what}: expected a file that stays as it is, found another after it was read")]
+    Changed {
+        /// What it is for.
+        what: String,
+    },
+    /// There is no driver.
+    #[error(
+        "instrument: expected the virtual rig, found a plan without a table [virtual], for a real instrument: real cameras \
+         and projectors cannot be driven yet"
+    )]
+    Real,
     /// How the virtual rig really is.
     #[error(transparent)]
     Truth(#[from] RigError),
@@ -39,20 +50,20 @@ pub enum SetupError {
 impl Blame for SetupError {
     fn is_input(&self) -> bool {
         match self {
-            Self::Plan(_) | Self::Truth(_) | Self::Sample(_) => true,
+            Self::File(_) | Self::Changed { .. } | Self::Real | Self::Truth(_) | Self::Sample(_) => true,
             Self::Device(error) => error.is_input(),
             Self::Wires(error) => matches!(error, WiresError::Address { .. }),
         }
     }
 }
 
-/// What the virtual rig is driven by, and what goes wrong in it.
+/// The instrument as it is asked for.
 #[derive(Clone, Debug, Default)]
 pub struct Setup {
+    /// The virtual rig.
+    pub virtual_rig: Virtual,
     /// The trigger box that drives it; `None` for the simulated one.
     pub trigger_box: Option<TriggerBox>,
-    /// What goes wrong on purpose.
-    pub mischief: Mischief,
     /// How the instrument really is, as far as calibration found out.
     pub calibration: Option<Calibration>,
 }
@@ -66,41 +77,98 @@ pub struct TriggerBox {
     pub wires: String,
 }
 
+impl From<Virtual> for Setup {
+    /// The virtual rig with the simulated trigger box.
+    fn from(virtual_rig: Virtual) -> Self {
+        Self {
+            virtual_rig,
+            ..Self::default()
+        }
+    }
+}
+
 impl Setup {
-    /// The instrument for `request`; `rig` is as [`Request::rig`] makes it. A run that the trigger box may still be busy
-    /// with is aborted.
+    /// The virtual rig that is asked for, with the trigger box that drives it.
+    ///
+    /// # Errors
+    /// [`SetupError`] if a file that is named for it cannot be used.
+    pub fn world(&self) -> Result<World, SetupError> {
+        World::read(&self.virtual_rig, self.trigger_box.clone())
+    }
+}
+
+/// The virtual rig, every file that is named for it read.
+#[derive(Clone, Debug)]
+pub struct World {
+    /// The sample that stands in it.
+    pub sample: Arc<dyn Sample>,
+    /// Checksums of the files that were read.
+    pub(crate) inputs: Sums,
+    /// How it really is, without tilt and its camera image at full size; `None` if as the rig file says.
+    truth: Option<Truth>,
+    behaviour: Behaviour,
+    trigger_box: Option<TriggerBox>,
+}
+
+impl World {
+    /// The one that `spec` asks for, driven by the `trigger_box`, or the simulated one.
+    ///
+    /// # Errors
+    /// [`SetupError`] if a file that is named for it cannot be used.
+    pub fn read(spec: &Virtual, trigger_box: Option<TriggerBox>) -> Result<Self, SetupError> {
+        let before = stamps_of(Some(spec));
+        let sample = Arc::from(crate::brdf::sample::parse(&spec.sample)?);
+        let truth = spec
+            .truth
+            .as_ref()
+            .map(|path| Truth::load(Path::new(path)))
+            .transpose()?;
+        // The sums come last: what can be read has an end.
+        let inputs = sums_of(Some(spec))?;
+        if stamps_of(Some(spec)) != before {
+            let names: Vec<&str> = inputs.keys().map(String::as_str).collect();
+            return Err(SetupError::Changed {
+                what: names.join(" or "),
+            });
+        }
+        Ok(Self {
+            sample,
+            inputs,
+            truth,
+            behaviour: Behaviour {
+                noise: if spec.noise { Noise::On } else { Noise::Off },
+                seed: spec.seed,
+                faults: spec.faults,
+            },
+            trigger_box,
+        })
+    }
+
+    /// The instrument; `rig` has its sample tilted by `tilt` and its camera image scaled. A run that the trigger box may
+    /// still be busy with is aborted.
     ///
     /// # Errors
     /// [`SetupError`].
-    pub fn open(&self, rig: &Rig, request: &Request) -> Result<Instrument, SetupError> {
-        let spec = request.sample.as_deref().unwrap_or(DEFAULT_SAMPLE);
-        self.open_held(
-            rig,
-            Held::Sample(Arc::from(crate::brdf::sample::parse(spec)?)),
-            request,
-        )
+    pub fn open(&self, rig: &Rig, tilt: Option<Tilt>) -> Result<Instrument, SetupError> {
+        self.open_held(rig, Held::Sample(self.sample.clone()), tilt)
     }
 
     /// As [`open`](Self::open), with `held` in place of the sample.
     ///
     /// # Errors
     /// [`SetupError`].
-    pub fn open_held(&self, rig: &Rig, held: Held, request: &Request) -> Result<Instrument, SetupError> {
-        let truth = match &request.truth {
-            Some(path) => {
-                let truth = Truth::load(Path::new(path))?;
-                Truth {
-                    rig: request.rig(&truth.rig)?,
-                    ..truth
-                }
-            }
+    pub fn open_held(&self, rig: &Rig, held: Held, tilt: Option<Tilt>) -> Result<Instrument, SetupError> {
+        let truth = match &self.truth {
+            Some(truth) => Truth {
+                rig: truth
+                    .rig
+                    .tilted(tilt)?
+                    .with_image_size(rig.camera.lens.width_px)?,
+                ..truth.clone()
+            },
             None => Truth::of(rig),
         };
-        let behaviour = Behaviour {
-            noise: if request.noise { Noise::On } else { Noise::Off },
-            seed: request.seed,
-            mischief: self.mischief,
-        };
+        let behaviour = self.behaviour;
         let Some(TriggerBox { port, wires }) = &self.trigger_box else {
             return Ok(Instrument::simulated(&truth, held, behaviour)?);
         };

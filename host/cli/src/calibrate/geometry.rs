@@ -12,7 +12,7 @@ use rcg::store::Lock;
 use crate::Done;
 use crate::failure::Failure;
 use crate::output::Output;
-use crate::request::{SetupArgs, image_size};
+use crate::request::{ConditionArgs, PortArgs, image_size};
 
 /// Find poses, lenses, mirror and sample frame with a flat mirror and a diffuse standard in the sample's place.
 ///
@@ -38,9 +38,9 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value_t = 256, value_parser = image_size)]
     image_size: u32,
     #[command(flatten)]
-    conditions: super::ConditionArgs,
+    conditions: ConditionArgs,
     #[command(flatten)]
-    setup: SetupArgs,
+    port: PortArgs,
 }
 
 fn tilt(text: &str) -> Result<[f64; 2], String> {
@@ -64,9 +64,10 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         let request = Request {
             rig: Rig::load(rig)?,
             tilts: args.tilts.clone(),
-            conditions: args.conditions.conditions(args.image_size)?,
+            image_size: args.image_size,
         };
-        capture(&request, &args.out, &args.setup.setup()?, output)?;
+        let world = super::world(&args.conditions, &args.port)?;
+        capture(&request, &args.out, &world, output)?;
     }
     let geometry = calibrate(&args.out).map_err(|error| Failure::from(error).at(args.out.display()))?;
     output.print(&geometry, || text(&geometry))

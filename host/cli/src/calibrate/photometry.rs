@@ -14,7 +14,7 @@ use rcg::store::whole_file::write_whole;
 use crate::Done;
 use crate::failure::Failure;
 use crate::output::{Output, table};
-use crate::request::{SetupArgs, exposure_ms, image_size};
+use crate::request::{ConditionArgs, PortArgs, exposure_ms, image_size};
 
 /// Find camera, projector's response, light, throughput and interreflection with reflectance standards.
 ///
@@ -55,9 +55,9 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value_t = 96, value_parser = image_size)]
     image_size: u32,
     #[command(flatten)]
-    conditions: super::ConditionArgs,
+    conditions: ConditionArgs,
     #[command(flatten)]
-    setup: SetupArgs,
+    port: PortArgs,
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
@@ -80,9 +80,9 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             second_standard: (args.second_standard != "none").then(|| args.second_standard.clone()),
             tilts: args.tilts.clone(),
             exposure_s: args.exposure_ms.map(|ms| ms * 1e-3),
-            conditions: args.conditions.conditions(args.image_size)?,
+            image_size: args.image_size,
         };
-        let setup = args.setup.setup()?;
+        let world = super::world(&args.conditions, &args.port)?;
         for standard in std::iter::once(&request.standard).chain(&request.second_standard) {
             parse(standard)?;
         }
@@ -90,7 +90,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         if !path.is_file() {
             write_whole(&path, Rig::load(rig)?.to_toml().as_bytes())?;
         }
-        capture(&request, &args.out, &setup, output)?;
+        capture(&request, &args.out, &world, output)?;
     }
     let photometry =
         calibrate(&args.out, uncertainty).map_err(|error| Failure::from(error).at(args.out.display()))?;

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Stdio;
 
-use crate::command::{rcg, refuses, run, text};
+use crate::command::{is_full, rcg, refuses, run, text};
 use crate::tree::{assert_same, count, files};
 
 const QUICK: [&str; 5] = ["--image-size", "24", "--exposure-ms", "4", "--adaptive"];
@@ -134,7 +134,7 @@ fn what_was_begun_is_resumed_to_the_same_bits_and_only_as_what_it_is() {
     let parts = ["adaptive.toml", "expected", "found another goal"];
     refuses(&[&other_goal[..], &QUICK].concat(), "", 2, &parts);
     for (more, parts) in [
-        (["--seed", "9"], ["adaptive.toml", "found another request"]),
+        (["--seed", "9"], ["adaptive.toml", "found another virtual rig"]),
         (["--rig", "rcg-2"], ["adaptive.toml", "found another rig"]),
     ] {
         refuses(&[&resumed[..], &more].concat(), "", 2, &parts);
@@ -341,16 +341,9 @@ impl Uneven {
 fn whatever_it_is_taken_with_its_plan_and_its_list_measure_the_same() {
     let uneven = Uneven::new();
     let known = uneven.known();
+    let few = if is_full() { 4 } else { 2 };
     for (place, options) in [
-        &[
-            "--brackets",
-            "auto",
-            "--grid",
-            "equal-solid-angle",
-            "--step",
-            "22.5",
-        ][..],
-        &[&known[..], &["--brackets", "0.5,4,30", "--grid", &uneven.list]].concat(),
+        &[&known[..], &["--brackets", "0.5,4,30", "--grid", &uneven.list]].concat()[..],
         &[
             "--rig",
             "rcg-2",
@@ -361,9 +354,18 @@ fn whatever_it_is_taken_with_its_plan_and_its_list_measure_the_same() {
             "--step",
             "30",
         ],
+        &[
+            "--brackets",
+            "auto",
+            "--grid",
+            "equal-solid-angle",
+            "--step",
+            "22.5",
+        ],
         &[&known[..], &["--tilt", "51:84:40", "--exposure-ms", "2"]].concat(),
     ]
     .into_iter()
+    .take(few)
     .enumerate()
     {
         uneven.measures_the_same(place, options);

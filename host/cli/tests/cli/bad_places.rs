@@ -3,19 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-use crate::command::{quick, quick_measurement, refuses, run, text};
+use crate::command::{makers, quick, quick_measurement, refuses, run, text};
 use crate::tree::files;
-
-/// Arguments of every command that makes a directory, with `out`.
-fn makers(out: &Path) -> [Vec<String>; 3] {
-    let other = |command: &str| {
-        let words = [command, "--out", text(out), "--step", "30"];
-        words.map(str::to_owned).to_vec()
-    };
-    let mut plan = other("plan");
-    plan.extend(["--image-size", "16", "--exposure-ms", "4"].map(str::to_owned));
-    [quick(out), plan, other("patterns")]
-}
 
 #[test]
 fn a_directory_with_files_in_it_is_refused_and_stays_as_it_is() {
@@ -110,25 +99,6 @@ fn a_parent_in_which_nothing_can_be_made_fails_with_the_path() {
         1,
         &["/proc/sphere.png"],
     );
-}
-
-#[test]
-#[cfg(unix)]
-fn a_parent_that_may_not_be_written_fails_with_the_path() {
-    use std::os::unix::fs::PermissionsExt as _;
-    let scratch = tempfile::tempdir().unwrap();
-    let closed = scratch.path().join("closed");
-    fs::create_dir(&closed).unwrap();
-    fs::set_permissions(&closed, fs::Permissions::from_mode(0o555)).unwrap();
-    if fs::write(closed.join("probe"), "").is_ok() {
-        println!("skipped: this user may write into read-only directories");
-        return;
-    }
-    for maker in makers(&closed.join("out")) {
-        refuses(&maker, "", 1, &[text(&closed), "ermission denied"]);
-    }
-    assert!(files(&closed).is_empty());
-    fs::set_permissions(&closed, fs::Permissions::from_mode(0o755)).unwrap();
 }
 
 #[test]

@@ -141,7 +141,17 @@ fn keys_that_are_unknown_missing_or_of_another_type_are_refused() {
     refused(
         |plan| with(plan, "noise", "\"loud\""),
         "plan.toml",
-        &["request.noise", "true or false", "loud"],
+        &["virtual.noise", "true or false", "loud"],
+    );
+    refused(
+        |plan| format!("{plan}\n[virtual.faults]\ndropped_frames = 1.5\n"),
+        "plan.toml",
+        &["virtual.faults", "from 0 to 1", "1.5"],
+    );
+    refused(
+        |plan| with(plan, "format", "3"),
+        "plan.toml",
+        &["expected 4", "found 3"],
     );
     refused(
         |plan| plan.replace("[request]", "[request"),

@@ -13,6 +13,11 @@ use serde_json::Value;
 /// No command of these tests needs a tenth of this; one that does hangs.
 const HANGS: Duration = Duration::from_mins(2);
 
+/// Whether the long tests are wanted: `./test.sh full`.
+pub(crate) fn is_full() -> bool {
+    std::env::var_os("RCG_FULL").is_some()
+}
+
 /// How a run of the command ended.
 #[derive(Debug)]
 pub(crate) struct Outcome {
@@ -154,4 +159,15 @@ pub(crate) fn quick_measurement(out: &Path) {
 /// A path as the command takes it.
 pub(crate) fn text(path: &Path) -> &str {
     path.to_str().expect("temporary directories have plain names")
+}
+
+/// Arguments of every command that makes a directory, with `out`.
+pub(crate) fn makers(out: &Path) -> [Vec<String>; 3] {
+    let other = |command: &str| {
+        let words = [command, "--out", text(out), "--step", "30"];
+        words.map(str::to_owned).to_vec()
+    };
+    let mut plan = other("plan");
+    plan.extend(["--image-size", "16", "--exposure-ms", "4"].map(str::to_owned));
+    [quick(out), plan, other("patterns")]
 }

@@ -149,17 +149,14 @@ impl Scene {
             "plot" => ["svg", "png", "csv"]
                 .map(|ending| format!("lambert --azimuths 8 --out {}", file(&format!("a.{ending}"))))
                 .to_vec(),
-            "study" => vec![format!(
-                "--sample lambert --intervals 45 --image-sizes 8 --coarse-intervals 45 --out {dir}"
-            )],
             "multiplex" => vec!["--step 30 --image-size 8 --order 3".to_owned()],
             "truth" => vec![format!("--out {}", file("truth.toml"))],
             "controller run" => ["csv", "jsonl"]
                 .map(|ending| format!("--steps 3 --records {}", file(&format!("r.{ending}"))))
                 .to_vec(),
             "controller bench" => vec!["--count 3".to_owned()],
-            // Minutes and gigabytes; nothing that could be stopped.
-            "paper" | "controller stop" => vec![],
+            // Long, and tried elsewhere; nothing that could be stopped.
+            "paper" | "study" | "controller stop" => vec![],
             other => panic!("`rcg {other}` has no use here: add a quick one"),
         };
         let stdin = match words[0].as_str() {

@@ -13,14 +13,14 @@ use crate::tree::{assert_same, count, files};
 /// What is waited for comes within a second or two.
 const NEVER: Duration = Duration::from_mins(1);
 
-/// A measurement of seven segments, with noise, and with faults that make its tally worth a comparison.
+/// A measurement of three segments, with noise, and with faults that make its tally worth a comparison.
 fn arguments(out: &Path) -> [&str; 15] {
     [
         "measure",
         "--out",
         text(out),
         "--step",
-        "3",
+        "5",
         "--image-size",
         "32",
         "--seed",
@@ -80,7 +80,7 @@ fn resumes(out: &Path) {
 fn killed_during_capture_it_goes_on_to_the_same_bytes() {
     let frames = |out: &Path| count(&out.join("raw.zarr/frames"), "c.");
     let mut killed = 0;
-    for chunks in [1, 3, 6] {
+    for chunks in [1, 2] {
         let scratch = tempfile::tempdir().unwrap();
         let out = scratch.path().join("out");
         if kill_at(&out, &|out| frames(out) >= chunks) {
@@ -114,7 +114,7 @@ fn killed_again_and_again_it_still_comes_to_the_same_bytes() {
     killed += usize::from(kill_at(&out, &|out| out.join("rig.toml").exists()));
     killed += usize::from(kill_at(&out, &|out| out.join("plan.toml").exists()));
     killed += usize::from(kill_at(&out, &|out| out.join("raw.zarr").exists()));
-    for chunks in [1, 2, 4] {
+    for chunks in [1, 2] {
         let stored = move |out: &Path| count(&out.join("raw.zarr/frames"), "c.") >= chunks;
         killed += usize::from(kill_at(&out, &stored));
     }
@@ -142,7 +142,7 @@ fn killed_at_any_time_it_still_comes_to_the_same_bytes() {
 #[test]
 fn killed_during_assembly_it_goes_on_to_the_same_bytes() {
     let mut killed = 0;
-    for chunks in [0, 8, 40] {
+    for chunks in [0, 8] {
         let scratch = tempfile::tempdir().unwrap();
         let out = scratch.path().join("out");
         let assembling = move |out: &Path| {

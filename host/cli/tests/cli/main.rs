@@ -27,8 +27,6 @@ mod calibrations;
 mod command;
 mod commands;
 mod directions;
-#[cfg(target_os = "linux")]
-mod disk_full;
 mod faults_on_purpose;
 mod fits;
 mod grids;
@@ -50,3 +48,4 @@ mod texts;
 mod tree;
 mod trigger_box;
 mod values;
+mod virtual_rig;

@@ -97,3 +97,15 @@ fn remarks_that_nobody_reads_stop_nothing() {
         .unwrap();
     assert_eq!(wait(&mut child), Some(2), "the exit code is told all the same");
 }
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_terminal_that_takes_nothing_is_an_error() {
+    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let status = rcg(&["plan"])
+        .stdout(full)
+        .stderr(std::process::Stdio::null())
+        .status()
+        .unwrap();
+    assert_eq!(status.code(), Some(1));
+}

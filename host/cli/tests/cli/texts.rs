@@ -181,20 +181,3 @@ fn a_line_without_end_is_refused_before_it_fills_memory() {
         );
     }
 }
-
-#[cfg(unix)]
-#[test]
-fn a_folder_whose_own_name_is_no_text_can_be_worked_in() {
-    use std::os::unix::ffi::OsStringExt as _;
-    let folder = tempfile::tempdir().unwrap();
-    let odd = folder
-        .path()
-        .join(std::ffi::OsString::from_vec(b"caf\xe9".to_vec()));
-    if fs::create_dir(&odd).is_err() {
-        println!("skipped: this file system takes no such name");
-        return;
-    }
-    let done = rcg(&quick(Path::new("m"))).current_dir(&odd).output().unwrap();
-    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
-    assert!(odd.join("m/brdf.zarr/zarr.json").is_file());
-}

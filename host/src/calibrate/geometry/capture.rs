@@ -6,11 +6,10 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::base::progress::Progress;
-use crate::calibrate::{CalibrateError, Conditions, create_raw, file, open_raw, segment_of};
+use crate::calibrate::{CalibrateError, create_raw, file, open_raw, segment_of};
 use crate::capture::Tally;
 use crate::capture::pilot::TestExposures;
 use crate::hemisphere::direction::from_degrees;
-use crate::hemisphere::incident::Grid;
 use crate::instrument::calibration::geometry::COMMAND;
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
@@ -21,7 +20,7 @@ use crate::plan::stripes::Stripes;
 use crate::store::whole_file::FileError;
 use crate::store::{RawLayout, RawStore};
 use crate::virtual_rig::Held;
-use crate::virtual_rig::setup::Setup;
+use crate::virtual_rig::setup::{SetupError, World};
 
 /// Name of the raw frames.
 pub(super) const RAW: &str = "geometry.raw.zarr";
@@ -42,8 +41,8 @@ pub struct Request {
     /// Tilts of the flat mirror against the sample's normal and the azimuths towards which it is tilted, sample frame,
     /// degrees.
     pub tilts: Vec<[f64; 2]>,
-    /// How they are captured.
-    pub conditions: Conditions,
+    /// Pixels a side of the camera's image.
+    pub image_size: u32,
 }
 
 /// What was captured.
@@ -54,7 +53,7 @@ pub struct Views {
     pub rig: Rig,
     /// As in [`Request::tilts`].
     pub tilts: Vec<[f64; 2]>,
-    /// As in [`Conditions::image_size`].
+    /// As in [`Request::image_size`].
     pub image_size: u32,
 }
 
@@ -83,7 +82,7 @@ impl Views {
     }
 }
 
-/// Captures the views of `request` into the directory `dir`: per tilt one segment of structured light, then one of the
+/// Captures the views of `request` in `world` into the directory `dir`: per tilt one segment of structured light, then one of the
 /// diffuse standard, lit and dark.
 ///
 /// # Errors
@@ -91,14 +90,14 @@ impl Views {
 pub fn capture(
     request: &Request,
     dir: &Path,
-    setup: &Setup,
+    world: &World,
     progress: &dyn Progress,
 ) -> Result<(), CalibrateError> {
     check_tilts(&request.tilts)?;
     let views = Views {
         rig: request.rig.clone(),
         tilts: request.tilts.clone(),
-        image_size: request.conditions.image_size,
+        image_size: request.image_size,
     };
     let rig = views.scaled()?;
     let stripes = views.stripes();
@@ -115,22 +114,19 @@ pub fn capture(
     };
     let mut raw: Option<RawStore> = None;
     let text = file::text(&views);
-    let opened_for = request
-        .conditions
-        .request(Grid::ThetaPhi { step_deg: 15.0 }, None);
     let spot = PatternMaker::new(View::projector(&rig), SPOT_DEG, 1.0)
         .lit_set(lit_direction(&rig))
         .map(|lit| lit.pixels)
         .unwrap_or_default();
     let mut held: Vec<Held> = views.mirrors().into_iter().map(Held::Mirror).collect();
     held.push(Held::Sample(Arc::from(
-        crate::brdf::sample::parse(STANDARD).map_err(crate::virtual_rig::setup::SetupError::from)?,
+        crate::brdf::sample::parse(STANDARD).map_err(SetupError::from)?,
     )));
     progress.begin("calibration views", layout.exposures, "exposures");
     let mut done = 0;
     for (index, held) in held.into_iter().enumerate() {
         let is_mirror = matches!(held, Held::Mirror(_));
-        let mut instrument = setup.open_held(&rig, held, &opened_for)?;
+        let mut instrument = world.open_held(&rig, held, None)?;
         let draw = |exposure: usize, image: &mut BitPattern| match exposure {
             exposure if is_mirror => stripes.draw(exposure, image),
             0 => image.light(&spot),

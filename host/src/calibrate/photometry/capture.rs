@@ -25,9 +25,8 @@ use serde::{Deserialize, Serialize};
 use super::exposure::{Exposures, light};
 use super::in_holder::{InHolder, Standards};
 use crate::base::progress::Progress;
-use crate::calibrate::{CalibrateError, Conditions, RIG, create_raw, file, open_raw, segment_of};
+use crate::calibrate::{CalibrateError, RIG, create_raw, file, open_raw, segment_of};
 use crate::capture::{Instrument, Tally};
-use crate::hemisphere::incident::Grid;
 use crate::instrument::calibration::photometry::COMMAND;
 use crate::instrument::calibration::{CalibrationError, lights};
 use crate::instrument::frame_format::FrameFormat;
@@ -37,7 +36,7 @@ use crate::plan;
 use crate::plan::pattern::{BitPattern, PatternMaker};
 use crate::plan::schedule::Timing;
 use crate::store::{RawLayout, RawStore};
-use crate::virtual_rig::setup::Setup;
+use crate::virtual_rig::setup::World;
 
 /// Name of the raw frames.
 pub(super) const RAW: &str = "photometry.raw.zarr";
@@ -59,8 +58,8 @@ pub struct Request {
     pub tilts: Vec<Tilt>,
     /// Longest exposure time, seconds; `None` for the longest that does not saturate.
     pub exposure_s: Option<f64>,
-    /// How they are captured.
-    pub conditions: Conditions,
+    /// Pixels a side of the camera's image.
+    pub image_size: u32,
 }
 
 /// What was captured.
@@ -73,7 +72,7 @@ pub struct Views {
     pub(super) standard: String,
     /// As in [`Request::second_standard`].
     pub(super) second_standard: Option<String>,
-    /// As in [`Conditions::image_size`].
+    /// As in [`Request::image_size`].
     pub(super) image_size: u32,
     /// Exposure times of the series, seconds, ascending.
     pub(super) times_s: Vec<f64>,
@@ -214,14 +213,14 @@ impl Views {
     }
 }
 
-/// Captures the views of `request` with the rig of the calibration in `dir`, into it.
+/// Captures the views of `request` in `world` with the rig of the calibration in `dir`, into it.
 ///
 /// # Errors
 /// [`CalibrateError`].
 pub fn capture(
     request: &Request,
     dir: &Path,
-    setup: &Setup,
+    world: &World,
     progress: &dyn Progress,
 ) -> Result<(), CalibrateError> {
     let full = Rig::load(&dir.join(RIG).display().to_string())?;
@@ -231,13 +230,13 @@ pub fn capture(
         .chain(request.tilts.iter().copied().map(Some))
         .collect();
     let mut holders = holders(&full, request, &tilts)?;
-    let Exposures { times_s, spot_deg } = light(&mut holders, &standards.first, request.exposure_s, setup)?;
+    let Exposures { times_s, spot_deg } = light(&mut holders, &standards.first, request.exposure_s, world)?;
     let exposure_s = times_s.last().copied().expect("invariant: there are times");
     let views = Views {
         rig: full,
         standard: request.standard.clone(),
         second_standard: request.second_standard.clone(),
-        image_size: request.conditions.image_size,
+        image_size: request.image_size,
         times_s,
         exposure_s,
         spot_deg,
@@ -265,7 +264,7 @@ pub fn capture(
             Some((before, instrument)) if *before == (stand, what) => instrument,
             _ => {
                 let sample = standards.get(what).clone();
-                let instrument = setup.open_held(&holder.rig, sample, &holder.request)?;
+                let instrument = world.open_held(&holder.rig, sample, holder.tilt)?;
                 &mut held.insert(((stand, what), instrument)).1
             }
         };
@@ -295,11 +294,7 @@ pub fn capture(
 fn holders(full: &Rig, request: &Request, tilts: &[Option<Tilt>]) -> Result<Vec<Holder>, CalibrateError> {
     tilts
         .iter()
-        .map(|tilt| {
-            // What an instrument is opened for; the patterns are made here.
-            let grid = Grid::ThetaPhi { step_deg: 10.0 };
-            Holder::new(full, request.conditions.request(grid, *tilt))
-        })
+        .map(|tilt| Holder::new(full, *tilt, request.image_size))
         .collect()
 }
 
@@ -350,7 +345,7 @@ fn check_tilts(tilts: &[Tilt]) -> Result<(), CalibrateError> {
 
 /// The holder at one tilt.
 pub(super) struct Holder {
-    pub(super) request: plan::Request,
+    pub(super) tilt: Option<Tilt>,
     /// The rig with the tilt, its camera image scaled.
     pub(super) rig: Rig,
     /// Indices of the directions that are lit, whole segments of them.
@@ -359,8 +354,8 @@ pub(super) struct Holder {
 }
 
 impl Holder {
-    pub(super) fn new(full: &Rig, request: plan::Request) -> Result<Self, CalibrateError> {
-        let rig = request.rig(full)?;
+    pub(super) fn new(full: &Rig, tilt: Option<Tilt>, image_size: u32) -> Result<Self, CalibrateError> {
+        let rig = full.tilted(tilt)?.with_image_size(image_size)?;
         let mut directions = lights::measurable(&rig);
         if directions.len() < SEGMENT {
             return Err(CalibrateError::Views {
@@ -373,7 +368,7 @@ impl Holder {
         let rest = directions.len().next_multiple_of(SEGMENT) - directions.len();
         directions.extend_from_within(..rest);
         Ok(Self {
-            request,
+            tilt,
             maker: maker(&rig, rig.light.spot_deg),
             rig,
             directions,

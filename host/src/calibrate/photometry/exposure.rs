@@ -11,7 +11,7 @@ use crate::calibrate::CalibrateError;
 use crate::capture::pilot::TestExposures;
 use crate::plan::schedule::{LONGEST_EXPOSURE_S, SHORTEST_EXPOSURE_S};
 use crate::virtual_rig::Held;
-use crate::virtual_rig::setup::Setup;
+use crate::virtual_rig::setup::World;
 
 /// Exposure times of the series.
 const TIMES: usize = 8;
@@ -42,7 +42,7 @@ pub(super) fn light(
     holders: &mut [Holder],
     standard: &Held,
     exposure_s: Option<f64>,
-    setup: &Setup,
+    world: &World,
 ) -> Result<Exposures, CalibrateError> {
     let least_s = LEAST_RATIO * SHORTEST_EXPOSURE_S;
     if let Some(exposure_s) = exposure_s {
@@ -65,7 +65,7 @@ pub(super) fn light(
     let whole_deg = holders[0].rig.light.spot_deg;
     let mut spot_deg = whole_deg;
     for _ in 0..=HALVINGS {
-        let longest_s = longest_s(holders, standard, setup)?;
+        let longest_s = longest_s(holders, standard, world)?;
         if longest_s >= least_s {
             return Ok(Exposures {
                 times_s: series(longest_s),
@@ -89,10 +89,10 @@ pub(super) fn light(
 }
 
 /// The longest exposure time in s that saturates `standard` at no stand; 0 if all do.
-fn longest_s(holders: &[Holder], standard: &Held, setup: &Setup) -> Result<f64, CalibrateError> {
+fn longest_s(holders: &[Holder], standard: &Held, world: &World) -> Result<f64, CalibrateError> {
     let mut longest_s = PATIENCE_S;
     for holder in holders {
-        let mut instrument = setup.open_held(&holder.rig, standard.clone(), &holder.request)?;
+        let mut instrument = world.open_held(&holder.rig, standard.clone(), holder.tilt)?;
         let patterns: Vec<Vec<u32>> = holder
             .directions
             .iter()
@@ -130,9 +130,9 @@ mod tests {
     use rand_xoshiro::Xoshiro256PlusPlus;
 
     use super::*;
-    use crate::calibrate::Conditions;
-    use crate::hemisphere::incident::Grid;
     use crate::instrument::rig::Rig;
+    use crate::plan::Virtual;
+    use crate::virtual_rig::setup::Setup;
 
     #[test]
     fn the_series_stays_within_what_there_is_and_reaches_from_dim_to_bright() {
@@ -196,22 +196,20 @@ mod tests {
                 rig.camera.exposure_s = 1e-3;
                 rig.light.full_scale_f_sr = 0.3 * rng.random_range(2e-6..12e-6) / rig.camera.exposure_s;
             }
-            let conditions = Conditions {
-                image_size: 12,
-                truth: None,
-                noise: true,
+            let setup = Setup::from(Virtual {
                 seed: draw as u64,
-            };
-            let request = conditions.request(Grid::ThetaPhi { step_deg: 10.0 }, None);
-            let mut holders = [Holder::new(&rig, request).unwrap()];
-            match light(&mut holders, &standard, None, &Setup::default()) {
+                ..Virtual::default()
+            });
+            let world = setup.world().unwrap();
+            let mut holders = [Holder::new(&rig, None, 12).unwrap()];
+            match light(&mut holders, &standard, None, &world) {
                 Ok(exposures) => {
                     found += 1;
                     smaller += u32::from(exposures.spot_deg.is_some());
                     let times_s = &exposures.times_s;
                     assert!(times_s[0] >= SHORTEST_EXPOSURE_S, "{times_s:?}");
                     // What is lit does not saturate.
-                    let longest_s = longest_s(&holders, &standard, &Setup::default()).unwrap();
+                    let longest_s = longest_s(&holders, &standard, &world).unwrap();
                     assert!(
                         *times_s.last().unwrap() <= longest_s * 1.05,
                         "{times_s:?} {longest_s}"

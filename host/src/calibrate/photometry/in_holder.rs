@@ -8,6 +8,7 @@ use crate::brdf::sample::Sample;
 use crate::calibrate::CalibrateError;
 use crate::hemisphere::direction::from_degrees;
 use crate::virtual_rig::Held;
+use crate::virtual_rig::setup::SetupError;
 
 /// What is in the holder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,8 +41,7 @@ impl Standards {
     /// Those of `request`, as far as they can serve.
     pub(super) fn of(request: &Request) -> Result<Self, CalibrateError> {
         let parse = |spec: &str| -> Result<Held, CalibrateError> {
-            let sample =
-                crate::brdf::sample::parse(spec).map_err(crate::virtual_rig::setup::SetupError::from)?;
+            let sample = crate::brdf::sample::parse(spec).map_err(SetupError::from)?;
             Ok(Held::Sample(Arc::from(sample)))
         };
         let standard = parse(&request.standard)?;

@@ -2,9 +2,9 @@
 
 use super::*;
 use crate::base::progress::Silent;
-use crate::calibrate::Conditions;
 use crate::instrument::optics::{DirectionMap, View};
 use crate::instrument::rig::Tilt;
+use crate::plan::Virtual;
 use crate::virtual_rig::setup::Setup;
 use crate::virtual_rig::{Tolerances, Truth};
 
@@ -36,15 +36,14 @@ fn calibrated(
         second_standard: second.map(str::to_owned),
         tilts: Vec::new(),
         exposure_s: None,
-        conditions: Conditions {
-            image_size: SIZE,
-            truth: Some(path.display().to_string()),
-            noise: true,
-            seed: 1,
-        },
+        image_size: SIZE,
     };
+    let setup = Setup::from(Virtual {
+        truth: Some(path.display().to_string()),
+        ..Virtual::default()
+    });
     change(&mut request);
-    let found = capture(&request, folder.path(), &Setup::default(), &Silent)
+    let found = capture(&request, folder.path(), &setup.world().unwrap(), &Silent)
         .and_then(|()| super::calibrate(folder.path(), 0.0025));
     (truth, found)
 }

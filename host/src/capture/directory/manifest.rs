@@ -31,7 +31,7 @@ pub(super) struct Manifest {
 
 impl Manifest {
     /// That of the measurement in `dir` that begins now, with what there is to say of it.
-    pub(super) fn new(dir: &Path, sums: &Sums, seed: u64, facts: Map<String, Value>) -> Self {
+    pub(super) fn new(dir: &Path, sums: &Sums, seed: Option<u64>, facts: Map<String, Value>) -> Self {
         let mut all = Map::new();
         all.insert("format".to_owned(), json!(FORMAT));
         all.insert("state".to_owned(), json!(State::Planned));
@@ -40,7 +40,9 @@ impl Manifest {
             json!(concat!("rcg ", env!("CARGO_PKG_VERSION"))),
         );
         all.insert("protocol".to_owned(), json!(rcg_protocol::PROTOCOL_VERSION));
-        all.insert("seed".to_owned(), json!(seed));
+        if let Some(seed) = seed {
+            all.insert("seed".to_owned(), json!(seed));
+        }
         all.insert(SUMS.to_owned(), json!(sums));
         all.extend(facts);
         Self {

@@ -37,7 +37,7 @@ mod segment;
 
 pub use error::MeasurementError;
 use files::write_synced;
-pub(crate) use identity::{Sums, sums_at, sums_of};
+pub(crate) use identity::{Sums, stamps_of, sums_at, sums_of};
 use manifest::{MANIFEST, Manifest};
 pub(crate) use segment::take_segment;
 
@@ -199,7 +199,7 @@ impl Measurement {
             plan,
             directions,
         };
-        let seed = measurement.plan.request.seed;
+        let seed = measurement.plan.virtual_rig.as_ref().map(|spec| spec.seed);
         Manifest::new(dir, &measurement.sums, seed, facts).write()?;
         let path = measurement.path("plan.toml");
         fs::rename(&temporary, &path).map_err(|source| FileError::at(&path, source))?;

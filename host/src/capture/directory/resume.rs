@@ -3,7 +3,7 @@
 use super::{Measurement, MeasurementError};
 use crate::instrument::calibration::{AppliedCalibration, Calibration, rig_hash};
 use crate::instrument::rig::Rig;
-use crate::plan::Request;
+use crate::plan::{Request, Virtual};
 
 impl Measurement {
     /// Refuses to go on with a `rig` (as loaded, or that of `calibration`) or a `calibration` that is not the one with which
@@ -38,15 +38,20 @@ impl Measurement {
     }
 
     /// Refuses to go on if something else is asked for than what this measurement holds. Sample and truth may lie elsewhere
-    /// now if their content is the same; they are taken from there then.
+    /// now if their content is the same; they are taken from there then. What it is compared with, and what goes wrong on
+    /// purpose, may be another.
     ///
     /// # Errors
     /// [`MeasurementError::Differs`] with the first field that differs.
-    pub fn check_same(&mut self, request: &Request) -> Result<(), MeasurementError> {
+    pub fn check_same(&mut self, request: &Request, virtual_rig: &Virtual) -> Result<(), MeasurementError> {
         let held = &self.plan.request;
+        let Some(held_rig) = &self.plan.virtual_rig else {
+            let (expected, found) = ("a real one", "the virtual one");
+            return Err(self.differs("instrument", expected.to_owned(), found.to_owned()));
+        };
         let (sample, truth) = (
-            self.is_same_file(request, "sample"),
-            self.is_same_file(request, "truth"),
+            self.is_same_file(Some(virtual_rig), "sample"),
+            self.is_same_file(Some(virtual_rig), "truth"),
         );
         let or_none = |value: Option<String>| value.unwrap_or_else(|| "none".to_owned());
         let on_or_off = |noise: bool| if noise { "on" } else { "off" }.to_owned();
@@ -62,14 +67,13 @@ impl Measurement {
         } else {
             grid(request)
         };
-        let other = |is_same: bool, held: &Option<String>, asked: &Option<String>| {
-            let asked = if is_same { held } else { asked };
-            (or_none(held.clone()), or_none(asked.clone()))
-        };
-        let (held_sample, sample) = other(sample, &held.sample, &request.sample);
-        let (held_truth, truth) = other(truth, &held.truth, &request.truth);
+        let named = |spec: &Virtual| [Some(spec.sample.clone()), spec.truth.clone()].map(or_none);
+        let [held_sample, held_truth] = named(held_rig);
+        let [asked_sample, asked_truth] = named(virtual_rig);
+        let sample = if sample { held_sample.clone() } else { asked_sample };
+        let truth = if truth { held_truth.clone() } else { asked_truth };
         let tilt = |request: &Request| or_none(request.tilt.map(|tilt| tilt.to_string()));
-        let fields: [(&'static str, String, String); 9] = [
+        let fields: [(&'static str, String, String); 11] = [
             ("grid", grid(held), other_grid),
             (
                 "image-size",
@@ -85,14 +89,24 @@ impl Measurement {
             ("sample", held_sample, sample),
             ("truth", held_truth, truth),
             ("tilt", tilt(held), tilt(request)),
-            ("noise", on_or_off(held.noise), on_or_off(request.noise)),
-            ("seed", held.seed.to_string(), request.seed.to_string()),
+            ("noise", on_or_off(held_rig.noise), on_or_off(virtual_rig.noise)),
+            ("seed", held_rig.seed.to_string(), virtual_rig.seed.to_string()),
+            (
+                "sample-name",
+                or_none(held.sample_name.clone()),
+                or_none(request.sample_name.clone()),
+            ),
+            (
+                "sample-description",
+                or_none(held.sample_description.clone()),
+                or_none(request.sample_description.clone()),
+            ),
         ];
         if let Some((field, expected, found)) = fields.into_iter().find(|(_, held, asked)| held != asked) {
             return Err(self.differs(field, expected, found));
         }
-        self.plan.request.sample.clone_from(&request.sample);
-        self.plan.request.truth.clone_from(&request.truth);
+        self.plan.request.reference.clone_from(&request.reference);
+        self.plan.virtual_rig = Some(virtual_rig.clone());
         self.check_inputs()
     }
 

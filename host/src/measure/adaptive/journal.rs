@@ -17,12 +17,12 @@ use serde::{Deserialize, Serialize};
 
 use super::{Goal, GoalError};
 use crate::base::blame::Blame;
-use crate::capture::directory::{MeasurementError, Sums, sums_at, sums_of};
+use crate::capture::directory::{MeasurementError, Sums, sums_at};
 use crate::hemisphere::incident::{Grid, IncidentError};
 use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::rig::{Rig, RigError, explain};
 use crate::measure::MeasureError;
-use crate::plan::{BLACK_EXPOSURES, Plan, Request};
+use crate::plan::{BLACK_EXPOSURES, Plan, Request, Virtual};
 use crate::store::checksum::sum;
 use crate::store::raw::SUBJECT;
 use crate::store::whole_file::{FileError, write_whole};
@@ -124,6 +124,9 @@ pub(super) struct Asked {
     pub(super) goal: Goal,
     /// The request; its grid has no part in it.
     pub(super) request: Request,
+    /// The virtual rig.
+    #[serde(rename = "virtual")]
+    pub(super) virtual_rig: Virtual,
 }
 
 impl Asked {
@@ -168,6 +171,7 @@ impl Journal {
         rig: &Rig,
         applied: Option<&AppliedCalibration>,
         segments: Segments,
+        inputs: &Sums,
         clock_hz: u32,
     ) -> Result<Self, AdaptiveError> {
         fs::create_dir_all(dir).map_err(|source| FileError::at(dir, source))?;
@@ -176,7 +180,7 @@ impl Journal {
         if let Some(applied) = applied {
             applied.write(dir)?;
         }
-        Self::open(dir, rig, segments, clock_hz)
+        Self::open(dir, rig, segments, inputs, clock_hz)
     }
 
     /// What was asked for in `dir`.
@@ -187,11 +191,12 @@ impl Journal {
     }
 
     /// Opens what was begun in `dir`, its frames in `segments` unless there are some already, with a trigger box whose clock
-    /// has the same rate.
+    /// has the same rate and sample and truth of the same content, `inputs`.
     pub(super) fn open(
         dir: &Path,
         rig: &Rig,
         segments: Segments,
+        inputs: &Sums,
         clock_hz: u32,
     ) -> Result<Self, AdaptiveError> {
         let content = |name: &str| {
@@ -199,7 +204,7 @@ impl Journal {
             fs::read(&path).map_err(|source| FileError::at(&path, source))
         };
         let sum_of_asked = sum(&content(ASKED)?);
-        let mut sums = sums_of(&Self::asked(dir)?.request)?;
+        let mut sums = inputs.clone();
         sums.insert(ASKED.to_owned(), sum_of_asked.clone());
         if dir.join(AppliedCalibration::FILE).exists() {
             sums.insert(

@@ -20,10 +20,10 @@ use crate::hemisphere::incident::{DirectionList, Grid, IncidentSet};
 use crate::instrument::calibration::{AppliedCalibration, Calibration};
 use crate::instrument::optics::{Unmeasurable, View};
 use crate::instrument::rig::Rig;
-use crate::measure::{MeasureError, planned};
+use crate::measure::{Job, MeasureError};
 use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::plan::schedule::Timing;
-use crate::plan::{BLACK_EXPOSURES, Directions, Exposure, Plan, PlanError, Request};
+use crate::plan::{BLACK_EXPOSURES, Directions, Exposure, Plan, PlanError, Request, Virtual};
 use crate::store::{Lock, Segment};
 use crate::virtual_rig::setup::Setup;
 
@@ -49,7 +49,7 @@ struct Loop<'a> {
 
 /// Measures `request` on `rig` (as loaded) adaptively in `out`, which is new or empty, or with `resume` one in which this
 /// was begun. `start` is the coarse beginning, the usual one if there is none; the grid of the request has no part. If
-/// `setup` has a calibration, `rig` is its rig. Returns the measurement, all of its frames captured, and how it went.
+/// `setup` has a calibration, `rig` is its rig. Returns the job, the measurement, all of its frames captured, and how it went.
 ///
 /// # Errors
 /// [`AdaptiveError`].
@@ -63,7 +63,7 @@ pub fn measure(
     setup: &Setup,
     resume: bool,
     progress: &dyn Progress,
-) -> Result<(Measurement, Adapted), AdaptiveError> {
+) -> Result<(Job, Measurement, Adapted), AdaptiveError> {
     let request = Request {
         grid: grid(None),
         ..request.clone()
@@ -74,30 +74,32 @@ pub fn measure(
     };
     let applied = setup.calibration.as_ref().map(Calibration::applied);
     let resumed = resume && Journal::exists(out);
-    let (scaled, plan, asked, lock) = if resumed {
+    let (job, asked, lock) = if resumed {
         let lock = Lock::folder(out)?;
         let scaled = request.rig(rig).map_err(MeasurementError::from)?;
-        let asked = resumed_as(out, &scaled, &request, start, goal, applied.as_ref())?;
-        let plan = Plan::bracketed(begun, &scaled, &asked.exposures_s()).map_err(MeasurementError::from)?;
-        (scaled, plan, asked, lock)
+        let asked = resumed_as(out, &scaled, &request, start, goal, setup)?;
+        let job = Job::with_times(rig, begun, &asked.exposures_s(), setup)?;
+        (job, asked, lock)
     } else {
         Measurement::check_new(out)?;
-        let (scaled, plan) = planned(rig, begun, setup, progress)?;
+        let job = Job::new(rig, begun, setup, progress)?;
         let lock = Lock::folder(out)?;
         // The pilot capture takes its time.
         Measurement::check_new(out)?;
         let asked = Asked {
-            exposure_s: plan.exposure_s,
-            longer_s: plan.exposures_s().split_off(1),
-            rig: scaled.to_toml(),
+            exposure_s: job.plan.exposure_s,
+            longer_s: job.plan.exposures_s().split_off(1),
+            rig: job.rig.to_toml(),
             start: start.cloned(),
             goal,
             request: request.clone(),
+            virtual_rig: setup.virtual_rig.clone(),
         };
-        (scaled, plan, asked, lock)
+        (job, asked, lock)
     };
+    let (scaled, plan) = (&job.rig, &job.plan);
     let known = applied.clone().unwrap_or_default();
-    let fixed = Loop::new(&scaled, &known, &plan, request.image_size)?;
+    let fixed = Loop::new(scaled, &known, plan, request.image_size)?;
     let first = fixed.first(start, goal.budget)?;
     // What is no whole batch can only be the end.
     let segments = Segments {
@@ -109,12 +111,17 @@ pub fn measure(
         patterns: fixed.patterns,
         brackets: plan.brackets(),
     };
-    let mut instrument = setup.open(&scaled, &request).map_err(MeasureError::from)?;
+    let mut instrument = job.open().map_err(MeasureError::from)?;
+    let inputs = job
+        .world
+        .as_ref()
+        .map(|world| world.inputs.clone())
+        .unwrap_or_default();
     let clock_hz = instrument.device.info().clock_hz;
     let journal = if resumed {
-        Journal::open(out, &scaled, segments, clock_hz)?
+        Journal::open(out, scaled, segments, &inputs, clock_hz)?
     } else {
-        Journal::create(out, &asked, &scaled, applied.as_ref(), segments, clock_hz)?
+        Journal::create(out, &asked, scaled, applied.as_ref(), segments, &inputs, clock_hz)?
     };
     let (directions_deg, adapted) = fixed.run(
         &journal,
@@ -126,23 +133,32 @@ pub fn measure(
     )?;
 
     let grid = Grid::List { directions_deg };
-    let plan = Plan {
-        segment: segments.patterns * segments.brackets,
-        ..Plan::bracketed(Request { grid, ..request }, &scaled, &plan.exposures_s())
-            .map_err(MeasurementError::from)?
-    };
-    journal.publish(
-        &scaled,
-        &plan,
-        Segments {
-            captures: plan.direction_count,
-            ..segments
-        },
-    )?;
+    let plan = published(&journal, &job, Request { grid, ..request }, segments)?;
     let facts = Map::from_iter([("adaptive".to_owned(), json!(adapted))]);
     let measurement = Measurement::create_in_with(out, scaled.clone(), plan, None, facts)?.holding(lock);
     journal.close()?;
-    Ok((measurement, adapted))
+    // It borrows the job.
+    drop(fixed);
+    let plan = measurement.plan.clone();
+    Ok((Job { plan, ..job }, measurement, adapted))
+}
+
+/// The plan of `request`, whose grid is what `journal` holds in `segments`, with the frames where a measurement has them.
+fn published(
+    journal: &Journal,
+    job: &Job,
+    request: Request,
+    segments: Segments,
+) -> Result<Plan, AdaptiveError> {
+    let plan = Plan::bracketed(request, &job.rig, &job.plan.exposures_s());
+    let plan = Plan {
+        segment: segments.patterns * segments.brackets,
+        virtual_rig: job.plan.virtual_rig.clone(),
+        ..plan.map_err(MeasurementError::from)?
+    };
+    let captures = plan.direction_count;
+    journal.publish(&job.rig, &plan, Segments { captures, ..segments })?;
+    Ok(plan)
 }
 
 /// An adaptive measurement as it was asked for.
@@ -150,6 +166,8 @@ pub fn measure(
 pub struct Begun {
     /// The request; its grid has no part.
     pub request: Request,
+    /// The virtual rig.
+    pub virtual_rig: Virtual,
     /// Coarse beginning, the usual one if there is none.
     pub start: Option<Grid>,
     /// What is to be reached.
@@ -165,9 +183,18 @@ pub fn begun(dir: &Path) -> Result<Option<Begun>, AdaptiveError> {
         return Ok(None);
     }
     let Asked {
-        request, start, goal, ..
+        request,
+        virtual_rig,
+        start,
+        goal,
+        ..
     } = Journal::asked(dir)?;
-    Ok(Some(Begun { request, start, goal }))
+    Ok(Some(Begun {
+        request,
+        virtual_rig,
+        start,
+        goal,
+    }))
 }
 
 /// Refuses to go on in `dir`, where an adaptive measurement was `begun`, with another goal or beginning.
@@ -191,9 +218,11 @@ fn resumed_as(
     request: &Request,
     start: Option<&Grid>,
     goal: Goal,
-    applied: Option<&AppliedCalibration>,
+    setup: &Setup,
 ) -> Result<Asked, AdaptiveError> {
     let asked = Journal::asked(out)?;
+    let applied = setup.calibration.as_ref().map(Calibration::applied);
+    let applied = applied.as_ref();
     if let Some(applied) = applied.filter(|_| !Journal::has_frames(out)) {
         applied.write(out).map_err(MeasureError::from)?;
     }
@@ -202,6 +231,11 @@ fn resumed_as(
         ("rig", asked.rig == scaled.to_toml()),
         ("goal", asked.goal == goal),
         ("request", asked.request == *request),
+        // What goes wrong on purpose changes no frame.
+        (
+            "virtual rig",
+            asked.virtual_rig.calm() == setup.virtual_rig.calm(),
+        ),
         ("coarse start", asked.start.as_ref() == start),
         (
             "calibration",

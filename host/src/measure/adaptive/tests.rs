@@ -14,6 +14,7 @@ use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
+use crate::plan::Virtual;
 use crate::plan::pattern::PatternMaker;
 use crate::plan::{Directions, Request};
 use crate::virtual_rig::setup::Setup;
@@ -21,17 +22,11 @@ use crate::virtual_rig::setup::Setup;
 /// Incident directions at which interpolation is judged.
 const JUDGED: usize = 300;
 
-fn request(sample: &str) -> Request {
+fn request() -> Request {
     Request {
         grid: Grid::ThetaPhi { step_deg: 15.0 },
         image_size: 48,
-        exposure_s: None,
-        brackets: crate::plan::brackets::Brackets::One,
-        sample: Some(sample.to_owned()),
-        truth: None,
-        tilt: None,
-        noise: true,
-        seed: 1,
+        ..Request::default()
     }
 }
 
@@ -96,13 +91,17 @@ fn compared(spec: &str, step_deg: f64) -> (usize, (f64, f64), (f64, f64), f64) {
     let usable: Vec<bool> = uniform.reasons.iter().map(Option::is_none).collect();
     let dir = tempfile::tempdir().unwrap();
     let goal = Goal::new(None, Some(budget)).unwrap();
-    let (measurement, adapted) = measure(
+    let setup = Setup::from(Virtual {
+        sample: spec.to_owned(),
+        ..Virtual::default()
+    });
+    let (_, measurement, adapted) = measure(
         &dir.path().join("m"),
         &rig,
-        &request(spec),
+        &request(),
         None,
         goal,
-        &Setup::default(),
+        &setup,
         false,
         &Silent,
     )

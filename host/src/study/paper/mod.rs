@@ -28,8 +28,8 @@ use crate::judge::render::{automatic_exposure, corrugated, save, sheet, sphere};
 use crate::judge::scan::{AzimuthScan, INCIDENT_DEG, THETA_R_DEG};
 use crate::measure::report::Summary;
 use crate::measure::{MeasureError, complete, prepare};
-use crate::plan::Request;
 use crate::plan::pattern::{BitPattern, PatternMaker};
+use crate::plan::{Request, Virtual};
 use crate::store::whole_file::{FileError, write_whole};
 use crate::store::{Lock, StoreError};
 use crate::study::{Settings, Study, StudyError, study};
@@ -136,18 +136,15 @@ pub fn paper(
         let request = Request {
             grid: Grid::ThetaPhi { step_deg },
             image_size,
-            exposure_s: None,
-            brackets: crate::plan::brackets::Brackets::One,
-            sample: Some(sample.to_owned()),
-            truth: None,
-            tilt: None,
-            noise: true,
-            seed: 1,
+            ..Request::default()
         };
+        let setup = Setup::from(Virtual {
+            sample: sample.to_owned(),
+            ..Virtual::default()
+        });
         let dir = out.join(sample.replace(':', "-"));
-        let (rig, setup) = (Rig::load(rig)?, Setup::default());
-        let measurement = prepare(&dir, &rig, request, &setup, progress)?;
-        Ok(complete(&measurement, &setup, clock, progress)?)
+        let (job, measurement) = prepare(&dir, &Rig::load(rig)?, request, &setup, progress)?;
+        Ok(complete(&measurement, &job, clock, progress)?)
     };
     // The first also checks the image size, before anything is made.
     let mut measurements = vec![made(BRASS, RIGS[0], FRAMES_STEP_DEG)?];
@@ -239,6 +236,7 @@ mod tests {
     use crate::base::progress::Silent;
 
     #[test]
+    #[ignore = "long: ./test.sh full runs it"]
     fn all_that_the_page_shows_is_there() {
         let scratch = tempfile::tempdir().unwrap();
         let out = scratch.path().join("paper");

@@ -15,17 +15,6 @@ use super::Behaviour;
 use super::light::Glow;
 use crate::instrument::rig::Rig;
 
-/// What goes wrong on purpose: rates between 0 and 1, drawn from the seed.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Mischief {
-    /// Triggers that the camera ignores.
-    pub missed_triggers: f64,
-    /// Exposures whose frames are lost on the way.
-    pub dropped_frames: f64,
-    /// Frames that come twice.
-    pub doubled_frames: f64,
-}
-
 /// One exposure that is over.
 #[derive(Clone, Debug)]
 pub(super) struct Shot {
@@ -184,7 +173,7 @@ impl Stage {
         } else {
             self.busy_until
         };
-        let unlucky = self.chance(1, self.triggers, self.behaviour.mischief.missed_triggers);
+        let unlucky = self.chance(1, self.triggers, self.behaviour.faults.missed_triggers);
         let missed = unlucky || from < ready;
         self.open = Some(Open { from, missed });
         (!missed).then_some(StrobeEdge {
@@ -211,10 +200,10 @@ impl Stage {
             seen,
             seed: self.seed(0, id),
         };
-        if self.chance(3, id, self.behaviour.mischief.doubled_frames) {
+        if self.chance(3, id, self.behaviour.faults.doubled_frames) {
             self.shots.push_back(shot.clone());
         }
-        if !self.chance(2, id, self.behaviour.mischief.dropped_frames) {
+        if !self.chance(2, id, self.behaviour.faults.dropped_frames) {
             self.shots.push_back(shot);
         }
         Some(StrobeEdge {

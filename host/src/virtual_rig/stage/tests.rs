@@ -1,6 +1,7 @@
 //! Edges in, exposures out, by hand.
 
 use super::*;
+use crate::plan::Faults;
 use crate::virtual_rig::Noise;
 use crate::virtual_rig::light::Light;
 
@@ -23,7 +24,7 @@ fn stage() -> Stage {
     let behaviour = Behaviour {
         noise: Noise::Off,
         seed: 1,
-        mischief: Mischief::default(),
+        faults: Faults::default(),
     };
     let mut stage = Stage::new(&Rig::load("rcg-1").unwrap(), behaviour, CLOCK_HZ);
     for index in 1..=4 {
@@ -123,7 +124,7 @@ fn images_do_not_know_when_their_run_began() {
     // An exposure of an odd number of ticks over two patterns, with a third of the triggers missed.
     let shots = |start: u64| {
         let mut stage = stage();
-        stage.behaviour.mischief.missed_triggers = 0.3;
+        stage.behaviour.faults.missed_triggers = 0.3;
         let mut shots = Vec::new();
         for step in 0..12 {
             let at = |offset: u64| Ticks(start + step * 11_574_999 + offset);

@@ -9,9 +9,8 @@ use super::*;
 use crate::capture::camera::{Camera as _, CameraError};
 use crate::capture::projector::Projector as _;
 use crate::instrument::rig::Rig;
-use crate::virtual_rig::{
-    Behaviour, Held, Mischief, Noise, Truth, VirtualCamera, VirtualProjector, VirtualRig,
-};
+use crate::plan::Faults;
+use crate::virtual_rig::{Behaviour, Held, Noise, Truth, VirtualCamera, VirtualProjector, VirtualRig};
 
 fn rig() -> Rig {
     Rig::load("rcg-1").unwrap().with_image_size(16).unwrap()
@@ -21,7 +20,7 @@ fn wired(address: &str) -> Result<(VirtualCamera, VirtualProjector), WiresError>
     let behaviour = Behaviour {
         noise: Noise::Off,
         seed: 1,
-        mischief: Mischief::default(),
+        faults: Faults::default(),
     };
     let sample = Arc::from(crate::brdf::sample::parse("lambert:0.5").unwrap());
     VirtualRig::wired(

@@ -20,14 +20,14 @@ use rand::seq::SliceRandom as _;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rcg::store::provenance::Provenance;
 
-use crate::command::{rcg, run, text};
+use crate::command::{is_full, rcg, run, text};
 use crate::judge::{Scores, scores};
 use crate::tensor_file::{bytes, material};
 use crate::tree::{count, files};
 use features::{Case, FILE, LIST, Value, Via, World, name, pairs};
 
 /// Pairs that a run of the tests draws.
-const DRAWN: usize = 40;
+const DRAWN: usize = 10;
 /// Cases that are tried at a time.
 const AT_ONCE: usize = 2;
 /// Tilts that the standard is seen at.
@@ -417,11 +417,6 @@ impl Trial<'_> {
         };
         format!("{found}{more}")
     }
-}
-
-/// Whether all pairs are to be tried.
-fn is_full() -> bool {
-    std::env::var_os("RCG_FULL").is_some()
 }
 
 /// The pairs to try.

@@ -6,8 +6,9 @@ use super::*;
 use crate::brdf::sample::parse;
 use crate::hemisphere::judged::is_judged;
 use crate::instrument::optics::{DirectionMap, View};
+use crate::plan::Faults;
 use crate::study::multiplex::demultiplex;
-use crate::virtual_rig::{self, Behaviour, Held, Mischief, Noise, sense};
+use crate::virtual_rig::{self, Behaviour, Held, Noise, sense};
 
 const GRID: Grid = Grid::ThetaPhi { step_deg: 7.5 };
 const TRIALS: u64 = 4;
@@ -29,7 +30,7 @@ fn chosen(rig: &Rig, spec: &str) -> Choice {
     let behaviour = Behaviour {
         noise: Noise::On,
         seed: 5,
-        mischief: Mischief::default(),
+        faults: Faults::default(),
     };
     let sample = Arc::from(parse(spec).unwrap());
     let mut instrument =

@@ -1,9 +1,25 @@
-//! A disk that fills up, as a small file system of its own.
+//! Places that not every machine has: a disk that fills up, as a small file system of its own, a folder that nobody may
+//! write into, one whose name is no text. Where there is none, the trial is ignored, and says why.
 
+#![cfg_attr(not(target_os = "linux"), allow(dead_code, unused_imports))]
+
+#[path = "cli/command.rs"]
+#[allow(dead_code)]
+mod command;
+#[path = "cli/commands.rs"]
+#[allow(dead_code)]
+mod commands;
+#[path = "cli/tree.rs"]
+#[allow(dead_code)]
+mod tree;
+
+use std::fs;
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, ExitCode};
 
-use crate::command::{rcg, run, text};
+use libtest_mimic::{Arguments, Completion, Trial};
+
+use crate::command::{makers, quick, rcg, refuses, run, text};
 use crate::commands::{Scene, described};
 use crate::tree::{assert_same, files};
 
@@ -13,12 +29,16 @@ struct SmallDisk {
 }
 
 impl SmallDisk {
-    /// One of `kib` KiB, or the reason why there is none.
-    fn new(kib: u32) -> Result<Self, String> {
-        let at = tempfile::tempdir().map_err(|error| error.to_string())?;
+    /// One of `kib` KiB, or how a trial ends that has none.
+    fn new(kib: u32) -> Result<Self, Completion> {
+        let at = tempfile::tempdir().expect("there is a temporary directory");
         let size = format!("size={kib}k");
-        mount(&["-t", "tmpfs", "-o", &size, "rcg-test", text(at.path())])?;
-        Ok(Self { at })
+        match mount(&["-t", "tmpfs", "-o", &size, "rcg-test", text(at.path())]) {
+            Ok(()) => Ok(Self { at }),
+            Err(reason) => Err(Completion::ignored_with(format!(
+                "no small disk can be mounted: {reason}"
+            ))),
+        }
     }
 
     fn grow(&self) {
@@ -54,16 +74,13 @@ fn arguments(out: &Path) -> [&str; 7] {
 }
 
 /// Measures onto disks of these sizes; each fails as `parts` say, and goes on when there is room.
-fn fills_up(sizes_kib: &[u32], stage: &str) {
+fn fills_up(sizes_kib: &[u32], stage: &str) -> Completion {
     let scratch = tempfile::tempdir().unwrap();
     let undisturbed = scratch.path().join("out");
     for &kib in sizes_kib {
         let disk = match SmallDisk::new(kib) {
             Ok(disk) => disk,
-            Err(reason) => {
-                println!("skipped: no small disk can be mounted: {reason}");
-                return;
-            }
+            Err(ending) => return ending,
         };
         if !undisturbed.exists() {
             run(&arguments(&undisturbed), "").done();
@@ -91,34 +108,14 @@ fn fills_up(sizes_kib: &[u32], stage: &str) {
         }
         assert!(out.join("report.html").is_file());
     }
+    Completion::Completed
 }
 
-#[test]
-fn a_disk_that_fills_up_during_capture() {
-    // In the first segment, and in a later one.
-    fills_up(&[1024, 4096], "raw.zarr");
-}
-
-#[test]
-fn a_disk_that_fills_up_during_assembly() {
-    fills_up(&[9 * 1024, 16 * 1024], "brdf.zarr");
-}
-
-#[test]
-fn a_disk_without_room_for_a_plan() {
-    // One block is the directory's.
-    fills_up(&[8], "");
-}
-
-#[test]
-fn no_command_leaves_half_a_file_on_a_full_disk_or_takes_the_old_one_away() {
+fn no_command_leaves_half_a_file_on_a_full_disk_or_takes_the_old_one_away() -> Completion {
     use std::io::Write as _;
     let disk = match SmallDisk::new(64) {
         Ok(disk) => disk,
-        Err(reason) => {
-            println!("skipped: no small disk can be mounted: {reason}");
-            return;
-        }
+        Err(ending) => return ending,
     };
     // To the last block: a name still fits, but nothing in it.
     let ballast = disk.path().join("ballast");
@@ -148,16 +145,13 @@ fn no_command_leaves_half_a_file_on_a_full_disk_or_takes_the_old_one_away() {
         }
     }
     assert!(failed >= 9, "{failed}");
+    Completion::Completed
 }
 
-#[test]
-fn a_disk_without_room_for_a_picture_keeps_no_half_of_it() {
+fn a_disk_without_room_for_a_picture_keeps_no_half_of_it() -> Completion {
     let disk = match SmallDisk::new(16) {
         Ok(disk) => disk,
-        Err(reason) => {
-            println!("skipped: no small disk can be mounted: {reason}");
-            return;
-        }
+        Err(ending) => return ending,
     };
     let picture = disk.path().join("sphere.png");
     let render = ["render", "ward:brass", "--size", "512", "--out", text(&picture)];
@@ -169,15 +163,66 @@ fn a_disk_without_room_for_a_picture_keeps_no_half_of_it() {
         !patterns.join("patterns.csv").exists(),
         "the table says that all are there"
     );
+    Completion::Completed
 }
 
-#[test]
-fn a_terminal_that_takes_nothing_is_an_error() {
-    let full = std::fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
-    let status = rcg(&["plan"])
-        .stdout(full)
-        .stderr(std::process::Stdio::null())
-        .status()
-        .unwrap();
-    assert_eq!(status.code(), Some(1));
+#[cfg(unix)]
+fn a_parent_that_may_not_be_written_fails_with_the_path() -> Completion {
+    use std::os::unix::fs::PermissionsExt as _;
+    let scratch = tempfile::tempdir().unwrap();
+    let closed = scratch.path().join("closed");
+    fs::create_dir(&closed).unwrap();
+    fs::set_permissions(&closed, fs::Permissions::from_mode(0o555)).unwrap();
+    if fs::write(closed.join("probe"), "").is_ok() {
+        return Completion::ignored_with("this user may write into read-only directories");
+    }
+    for maker in makers(&closed.join("out")) {
+        refuses(&maker, "", 1, &[text(&closed), "ermission denied"]);
+    }
+    assert!(files(&closed).is_empty());
+    fs::set_permissions(&closed, fs::Permissions::from_mode(0o755)).unwrap();
+    Completion::Completed
+}
+
+#[cfg(unix)]
+fn a_folder_whose_own_name_is_no_text_can_be_worked_in() -> Completion {
+    use std::os::unix::ffi::OsStringExt as _;
+    let folder = tempfile::tempdir().unwrap();
+    let odd = folder
+        .path()
+        .join(std::ffi::OsString::from_vec(b"caf\xe9".to_vec()));
+    if fs::create_dir(&odd).is_err() {
+        return Completion::ignored_with("this file system takes no such name");
+    }
+    let done = rcg(&quick(Path::new("m"))).current_dir(&odd).output().unwrap();
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    assert!(odd.join("m/brdf.zarr/zarr.json").is_file());
+    Completion::Completed
+}
+
+fn main() -> ExitCode {
+    let mut trials = Vec::new();
+    macro_rules! trials {
+        ($($name:ident => $work:expr),* $(,)?) => {
+            $(trials.push(Trial::ignorable_test(stringify!($name), || Ok($work)));)*
+        };
+    }
+    #[cfg(unix)]
+    trials! {
+        a_parent_that_may_not_be_written_fails_with_the_path => a_parent_that_may_not_be_written_fails_with_the_path(),
+        a_folder_whose_own_name_is_no_text_can_be_worked_in => a_folder_whose_own_name_is_no_text_can_be_worked_in(),
+    }
+    #[cfg(target_os = "linux")]
+    trials! {
+        // In the first segment, and in a later one.
+        a_disk_that_fills_up_during_capture => fills_up(&[1024, 4096], "raw.zarr"),
+        a_disk_that_fills_up_during_assembly => fills_up(&[9 * 1024], "brdf.zarr"),
+        // One block is the directory's.
+        a_disk_without_room_for_a_plan => fills_up(&[8], ""),
+        no_command_leaves_half_a_file_on_a_full_disk_or_takes_the_old_one_away =>
+            no_command_leaves_half_a_file_on_a_full_disk_or_takes_the_old_one_away(),
+        a_disk_without_room_for_a_picture_keeps_no_half_of_it =>
+            a_disk_without_room_for_a_picture_keeps_no_half_of_it(),
+    }
+    libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
 }

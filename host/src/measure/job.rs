@@ -1,0 +1,188 @@
+//! A measurement as it is to be done: what was asked for, every file read once and everything checked.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use crate::base::progress::Progress;
+use crate::brdf::sample::{Sample, parse};
+use crate::capture::Instrument;
+use crate::capture::directory::{Measurement, MeasurementError};
+use crate::capture::pilot::{auto_exposure_s, propose};
+use crate::instrument::calibration::Calibration;
+use crate::instrument::rig::Rig;
+use crate::measure::MeasureError;
+use crate::plan::{Plan, Request};
+use crate::virtual_rig::setup::{Setup, SetupError, TriggerBox, World};
+
+/// A known material that a result is compared with.
+#[derive(Clone, Debug)]
+pub struct Reference {
+    /// How it was asked for.
+    pub name: String,
+    /// Itself.
+    pub sample: Arc<dyn Sample>,
+}
+
+/// What is measured, with what, and what is known of it.
+#[derive(Clone, Debug)]
+pub struct Job {
+    /// The rig as it is measured with: calibrated, its sample tilted, its camera image scaled.
+    pub rig: Rig,
+    /// The plan.
+    pub plan: Plan,
+    /// The virtual rig, with the sample that stands in it; `None` for a real instrument.
+    pub world: Option<World>,
+    /// What the result is compared with.
+    pub reference: Option<Reference>,
+    /// How the instrument really is, as far as calibration found out; it is written into a measurement that begins.
+    pub calibration: Option<Calibration>,
+}
+
+impl Job {
+    /// The job to measure `request` on `rig` (as loaded, its camera at full size; the calibration's if `setup` has one). A
+    /// pilot capture finds the exposure times if `request` leaves them open.
+    ///
+    /// # Errors
+    /// [`MeasureError`].
+    pub fn new(
+        rig: &Rig,
+        request: Request,
+        setup: &Setup,
+        progress: &dyn Progress,
+    ) -> Result<Self, MeasureError> {
+        Self::like(rig, request, None, setup, progress)
+    }
+
+    /// As [`new`](Self::new), with the exposure times and segments of the plan `like` if there is one: a request in
+    /// milliseconds does not have the times to the last bit, and noise is drawn by what is exposed in one run.
+    ///
+    /// # Errors
+    /// [`MeasureError`].
+    pub fn like(
+        rig: &Rig,
+        request: Request,
+        like: Option<&Plan>,
+        setup: &Setup,
+        progress: &dyn Progress,
+    ) -> Result<Self, MeasureError> {
+        let given_s = like
+            .map(Plan::exposures_s)
+            .or_else(|| request.brackets.times_s())
+            .or_else(|| request.exposure_s.map(|exposure_s| vec![exposure_s]));
+        let any_s = given_s.clone().unwrap_or_else(|| vec![rig.camera.exposure_s]);
+        let mut job = Self::with_times(rig, request, &any_s, setup)?;
+        match given_s {
+            // What does not answer is named before anything is written.
+            Some(_) if setup.trigger_box.is_some() => drop(job.open()?),
+            Some(_) => {}
+            None => job.find_times(progress)?,
+        }
+        if let Some(like) = like {
+            job.plan.segment = like.segment;
+        }
+        Ok(job)
+    }
+
+    /// As [`new`](Self::new), with exposures of `exposures_s` seconds of each pattern, ascending; nothing is captured.
+    ///
+    /// # Errors
+    /// [`MeasureError`].
+    pub fn with_times(
+        rig: &Rig,
+        request: Request,
+        exposures_s: &[f64],
+        setup: &Setup,
+    ) -> Result<Self, MeasureError> {
+        if let Some(calibration) = &setup.calibration {
+            calibration.check_tilt(request.tilt).map_err(Box::new)?;
+        }
+        let world = setup.world()?;
+        let reference = reference(&request, Some((&setup.virtual_rig.sample, &world)))?;
+        let rig = request.rig(rig).map_err(MeasurementError::from)?;
+        let plan = Plan::bracketed(request, &rig, exposures_s).map_err(MeasurementError::from)?;
+        Ok(Self {
+            plan: plan.on(setup.virtual_rig.clone()),
+            rig,
+            world: Some(world),
+            reference,
+            calibration: setup.calibration.clone(),
+        })
+    }
+
+    /// The rest of the job of a `measurement` that was begun, with the `trigger_box` that drives its virtual rig, or the
+    /// simulated one.
+    ///
+    /// # Errors
+    /// [`MeasureError`].
+    pub fn of(measurement: &Measurement, trigger_box: Option<TriggerBox>) -> Result<Self, MeasureError> {
+        let plan = measurement.plan.clone();
+        let world = plan
+            .virtual_rig
+            .as_ref()
+            .map(|spec| World::read(spec, trigger_box))
+            .transpose()?;
+        let sample = plan.virtual_rig.as_ref().map(|spec| &spec.sample);
+        Ok(Self {
+            reference: reference(&plan.request, sample.zip(world.as_ref()))?,
+            rig: measurement.rig.clone(),
+            plan,
+            world,
+            calibration: None,
+        })
+    }
+
+    /// Begins to measure in the new directory `out`.
+    ///
+    /// # Errors
+    /// [`MeasurementError`].
+    pub fn begin(&self, out: &Path) -> Result<Measurement, MeasurementError> {
+        let applied = self.calibration.as_ref().map(Calibration::applied);
+        Measurement::create_with(out, self.rig.clone(), self.plan.clone(), applied.as_ref())
+    }
+
+    /// The instrument.
+    ///
+    /// # Errors
+    /// [`SetupError`].
+    pub fn open(&self) -> Result<Instrument, SetupError> {
+        let world = self.world.as_ref().ok_or(SetupError::Real)?;
+        world.open(&self.rig, self.plan.request.tilt)
+    }
+
+    /// Plans with the exposure times that a pilot capture finds.
+    fn find_times(&mut self, progress: &dyn Progress) -> Result<(), MeasureError> {
+        progress.begin("pilot capture", 1, "runs");
+        let mut instrument = self.open()?;
+        let Request { grid, brackets, .. } = &self.plan.request;
+        let exposures_s = if brackets.is_one() {
+            vec![auto_exposure_s(&self.rig, grid, &mut instrument)?]
+        } else {
+            let proposal = propose(&self.rig, grid, brackets, &mut instrument)?;
+            progress.remark(&proposal.to_string());
+            proposal.exposures_s
+        };
+        progress.end();
+        let plan = Plan::bracketed(self.plan.request.clone(), &self.rig, &exposures_s);
+        self.plan = Plan {
+            virtual_rig: self.plan.virtual_rig.take(),
+            ..plan.map_err(MeasurementError::from)?
+        };
+        Ok(())
+    }
+}
+
+/// What the result of `request` is compared with: what is asked for, else what is known to stand in the virtual rig.
+fn reference(request: &Request, held: Option<(&String, &World)>) -> Result<Option<Reference>, MeasureError> {
+    let name = request.reference.as_ref().or(held.map(|(spec, _)| spec));
+    name.map(|name| {
+        let sample = match held {
+            Some((spec, world)) if spec == name => world.sample.clone(),
+            _ => Arc::from(parse(name)?),
+        };
+        Ok(Reference {
+            name: name.clone(),
+            sample,
+        })
+    })
+    .transpose()
+}
