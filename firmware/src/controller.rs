@@ -15,7 +15,7 @@ use embassy_rp::bind_interrupts;
 use embassy_rp::interrupt::{self, InterruptExt, typelevel};
 use embassy_sync::blocking_mutex::{Mutex, raw::CriticalSectionRawMutex};
 use heapless::Deque;
-use rcg_firmware::session::{EngineCommand as Command, Session};
+use rcg_firmware::session::{EngineCommand, Session};
 use rcg_protocol::{
     Decoder, Fault, FrameError, Request, Response, Seq, SessionId, State, ToDevice, ToHost, decode, encode,
 };
@@ -193,11 +193,11 @@ impl Controller {
     }
 
     #[inline(never)] // rare, and large on the stack
-    fn carry_out(&mut self, command: Command) {
+    fn carry_out(&mut self, command: EngineCommand) {
         match command {
-            Command::Prime => self.engine.prime(self.session),
-            Command::Go(start) => self.engine.go(start, self.session),
-            Command::Halt => self.engine.halt(),
+            EngineCommand::Prime => self.engine.prime(self.session),
+            EngineCommand::Go(start) => self.engine.go(start, self.session),
+            EngineCommand::Halt => self.engine.halt(),
         }
     }
 

@@ -149,7 +149,7 @@ fn the_scale_and_the_turn_of_a_capture_are_found() {
 fn files_that_do_not_go_together_are_refused_and_nothing_is_lost() {
     let folder = tempfile::tempdir().unwrap();
     let rig = Rig::load("rcg-2").unwrap();
-    let file = measured(&folder.path().join("a"), &rig, 10.0, None, None, 1);
+    let file = measured(&folder.path().join("a"), &rig, 15.0, None, None, 1);
     let error = fill(&file, &[], &file, &Silent).unwrap_err();
     assert!(
         matches!(error, FillError::Differs { field: "output", .. }),

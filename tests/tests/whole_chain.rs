@@ -161,24 +161,32 @@ fn between_captures_the_look_up_follows_the_highlight() {
 
 #[test]
 fn a_model_is_recovered_from_its_noisy_measurement_within_the_stated_uncertainty() {
-    let cases = [("rcg-1", 10.0, 64), ("rcg-1", 5.0, 96), ("rcg-2", 5.0, 96)];
-    for &(preset, step_deg, image_size) in &cases[..if is_full() { 3 } else { 1 }] {
+    let (wide, brass) = ([0.15, 0.3, 0.2, 0.3], [0.05, 0.16, 0.1, 0.33]);
+    let cases = [
+        ("rcg-2", wide, 15.0, 32),
+        ("rcg-1", wide, 15.0, 32),
+        ("rcg-1", brass, 5.0, 96),
+        ("rcg-2", brass, 5.0, 96),
+    ];
+    for &(preset, known, step_deg, image_size) in &cases[..if is_full() { 4 } else { 2 }] {
         let dir = tempfile::tempdir().unwrap();
         let request = Request {
             grid: Grid::ThetaPhi { step_deg },
             image_size,
             ..request()
         };
-        let asked = (request, holding("ward:brass", true));
+        let [ax, ay, rd, rs] = known;
+        let spec = format!("ward:ax={ax},ay={ay},rd={rd},rs={rs}");
+        let asked = (request, holding(&spec, true));
         let measurement = measured(&dir.path().join("m"), preset, asked, 0.004, &Moved(0.0));
         let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
         let fit = Fit::of_brdf(Model::Ward, &brdf).unwrap();
         for parameter in &fit.parameters {
             let truth = match &parameter.name[..2] {
-                "ax" => 0.05,
-                "ay" => 0.16,
-                "rd" => 0.10,
-                _ => 0.33,
+                "ax" => ax,
+                "ay" => ay,
+                "rd" => rd,
+                _ => rs,
             };
             let error = parameter.value - truth;
             println!("{preset}: {parameter:?}");

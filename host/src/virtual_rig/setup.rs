@@ -22,10 +22,10 @@ pub enum SetupError {
     #[error(transparent)]
     File(#[from] FileError),
     /// A file that is named for the virtual rig became another while it was read.
-    #[error("{what}: expected a file that stays as it is, found another after it was read")]
+    #[error("{path}: expected a file that stays as it is, found another after it was read")]
     Changed {
-        /// What it is for.
-        what: String,
+        /// The file.
+        path: String,
     },
     /// There is no driver.
     #[error(
@@ -116,7 +116,7 @@ impl World {
     /// # Errors
     /// [`SetupError`] if a file that is named for it cannot be used.
     pub fn read(spec: &Virtual, trigger_box: Option<TriggerBox>) -> Result<Self, SetupError> {
-        let before = stamps_of(Some(spec));
+        let before = stamps_of(spec);
         let sample = Arc::from(crate::brdf::sample::parse(&spec.sample)?);
         let truth = spec
             .truth
@@ -125,10 +125,13 @@ impl World {
             .transpose()?;
         // The sums come last: what can be read has an end.
         let inputs = sums_of(Some(spec))?;
-        if stamps_of(Some(spec)) != before {
-            let names: Vec<&str> = inputs.keys().map(String::as_str).collect();
+        let changed = stamps_of(spec)
+            .into_iter()
+            .zip(before)
+            .find(|(after, before)| after != before);
+        if let Some(((path, _), _)) = changed {
             return Err(SetupError::Changed {
-                what: names.join(" or "),
+                path: path.display().to_string(),
             });
         }
         Ok(Self {

@@ -29,14 +29,15 @@ fn files_of(virtual_rig: Option<&Virtual>) -> impl Iterator<Item = (&'static str
         .filter_map(|(what, path)| Some((what, path?.to_owned())))
 }
 
-/// Length and time of change of the files that are named for the virtual rig: as long as these stay, so does what is in
+/// The files that are named for the virtual rig, with length and time of change: as long as these stay, so does what is in
 /// them.
-pub(crate) fn stamps_of(virtual_rig: Option<&Virtual>) -> Vec<Option<(u64, SystemTime)>> {
+pub(crate) fn stamps_of(virtual_rig: &Virtual) -> Vec<(PathBuf, Option<(u64, SystemTime)>)> {
     let stamp = |path: &Path| {
         let about = path.metadata().ok()?;
         Some((about.len(), about.modified().ok()?))
     };
-    files_of(virtual_rig).map(|(_, path)| stamp(&path)).collect()
+    let files = files_of(Some(virtual_rig)).map(|(_, path)| path);
+    files.map(|path| (path.clone(), stamp(&path))).collect()
 }
 
 /// Sums of the files that are named for the virtual rig.
