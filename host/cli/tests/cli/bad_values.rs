@@ -4,7 +4,7 @@ use std::ffi::{OsStr, OsString};
 use std::fs;
 use std::path::Path;
 
-use crate::command::{Outcome, run};
+use crate::command::{Outcome, is_full, run};
 use crate::commands::{Scene, described};
 use crate::tree::files;
 
@@ -31,6 +31,11 @@ fn values() -> Vec<(OsString, bool)> {
     {
         use std::os::unix::ffi::OsStringExt as _;
         values.push((OsString::from_vec(b"caf\xe9".to_vec()), false));
+    }
+    if !is_full() {
+        // Every other one, the odd ones at the end among them.
+        values.reverse();
+        values = values.into_iter().step_by(2).collect();
     }
     values
 }
@@ -120,7 +125,7 @@ fn every_option_of_every_command_refuses_what_is_no_value_and_leaves_nothing() {
         }
     }
     assert!(files(scene.folder()) == before);
-    assert!(refused > 500, "{refused}");
+    assert!(refused > 300, "{refused}");
 }
 
 #[test]

@@ -147,7 +147,8 @@ fn a_calibrated_rig_measures_what_is_there_tilted_too() {
 fn views_that_say_too_little_are_refused_by_name() {
     let lab = Lab::new();
     // One normal leaves a rotation free, and two that are almost the same too.
-    for (tilts, image_size) in [("15:30", "96"), ("10:30,10.1:30", "64")] {
+    let cases = [("10:30,10.1:30", "64"), ("15:30", "96")];
+    for (tilts, image_size) in &cases[..if is_full() { 2 } else { 1 }] {
         let views = lab.calibrate("geometry", image_size, &["--tilts", tilts]);
         refuses(
             &views,
@@ -222,9 +223,9 @@ fn captures_that_do_not_go_together_are_refused_by_name() {
 }
 
 #[test]
+#[ignore = "long: ./test.sh full runs it"]
 fn every_preset_can_be_calibrated_and_measures_what_is_there() {
-    let presets = ["dmd", "rcg-1", "rcg-2"];
-    for preset in &presets[..if is_full() { 3 } else { 1 }] {
+    for preset in ["rcg-1", "rcg-2", "dmd"] {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| text(&folder.path().join(name)).to_owned();
         let (truth, out, measured) = (at("truth.toml"), at("calibration"), at("measured"));

@@ -223,7 +223,8 @@ fn no_other_file_of_a_measurement_makes_a_wrong_result() {
     let all: Vec<&PathBuf> = expected.keys().collect();
     let count = if is_full() { 20 } else { 1 };
     let drawn = (0..count).map(|n| all[(chance + n * 7919 * chance) % all.len()].as_path());
-    let names = always.iter().map(Path::new).chain(drawn);
+    let always = always.iter().step_by(if is_full() { 1 } else { 2 });
+    let names = always.map(Path::new).chain(drawn);
     let cases = names.flat_map(|name| MISCHANCES.map(|mischance| (name, mischance)));
     for (place, (name, mischance)) in cases.enumerate() {
         let stage = &STAGES[(chance + place) % STAGES.len()..][..1];

@@ -6,6 +6,7 @@ use crate::answers::number;
 use crate::command::{run, text};
 
 #[test]
+#[ignore = "long: ./test.sh full runs it"]
 fn a_study_writes_what_it_says() {
     let scratch = tempfile::tempdir().unwrap();
     let out = scratch.path().join("study");
