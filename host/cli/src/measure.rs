@@ -92,20 +92,21 @@ fn resumed(
 fn begin(
     args: &Args,
     rig: &Rig,
-    setup: &mut Setup,
+    mut setup: Setup,
     begun: Option<&Begun>,
     replay: Option<&Plan>,
     output: &Output,
 ) -> Result<(Job, Measurement), Failure> {
     if args.adaptive || begun.is_some() {
         let (start, goal) = args.adaptive(begun)?;
-        let before = begun.map(|begun| (&begun.request, &begun.virtual_rig));
-        let (request, virtual_rig) =
-            args.asked(before.map(|(request, _)| request), before.map(|(_, rig)| rig))?;
+        let (request, virtual_rig) = args.asked(
+            begun.map(|begun| &begun.request),
+            begun.map(|begun| &begun.virtual_rig),
+        )?;
         setup.virtual_rig = virtual_rig;
         let (out, start) = (&args.out, start.as_ref());
         let (job, measurement, _) =
-            adaptive::measure(out, rig, &request, start, goal, setup, args.resume, output)?;
+            adaptive::measure(out, rig, &request, start, goal, &setup, args.resume, output)?;
         return Ok((job, measurement));
     }
     Measurement::check_new(&args.out)?;
@@ -118,7 +119,7 @@ fn begin(
         let is_same = times(&request) == times(&before) && request.image_size == before.image_size;
         is_same.then_some(plan)
     });
-    let job = Job::like(rig, request, like, setup, output)?;
+    let job = Job::like(rig, request, like, &setup, output)?;
     let measurement = job.begin(&args.out)?;
     Ok((job, measurement))
 }
@@ -142,7 +143,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     }
     let trigger_box = args.port.trigger_box()?;
     let (rig, calibration) = args.calibration.rig(Rig::load(rig)?)?;
-    let mut setup = Setup {
+    let setup = Setup {
         trigger_box,
         calibration,
         ..Setup::default()
@@ -163,7 +164,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         if args.resume {
             Measurement::sweep(&args.out)?;
         }
-        begin(args, &rig, &mut setup, begun.as_ref(), replay.as_ref(), output)?
+        begin(args, &rig, setup, begun.as_ref(), replay.as_ref(), output)?
     };
     let began = Instant::now();
     let summary = complete(&measurement, &job, &|| began.elapsed(), output)?;

@@ -19,7 +19,7 @@ use std::process::{Command, ExitCode};
 
 use libtest_mimic::{Arguments, Completion, Trial};
 
-use crate::command::{makers, quick, rcg, refuses, run, text};
+use crate::command::{is_full, makers, quick, rcg, refuses, run, text};
 use crate::commands::{Scene, described};
 use crate::tree::{assert_same, files};
 
@@ -73,50 +73,61 @@ fn arguments(out: &Path) -> [&str; 7] {
     ["measure", "--out", text(out), "--step", "5", "--image-size", "32"]
 }
 
-/// Measures onto disks of these sizes; each fails as `parts` say, and goes on when there is room.
+/// Tries `work` on a disk of `kib` KiB.
+fn on_disk(kib: u32, work: impl FnOnce(&SmallDisk)) -> Completion {
+    match SmallDisk::new(kib) {
+        Ok(disk) => {
+            work(&disk);
+            Completion::Completed
+        }
+        Err(ending) => ending,
+    }
+}
+
+/// Measures onto disks of these sizes; each fails at `stage`, and goes on when there is room.
 fn fills_up(sizes_kib: &[u32], stage: &str) -> Completion {
     let scratch = tempfile::tempdir().unwrap();
     let undisturbed = scratch.path().join("out");
     for &kib in sizes_kib {
-        let disk = match SmallDisk::new(kib) {
-            Ok(disk) => disk,
-            Err(ending) => return ending,
-        };
-        if !undisturbed.exists() {
-            run(&arguments(&undisturbed), "").done();
+        let ending = on_disk(kib, |disk| fills_up_one(disk, stage, &undisturbed));
+        if !matches!(ending, Completion::Completed) {
+            return ending;
         }
-        let out = disk.path().join("out");
-        let outcome = run(&arguments(&out), "");
-        outcome.complains(1, &[text(&out), stage]);
-        assert!(
-            outcome.stderr.contains("No space left") || outcome.stderr.contains("disk full"),
-            "{kib} KiB: {outcome:?}"
-        );
-        assert!(
-            !out.join("brdf.zarr").exists(),
-            "{kib} KiB: half a result has the name of a whole one"
-        );
-        assert!(!out.join("report.html").exists());
-        // Still full: it fails again, no worse.
-        let resumed = [&arguments(&out)[..], &["--resume"]].concat();
-        run(&resumed, "").complains(1, &[text(&out)]);
-
-        disk.grow();
-        run(&resumed, "").done();
-        for array in ["raw.zarr", "brdf.zarr"] {
-            assert_same(&out.join(array), &undisturbed.join(array));
-        }
-        assert!(out.join("report.html").is_file());
     }
     Completion::Completed
 }
 
-fn no_command_leaves_half_a_file_on_a_full_disk_or_takes_the_old_one_away() -> Completion {
+/// Measures onto the `disk`; `undisturbed` is the same measurement where there is room, made if it is not there.
+fn fills_up_one(disk: &SmallDisk, stage: &str, undisturbed: &Path) {
+    if !undisturbed.exists() {
+        run(&arguments(undisturbed), "").done();
+    }
+    let out = disk.path().join("out");
+    let outcome = run(&arguments(&out), "");
+    outcome.complains(1, &[text(&out), stage]);
+    assert!(
+        outcome.stderr.contains("No space left") || outcome.stderr.contains("disk full"),
+        "{outcome:?}"
+    );
+    assert!(
+        !out.join("brdf.zarr").exists(),
+        "half a result has the name of a whole one"
+    );
+    assert!(!out.join("report.html").exists());
+    // Still full: it fails again, no worse.
+    let resumed = [&arguments(&out)[..], &["--resume"]].concat();
+    run(&resumed, "").complains(1, &[text(&out)]);
+
+    disk.grow();
+    run(&resumed, "").done();
+    for array in ["raw.zarr", "brdf.zarr"] {
+        assert_same(&out.join(array), &undisturbed.join(array));
+    }
+    assert!(out.join("report.html").is_file());
+}
+
+fn no_command_leaves_half_a_file_on_a_full_disk_or_takes_the_old_one_away(disk: &SmallDisk) {
     use std::io::Write as _;
-    let disk = match SmallDisk::new(64) {
-        Ok(disk) => disk,
-        Err(ending) => return ending,
-    };
     // To the last block: a name still fits, but nothing in it.
     let ballast = disk.path().join("ballast");
     let mut file = std::fs::File::create(&ballast).unwrap();
@@ -145,14 +156,9 @@ fn no_command_leaves_half_a_file_on_a_full_disk_or_takes_the_old_one_away() -> C
         }
     }
     assert!(failed >= 9, "{failed}");
-    Completion::Completed
 }
 
-fn a_disk_without_room_for_a_picture_keeps_no_half_of_it() -> Completion {
-    let disk = match SmallDisk::new(16) {
-        Ok(disk) => disk,
-        Err(ending) => return ending,
-    };
+fn a_disk_without_room_for_a_picture_keeps_no_half_of_it(disk: &SmallDisk) {
     let picture = disk.path().join("sphere.png");
     let render = ["render", "ward:brass", "--size", "512", "--out", text(&picture)];
     run(&render, "").complains(1, &[text(&picture), "No space left"]);
@@ -163,7 +169,6 @@ fn a_disk_without_room_for_a_picture_keeps_no_half_of_it() -> Completion {
         !patterns.join("patterns.csv").exists(),
         "the table says that all are there"
     );
-    Completion::Completed
 }
 
 #[cfg(unix)]
@@ -216,13 +221,13 @@ fn main() -> ExitCode {
     trials! {
         // In the first segment, and in a later one.
         a_disk_that_fills_up_during_capture => fills_up(&[1024, 4096], "raw.zarr"),
-        a_disk_that_fills_up_during_assembly => fills_up(&[9 * 1024], "brdf.zarr"),
+        a_disk_that_fills_up_during_assembly => fills_up(&[9 * 1024, 16 * 1024][..if is_full() { 2 } else { 1 }], "brdf.zarr"),
         // One block is the directory's.
         a_disk_without_room_for_a_plan => fills_up(&[8], ""),
         no_command_leaves_half_a_file_on_a_full_disk_or_takes_the_old_one_away =>
-            no_command_leaves_half_a_file_on_a_full_disk_or_takes_the_old_one_away(),
+            on_disk(64, no_command_leaves_half_a_file_on_a_full_disk_or_takes_the_old_one_away),
         a_disk_without_room_for_a_picture_keeps_no_half_of_it =>
-            a_disk_without_room_for_a_picture_keeps_no_half_of_it(),
+            on_disk(16, a_disk_without_room_for_a_picture_keeps_no_half_of_it),
     }
     libtest_mimic::run(&Arguments::from_args(), trials).exit_code()
 }

@@ -108,7 +108,7 @@ impl Measurement {
     ///
     /// # Errors
     /// [`MeasurementError::Changed`]; [`MeasurementError::File`] if one cannot be read.
-    pub fn check_inputs(&self) -> Result<(), MeasurementError> {
+    pub(super) fn check_inputs(&self) -> Result<(), MeasurementError> {
         files_of(self.plan.virtual_rig.as_ref()).try_for_each(|(what, path)| self.check(what, &path))
     }
 
