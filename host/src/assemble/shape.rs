@@ -41,6 +41,9 @@ const REACH: usize = 2;
 /// Angles from a cell to its neighbours, radians: left, right, above, below; `None` where there is none.
 type Steps = [Option<f32>; 4];
 
+/// f of a cell and its noise, sr⁻¹; `None` where it was not measured.
+type Seen = Option<(f32, f32)>;
+
 /// What is the same for all images.
 pub(super) struct Shape {
     size: usize,
@@ -59,6 +62,7 @@ pub(super) struct Shape {
 /// Room for the numbers of one image.
 #[derive(Default)]
 pub(super) struct ByShape {
+    seen: Vec<Seen>,
     slope2: Vec<f32>,
     /// What blur took, in sr⁻¹.
     blurred: Vec<f32>,
@@ -122,14 +126,15 @@ impl Shape {
             room.clear();
             room.resize(cells, 0.0);
         }
-        let at = |cell: usize| {
+        by.seen.clear();
+        by.seen.extend((0..cells).map(|cell| {
             let place = cell * self.channels + channel;
             measured(cell).then(|| (f[place], noise[place]))
-        };
+        }));
         for cell in 0..cells {
-            if let Some(value) = at(cell) {
-                by.slope2[cell] = self.slope2(cell, value, &at);
-                by.blurred[cell] = self.blurred(cell, value, &at);
+            if let Some(value) = by.seen[cell] {
+                by.slope2[cell] = self.slope2(cell, value, &by.seen);
+                by.blurred[cell] = self.blurred(cell, value, &by.seen);
             }
         }
         for cell in (0..cells).filter(|cell| measured(*cell)) {
@@ -165,17 +170,12 @@ impl Shape {
     }
 
     /// Square of the slope at `cell`, sr⁻²/rad².
-    fn slope2(
-        &self,
-        cell: usize,
-        (value, noise): (f32, f32),
-        at: &dyn Fn(usize) -> Option<(f32, f32)>,
-    ) -> f32 {
+    fn slope2(&self, cell: usize, (value, noise): (f32, f32), seen: &[Seen]) -> f32 {
         (0..2)
             .map(|axis| {
                 let side = |side: usize| {
                     let step = self.steps[cell][2 * axis + side]?;
-                    Some((at(self.neighbour(cell, axis, side, 1)?)?, step))
+                    Some((seen[self.neighbour(cell, axis, side, 1)?]?, step))
                 };
                 let (difference, noise2, width) = match (side(0), side(1)) {
                     (Some((low, before)), Some((high, after))) => {
@@ -193,18 +193,13 @@ impl Shape {
     }
 
     /// By how much blur has changed the value of `cell`, about, sr⁻¹.
-    fn blurred(
-        &self,
-        cell: usize,
-        (value, noise): (f32, f32),
-        at: &dyn Fn(usize) -> Option<(f32, f32)>,
-    ) -> f32 {
+    fn blurred(&self, cell: usize, (value, noise): (f32, f32), seen: &[Seen]) -> f32 {
         let [columns, rows, both] = self.blur[cell];
         let beyond = |difference: f32, noise2: f32| (difference * difference - BENT * noise2).max(0.0).sqrt();
         let (mut factor, mut highest) = (1.0_f32, 0.0_f32);
         for (axis, variance) in [columns, rows].into_iter().enumerate() {
             let both_sides = |apart: usize| {
-                let side = |side: usize| at(self.neighbour(cell, axis, side, apart)?);
+                let side = |side: usize| seen[self.neighbour(cell, axis, side, apart)?];
                 Some((side(0)?, side(1)?, apart))
             };
             let widest = (1..=self.apart[cell][axis]).rev().find_map(both_sides);
@@ -221,7 +216,7 @@ impl Shape {
         }
         let corner = |across: usize, along: usize| {
             let beside = self.neighbour(cell, 0, across, self.apart[cell][0])?;
-            at(self.neighbour(beside, 1, along, self.apart[cell][1])?)
+            seen[self.neighbour(beside, 1, along, self.apart[cell][1])?]
         };
         let mut coupled = 0.0;
         if let (Some(a), Some(b), Some(c), Some(d)) = (corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1))

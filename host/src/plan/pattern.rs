@@ -8,7 +8,7 @@
 
 use glam::DVec3;
 
-use crate::instrument::optics::{DirectionMap, Unmeasurable, View, cone_sr};
+use crate::instrument::optics::{DirectionTiles, Unmeasurable, View, cone_sr};
 
 /// A 1-bit image for the projector: rows from the top, 8 pixels per byte, first pixel in the highest bit. The lit pixels
 /// have one level of grey, which is the brightest but for the calibration of the projector's response.
@@ -48,7 +48,7 @@ impl BitPattern {
 
     /// Size in pixels (width, height).
     #[must_use]
-    pub const fn size_px(&self) -> (usize, usize) {
+    pub fn size_px(&self) -> (usize, usize) {
         (self.width_px, self.height_px)
     }
 
@@ -114,8 +114,7 @@ pub struct LitSet {
 /// Makes patterns for one projector.
 #[derive(Debug)]
 pub struct PatternMaker {
-    view: View,
-    map: DirectionMap,
+    projector: DirectionTiles,
     spot_sr: f64,
     intensity: f64,
 }
@@ -125,10 +124,8 @@ impl PatternMaker {
     /// relative intensity `intensity`.
     #[must_use]
     pub fn new(view: View, spot_deg: f64, intensity: f64) -> Self {
-        let map = DirectionMap::of(&view);
         Self {
-            view,
-            map,
+            projector: DirectionTiles::of(view),
             spot_sr: cone_sr(spot_deg),
             intensity,
         }
@@ -136,8 +133,8 @@ impl PatternMaker {
 
     /// Size of the patterns in pixels (width, height).
     #[must_use]
-    pub const fn size_px(&self) -> (usize, usize) {
-        (self.map.width_px, self.map.height_px)
+    pub fn size_px(&self) -> (usize, usize) {
+        self.projector.size_px()
     }
 
     /// The pixels to light for incident direction `w`.
@@ -145,10 +142,11 @@ impl PatternMaker {
     /// # Errors
     /// Why the projector does not reach `w`.
     pub fn lit_set(&self, w: DVec3) -> Result<LitSet, Unmeasurable> {
-        let centre = self.view.pixel(w)?;
+        let view = self.projector.view();
+        let centre = view.pixel(w)?;
         let (width, height) = self.size_px();
         // Of the position, not of the pixel around it: an edge may pass between it and the pixel's centre.
-        let pixel_sr = self.view.solid_angle_sr(centre.x, centre.y)?;
+        let pixel_sr = view.solid_angle_sr(centre.x, centre.y)?;
         let pixel_sr = pixel_sr.max(self.spot_sr * 1e-6);
         // The spot is a disc of spot_sr / pixel_sr pixels; half as wide again for distortion, and a border.
         let radius = 1.5 * (self.spot_sr / pixel_sr / std::f64::consts::PI).sqrt() + 2.0;
@@ -160,9 +158,9 @@ impl PatternMaker {
         for y in range(centre.y, height) {
             for x in range(centre.x, width) {
                 let index = y * width + x;
-                if let Ok(direction) = self.map.directions[index] {
+                if let Some(traced) = self.projector.pixel(index) {
                     // |a−b|² orders like the angle and keeps its digits where the dot product loses them.
-                    candidates.push(((direction - w).length_squared(), index as u32));
+                    candidates.push(((traced.0 - w).length_squared(), index as u32, traced));
                 }
             }
         }
@@ -174,13 +172,11 @@ impl PatternMaker {
             irradiance: 0.0,
             centroid: DVec3::ZERO,
         };
-        for (_, pixel) in candidates {
-            let sr = self.map.solid_angles_sr[pixel as usize];
+        for (_, pixel, (direction, sr)) in candidates {
             let undershoot = self.spot_sr - lit.solid_angle_sr;
             if !lit.pixels.is_empty() && sr / 2.0 > undershoot {
                 break; // one pixel more would be farther off than one less
             }
-            let direction = self.map.directions[pixel as usize].expect("candidates are measurable");
             lit.pixels.push(pixel);
             lit.solid_angle_sr += sr;
             lit.irradiance += self.intensity * direction.z * sr;
@@ -202,8 +198,11 @@ impl PatternMaker {
     pub fn irradiance_of(&self, lit: &LitSet, intensity: &[f64]) -> f64 {
         let of = |&pixel: &u32| {
             let pixel = pixel as usize;
-            let direction = self.map.directions[pixel].expect("invariant: lit pixels are measurable");
-            self.intensity * intensity[pixel] * direction.z * self.map.solid_angles_sr[pixel]
+            let (direction, sr) = self
+                .projector
+                .pixel(pixel)
+                .expect("invariant: lit pixels are measurable");
+            self.intensity * intensity[pixel] * direction.z * sr
         };
         lit.pixels.iter().map(of).sum()
     }

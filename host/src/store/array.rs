@@ -17,10 +17,11 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use bytemuck::Pod;
 use serde_json::{Map, Value};
 use zarrs::array::codec::{BytesCodec, Crc32cCodec};
 use zarrs::array::{
-    Array, ArrayBuilder, ArrayMetadataOptions, ChunkKeySeparator, CodecOptions, ElementOwned,
+    Array, ArrayBuilder, ArrayBytes, ArrayMetadataOptions, ChunkKeySeparator, CodecOptions, ElementOwned,
 };
 use zarrs::metadata::FillValueMetadata;
 use zarrs::storage::{ReadableStorageTraits as _, StoreKey};
@@ -337,7 +338,7 @@ impl ZarrArray {
     }
 
     /// Reads chunk `index` without its padding, or `None` if it was never written.
-    pub(super) fn read<T: ElementOwned>(&self, index: usize) -> Result<Option<Vec<T>>, StoreError> {
+    pub(super) fn read<T: ElementOwned + Pod>(&self, index: usize) -> Result<Option<Vec<T>>, StoreError> {
         self.check_index(index)?;
         let path = self.path_of(index);
         let found = self.store.size_key(&self.key(index));
@@ -354,18 +355,23 @@ impl ZarrArray {
                 });
             }
         }
-        let mut rows = self
+        let failed = |error| StoreError::chunk(&path, &self.name, index, "read", error);
+        T::validate_data_type(self.array.data_type()).map_err(|error| failed(error.into()))?;
+        // As bytes, and copied here: zarrs makes the numbers of them one by one.
+        let bytes = self
             .array
-            .retrieve_chunk_if_exists_opt::<Vec<T>>(&self.indices(index), &self.options)
-            .map_err(|error| StoreError::chunk(&path, &self.name, index, "read", error))?;
-        if let Some(rows) = &mut rows {
-            rows.truncate(self.len(index));
-        }
-        Ok(rows)
+            .retrieve_chunk_if_exists_opt::<ArrayBytes>(&self.indices(index), &self.options)
+            .map_err(failed)?;
+        let Some(bytes) = bytes else { return Ok(None) };
+        let bytes = bytes.into_fixed().expect("invariant: numbers have one length");
+        let mut rows = vec![T::zeroed(); self.len(index)];
+        let kept = &bytes[..size_of_val(rows.as_slice())];
+        bytemuck::cast_slice_mut(&mut rows).copy_from_slice(kept);
+        Ok(Some(rows))
     }
 
     /// Reads chunk `index`, which has to exist.
-    pub(super) fn read_present<T: ElementOwned>(&self, index: usize) -> Result<Vec<T>, StoreError> {
+    pub(super) fn read_present<T: ElementOwned + Pod>(&self, index: usize) -> Result<Vec<T>, StoreError> {
         self.read(index)?.ok_or_else(|| StoreError::Chunk {
             path: self.path_of(index),
             array: self.name.clone(),

@@ -8,6 +8,7 @@
 
 use std::sync::Arc;
 
+use bytemuck::Pod;
 use rcg_protocol::StepFlags;
 use serde_json::{Map, Value, json};
 use zarrs::array::ElementOwned;
@@ -163,7 +164,7 @@ macro_rules! columns_of_fields {
 
 for_every_field!(columns_of_fields);
 
-fn read<T: ElementOwned>(column: &ZarrArray, index: usize) -> Result<Vec<T>, StoreError> {
+fn read<T: ElementOwned + Pod>(column: &ZarrArray, index: usize) -> Result<Vec<T>, StoreError> {
     column.read_present(index)
 }
 

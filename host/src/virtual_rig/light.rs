@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::instrument::optics::DirectionMap;
+use crate::instrument::optics::DirectionTiles;
 
 /// What one pattern does at the sample.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,24 +52,29 @@ pub(super) struct Light {
 }
 
 impl Light {
-    /// The light of each spot among the pixels `lit` (row-major indices) of the projector whose map is `map` and whose
+    /// The light of each spot among the pixels `lit` (row-major indices) of the projector `projector` whose
     /// pixels have the relative intensity `intensity`; spots that do not reach the sample are left out.
-    pub(super) fn spots(lit: &[u32], map: &DirectionMap, intensity: &dyn Fn(usize) -> f64) -> Vec<Self> {
-        connected(lit, map.width_px)
+    pub(super) fn spots(
+        lit: &[u32],
+        projector: &DirectionTiles,
+        intensity: &dyn Fn(usize) -> f64,
+    ) -> Vec<Self> {
+        connected(lit, projector.size_px().0)
             .iter()
-            .filter_map(|spot| Self::of(spot, map, intensity))
+            .filter_map(|spot| Self::of(spot, projector, intensity))
             .collect()
     }
 
     /// The light of one spot, or `None` where it does not reach the sample.
-    pub(super) fn of(lit: &[u32], map: &DirectionMap, intensity: &dyn Fn(usize) -> f64) -> Option<Self> {
+    pub(super) fn of(
+        lit: &[u32],
+        projector: &DirectionTiles,
+        intensity: &dyn Fn(usize) -> f64,
+    ) -> Option<Self> {
         let weighted = || {
             lit.iter().filter_map(|&pixel| {
-                let direction = map.directions.get(pixel as usize)?.ok()?;
-                Some((
-                    direction,
-                    intensity(pixel as usize) * direction.z * map.solid_angles_sr[pixel as usize],
-                ))
+                let (direction, sr) = projector.pixel(pixel as usize)?;
+                Some((direction, intensity(pixel as usize) * direction.z * sr))
             })
         };
         let irradiance: f64 = weighted().map(|(_, weight)| weight).sum();
@@ -158,11 +163,11 @@ mod tests {
     #[test]
     fn four_nodes_have_the_moments_of_the_lit_pixels() {
         let view = View::projector(&Rig::load("rcg-1").unwrap());
-        let map = DirectionMap::of(&view);
+        let projector = DirectionTiles::of(view.clone());
         let maker = PatternMaker::new(view, 4.0, 1.0);
         for theta_deg in [35.0, 60.0, 80.0] {
             let lit = maker.lit_set(from_degrees(theta_deg, 33.0)).unwrap();
-            let lights = Light::spots(&lit.pixels, &map, &|_| 1.0);
+            let lights = Light::spots(&lit.pixels, &projector, &|_| 1.0);
             let [light] = lights[..] else {
                 panic!("one spot: {lights:?}")
             };
@@ -174,8 +179,8 @@ mod tests {
                     .pixels
                     .iter()
                     .map(|&pixel| {
-                        let w = map.directions[pixel as usize].unwrap();
-                        f(w) * w.z * map.solid_angles_sr[pixel as usize]
+                        let (w, sr) = projector.pixel(pixel as usize).unwrap();
+                        f(w) * w.z * sr
                     })
                     .sum::<f64>()
                     / lit.irradiance;
@@ -188,7 +193,7 @@ mod tests {
     #[test]
     fn the_light_of_separate_spots_is_that_of_each() {
         let view = View::projector(&Rig::load("rcg-1").unwrap());
-        let map = DirectionMap::of(&view);
+        let projector = DirectionTiles::of(view.clone());
         let maker = PatternMaker::new(view, 1.0, 1.0);
         let sets = [(35.0, 10.0), (60.0, 10.0), (60.0, 200.0), (75.0, 100.0)]
             .map(|(theta_deg, phi_deg)| maker.lit_set(from_degrees(theta_deg, phi_deg)).unwrap());
@@ -197,11 +202,11 @@ mod tests {
             pixels
         };
         let all = ascending(sets.iter().flat_map(|set| set.pixels.clone()).collect());
-        let lights = Light::spots(&all, &map, &|_| 1.0);
+        let lights = Light::spots(&all, &projector, &|_| 1.0);
         assert_eq!(lights.len(), sets.len());
         for set in &sets {
             // To the bit: a spot does not know what else is lit.
-            let alone = Light::of(&ascending(set.pixels.clone()), &map, &|_| 1.0).unwrap();
+            let alone = Light::of(&ascending(set.pixels.clone()), &projector, &|_| 1.0).unwrap();
             assert!(lights.contains(&alone));
         }
     }
@@ -216,8 +221,8 @@ mod tests {
 
     #[test]
     fn no_pixels_no_light() {
-        let map = DirectionMap::of(&View::projector(&Rig::load("rcg-1").unwrap()));
-        assert_eq!(Light::spots(&[], &map, &|_| 1.0), []);
-        assert_eq!(Light::spots(&[0, u32::MAX], &map, &|_| 1.0), []);
+        let projector = DirectionTiles::of(View::projector(&Rig::load("rcg-1").unwrap()));
+        assert_eq!(Light::spots(&[], &projector, &|_| 1.0), []);
+        assert_eq!(Light::spots(&[0, u32::MAX], &projector, &|_| 1.0), []);
     }
 }

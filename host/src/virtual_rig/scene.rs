@@ -9,6 +9,7 @@
 //! directional albedo both ways, here taken as a function of θ.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::held::{Held, Reflections};
 use super::light::{Glow, Light};
@@ -19,7 +20,7 @@ use crate::brdf::quadrature::mean_f;
 use crate::brdf::sample::{Sample, albedo};
 use crate::hemisphere::direction::from_angles;
 use crate::instrument::frame_format::FrameFormat;
-use crate::instrument::optics::{DirectionMap, View};
+use crate::instrument::optics::{DirectionTiles, View};
 use crate::plan::pattern::BitPattern;
 
 /// Offset of the two Gauss points from the centre of a pixel: 1/(2√3).
@@ -43,7 +44,7 @@ pub(super) struct Scene {
     held: Held,
     format: FrameFormat,
     pixels: Vec<Pixel>,
-    projector: DirectionMap,
+    projector: DirectionTiles,
     /// `E_p`, relative, row by row.
     intensity: Vec<f64>,
     gamma: f64,
@@ -80,8 +81,9 @@ impl Scene {
                 })
             })
             .collect();
-        let projector = DirectionMap::of(&View::projector(rig));
-        let intensity = flaws.intensity.over(projector.width_px, projector.height_px);
+        let projector = DirectionTiles::of(View::projector(rig));
+        let (width_px, height_px) = projector.size_px();
+        let intensity = flaws.intensity.over(width_px, height_px);
         let mut scene = Self {
             interreflection: match &held {
                 Held::Sample(sample) if flaws.interreflection > 0.0 => {
@@ -120,8 +122,8 @@ impl Scene {
         &self.sensor
     }
 
-    pub(super) const fn projector_size_px(&self) -> (usize, usize) {
-        (self.projector.width_px, self.projector.height_px)
+    pub(super) fn projector_size_px(&self) -> (usize, usize) {
+        self.projector.size_px()
     }
 
     /// What `pattern`, with these lit pixels, does at the sample.
@@ -143,29 +145,36 @@ impl Scene {
         let Held::Sample(sample) = &self.held else {
             return vec![[0.0; 3]; self.pixels.len()];
         };
-        let mut sum = vec![[0.0; 3]; self.pixels.len()];
+        self.projector.trace_all();
         let (width_px, height_px) = self.projector_size_px();
-        for top in (0..height_px).step_by(BLOCK_PX) {
-            for left in (0..width_px).step_by(BLOCK_PX) {
+        let blocks = (0..height_px)
+            .step_by(BLOCK_PX)
+            .flat_map(|top| (0..width_px).step_by(BLOCK_PX).map(move |left| (top, left)));
+        let lights: Vec<Light> = blocks
+            .filter_map(|(top, left)| {
                 let rows = top..(top + BLOCK_PX).min(height_px);
                 let columns = left..(left + BLOCK_PX).min(width_px);
                 let block: Vec<u32> = rows
                     .flat_map(|y| columns.clone().map(move |x| (y * width_px + x) as u32))
                     .collect();
-                let Some(light) = Light::of(&block, &self.projector, &|pixel| level * self.intensity[pixel])
-                else {
-                    continue;
-                };
-                let lobes = light.nodes.map(|node| sample.incident(node));
-                for (pixel, sum) in self.pixels.iter().zip(&mut sum) {
-                    let f = self.f(&light, mean_f(&lobes, &pixel.directions), pixel);
-                    for (sum, f) in sum.iter_mut().zip(f) {
-                        *sum += light.irradiance * f;
-                    }
+                Light::of(&block, &self.projector, &|pixel| level * self.intensity[pixel])
+            })
+            .collect();
+        let lobes: Vec<_> = lights
+            .iter()
+            .map(|light| light.nodes.map(|node| sample.incident(node)))
+            .collect();
+        let of = |pixel: &Pixel| {
+            let mut sum = [0.0; 3];
+            for (light, lobes) in lights.iter().zip(&lobes) {
+                let f = self.f(light, mean_f(lobes, &pixel.directions), pixel);
+                for (sum, f) in sum.iter_mut().zip(f) {
+                    *sum += light.irradiance * f;
                 }
             }
-        }
-        sum
+            sum
+        };
+        self.pixels.par_iter().map(of).collect()
     }
 
     /// f and what interreflection adds to it, in sr⁻¹ × throughput.

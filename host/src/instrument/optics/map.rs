@@ -1,12 +1,14 @@
 //! Directions and solid angles of all pixels of a view.
 //!
 //! # Design
-//! Built once and then looked up: capture needs the solid angles of the projector's pixels, assembly the
-//! directions of the camera's. Corners are shared by neighbouring pixels, so the whole map costs two traces
+//! Built once and then looked up, for who needs every pixel; the projector's, of which few are lit, are traced in
+//! [`super::DirectionTiles`]. Corners are shared by neighbouring pixels, so the whole map costs two traces
 //! per pixel. Rows are traced in parallel; the result does not depend on the number of threads.
 //!
 //! # Tradeoffs
 //! `f64` throughout, 40 bytes per pixel (168 MB for 2048 × 2048), for a round trip to 10⁻⁹ rad.
+
+use std::ops::Range;
 
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -34,23 +36,13 @@ impl DirectionMap {
     pub fn of(view: &View) -> DirectionMap {
         let width_px = view.pinhole().width_px() as usize;
         let height_px = view.pinhole().height_px() as usize;
-        let corner_row = |row: usize| -> Vec<Option<DVec3>> {
-            (0..=width_px).map(|column| corner(view, column, row)).collect()
-        };
-        // A band of rows traces its upper corners once and hands the lower ones on to the next row.
         let bands = rayon::current_num_threads().saturating_mul(8).max(1);
         let band_rows = height_px.div_ceil(bands).max(1);
         let (directions, solid_angles_sr) = (0..height_px.div_ceil(band_rows))
             .into_par_iter()
             .flat_map_iter(|band| {
                 let rows = band * band_rows..((band + 1) * band_rows).min(height_px);
-                let mut upper = corner_row(rows.start);
-                rows.flat_map(move |row| {
-                    let lower = corner_row(row + 1);
-                    let traced = trace_row(view, row, &upper, &lower);
-                    upper = lower;
-                    traced
-                })
+                trace_rows(view, 0..width_px, rows)
             })
             .unzip();
         DirectionMap {
@@ -95,6 +87,25 @@ impl DirectionMap {
     }
 }
 
+/// Direction and solid angle of the pixels of a rectangle, row by row. A row hands its lower corners on to the next.
+pub(super) fn trace_rows(
+    view: &View,
+    columns: Range<usize>,
+    rows: Range<usize>,
+) -> impl Iterator<Item = (Result<DVec3, Unmeasurable>, f64)> {
+    let Range { start, end } = columns;
+    let corners = move |row: usize| -> Vec<Option<DVec3>> {
+        (start..=end).map(|column| corner(view, column, row)).collect()
+    };
+    let mut upper = corners(rows.start);
+    rows.flat_map(move |row| {
+        let lower = corners(row + 1);
+        let traced = trace_row(view, start, row, &upper, &lower);
+        upper = lower;
+        traced
+    })
+}
+
 /// Direction of the upper left corner of a pixel, on the whole ellipsoid.
 fn corner(view: &View, column: usize, row: usize) -> Option<DVec3> {
     view.reflect_pixel(DVec2::new(column as f64, row as f64))
@@ -103,6 +114,7 @@ fn corner(view: &View, column: usize, row: usize) -> Option<DVec3> {
 
 fn trace_row(
     view: &View,
+    first_column: usize,
     row: usize,
     upper: &[Option<DVec3>],
     lower: &[Option<DVec3>],
@@ -110,7 +122,7 @@ fn trace_row(
     let columns = upper.windows(2).zip(lower.windows(2)).enumerate();
     columns
         .map(|(column, (above, below))| {
-            let centre = DVec2::new(column as f64 + 0.5, row as f64 + 0.5);
+            let centre = DVec2::new((first_column + column) as f64 + 0.5, row as f64 + 0.5);
             let direction = view.direction(centre.x, centre.y);
             let sr = match (direction, above[0], above[1], below[1], below[0]) {
                 (Err(_), ..) => 0.0,

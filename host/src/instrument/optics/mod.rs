@@ -11,6 +11,7 @@
 //! | `inverse` | the pixel that sees a given direction |
 //! | `solid_angle` | solid angle at the sample of a pixel |
 //! | `map` | all pixels of a view at once |
+//! | `tiles` | those pixels of a view that are asked for |
 //! | `table` | any position of a view, fast, with a stated error |
 //! | `spread` | parallax and blur of a pixel |
 //! | `unmeasurable` | why there is no direction or no pixel |
@@ -27,6 +28,7 @@ mod pinhole;
 mod solid_angle;
 mod spread;
 mod table;
+mod tiles;
 mod unmeasurable;
 mod view;
 mod wire;
@@ -38,6 +40,7 @@ pub use pinhole::Pinhole;
 pub use solid_angle::cone_sr;
 pub use spread::Spread;
 pub use table::DirectionTable;
+pub use tiles::DirectionTiles;
 pub use unmeasurable::Unmeasurable;
 pub use view::{Trace, View};
 pub use wire::WireStrip;
