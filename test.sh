@@ -107,22 +107,30 @@ else
     echo "no cargo-deny (cargo install cargo-deny --locked): licences and advisories are skipped"
 fi
 
-step "firmware: build for RP2040 at 200 and 125 MHz, and for RP2350"
+# Linking the firmware keeps one core busy: the host's lints and documentation go on beside it.
 firmware=$PWD/target/thumbv6m-none-eabi/firmware/rcg-firmware
-cargo fw-200mhz
-cp "$firmware" "$firmware-200mhz"
-cargo fw
-cargo fw-rp2350
-export RCG_FIRMWARE_ELF=$firmware
-
-step "firmware: lints"
-cargo clippy --profile firmware --package rcg-firmware --bin rcg-firmware --target thumbv6m-none-eabi -- -D warnings
+firmware() {
+    cargo fw-200mhz
+    cp "$firmware" "$firmware-200mhz"
+    cargo fw
+    cargo fw-rp2350
+    cargo clippy --profile firmware --package rcg-firmware --bin rcg-firmware --target thumbv6m-none-eabi -- -D warnings
+}
+(set -e; firmware) >target/firmware.log 2>&1 &
+building=$!
+trap 'kill "$building" 2>/dev/null || true' EXIT
 
 step "host: lints"
 cargo clippy --workspace --all-targets --all-features -- -D warnings
 
 step "documentation"
 RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --all-features --quiet
+
+step "firmware: build for RP2040 at 200 and 125 MHz and for RP2350, and lints: the rest of it"
+wait "$building" || { cat target/firmware.log; exit 1; }
+trap - EXIT
+grep -E "Finished|warning" target/firmware.log
+export RCG_FIRMWARE_ELF=$firmware
 
 if [ -d hil/emulator/node_modules ]; then
     step "emulator: tests"
