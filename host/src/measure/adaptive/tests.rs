@@ -65,14 +65,15 @@ fn psnr_db(sample: &dyn Sample, set: &IncidentSet, usable: &[bool]) -> (f64, f64
     .collect();
     let errors: Vec<f64> = judged
         .par_iter()
-        .map(|&w| {
+        .filter_map(|&w| {
             let parts: Vec<(DVec3, &Image, f64)> = set
                 .neighbours(w)
                 .into_iter()
                 .filter(|part| part.1 > 0.0)
                 .filter_map(|(index, weight)| Some((set.direction(index), images[index].as_ref()?, weight)))
                 .collect();
-            mse(w, &ideal(sample, w, disk), &parts, disk, &cells).unwrap()
+            // Nothing where all that is beside it lies in the hole.
+            mse(w, &ideal(sample, w, disk), &parts, disk, &cells)
         })
         .collect();
     let db = |mse: f64| -10.0 * mse.log10();
