@@ -48,7 +48,7 @@ impl BitPattern {
 
     /// Size in pixels (width, height).
     #[must_use]
-    pub fn size_px(&self) -> (usize, usize) {
+    pub const fn size_px(&self) -> (usize, usize) {
         (self.width_px, self.height_px)
     }
 
@@ -134,7 +134,7 @@ impl PatternMaker {
     /// Size of the patterns in pixels (width, height).
     #[must_use]
     pub fn size_px(&self) -> (usize, usize) {
-        self.projector.size_px()
+        self.projector.view().size_px()
     }
 
     /// The pixels to light for incident direction `w`.

@@ -59,7 +59,7 @@ impl Light {
         projector: &DirectionTiles,
         intensity: &dyn Fn(usize) -> f64,
     ) -> Vec<Self> {
-        connected(lit, projector.size_px().0)
+        connected(lit, projector.view().size_px().0)
             .iter()
             .filter_map(|spot| Self::of(spot, projector, intensity))
             .collect()

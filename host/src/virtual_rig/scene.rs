@@ -82,7 +82,7 @@ impl Scene {
             })
             .collect();
         let projector = DirectionTiles::of(View::projector(rig));
-        let (width_px, height_px) = projector.size_px();
+        let (width_px, height_px) = projector.view().size_px();
         let intensity = flaws.intensity.over(width_px, height_px);
         let mut scene = Self {
             interreflection: match &held {
@@ -123,7 +123,7 @@ impl Scene {
     }
 
     pub(super) fn projector_size_px(&self) -> (usize, usize) {
-        self.projector.size_px()
+        self.projector.view().size_px()
     }
 
     /// What `pattern`, with these lit pixels, does at the sample.

@@ -34,8 +34,7 @@ pub struct DirectionMap {
 impl DirectionMap {
     /// Traces every pixel of `view`.
     pub fn of(view: &View) -> DirectionMap {
-        let width_px = view.pinhole().width_px() as usize;
-        let height_px = view.pinhole().height_px() as usize;
+        let (width_px, height_px) = view.size_px();
         let bands = rayon::current_num_threads().saturating_mul(8).max(1);
         let band_rows = height_px.div_ceil(bands).max(1);
         let (directions, solid_angles_sr) = (0..height_px.div_ceil(band_rows))

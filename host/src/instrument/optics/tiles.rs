@@ -4,6 +4,7 @@
 //! A pattern lights some hundred of a projector's millions of pixels. They are traced by squares of [`TILE_PX`], each
 //! once, by whoever asks first; values are those of [`super::DirectionMap`] to the bit.
 
+use std::ops::Range;
 use std::sync::OnceLock;
 
 use glam::DVec3;
@@ -29,7 +30,7 @@ impl DirectionTiles {
     /// Those of `view`; nothing is traced yet.
     #[must_use]
     pub fn of(view: View) -> Self {
-        let (width_px, height_px) = size_px(&view);
+        let (width_px, height_px) = view.size_px();
         let tiles = width_px.div_ceil(TILE_PX) * height_px.div_ceil(TILE_PX);
         Self {
             view,
@@ -43,48 +44,43 @@ impl DirectionTiles {
         &self.view
     }
 
-    /// Size of its image in pixels (width, height).
-    #[must_use]
-    pub fn size_px(&self) -> (usize, usize) {
-        size_px(&self.view)
-    }
-
     /// Direction (sample frame, unit, away from the surface) and solid angle (steradians) of the pixel with the
     /// row-major index `index`; `None` where it sees none, or lies outside of the image.
     #[must_use]
     pub fn pixel(&self, index: usize) -> Option<(DVec3, f64)> {
-        let (width_px, height_px) = self.size_px();
+        let (width_px, height_px) = self.view.size_px();
         let (column, row) = (index % width_px, index / width_px);
         if row >= height_px {
             return None;
         }
-        let (across, down) = (column / TILE_PX, row / TILE_PX);
-        let columns = across * TILE_PX..((across + 1) * TILE_PX).min(width_px);
-        let traced = self.tile(across, down)[(row % TILE_PX) * columns.len() + column % TILE_PX];
-        Some((traced.0.ok()?, traced.1))
+        let tile = row / TILE_PX * width_px.div_ceil(TILE_PX) + column / TILE_PX;
+        let [columns, _] = self.span(tile);
+        let (direction, sr) = self.tile(tile)[(row % TILE_PX) * columns.len() + column % TILE_PX];
+        Some((direction.ok()?, sr))
     }
 
     /// Traces all that is not yet, on all cores: for who will ask for every pixel.
     pub fn trace_all(&self) {
-        let across = self.size_px().0.div_ceil(TILE_PX);
         (0..self.tiles.len()).into_par_iter().for_each(|tile| {
-            self.tile(tile % across, tile / across);
+            self.tile(tile);
         });
     }
 
-    fn tile(&self, across: usize, down: usize) -> &[Traced] {
-        let (width_px, height_px) = self.size_px();
-        let span = |tile: usize, size: usize| tile * TILE_PX..((tile + 1) * TILE_PX).min(size);
-        self.tiles[down * width_px.div_ceil(TILE_PX) + across]
-            .get_or_init(|| trace_rows(&self.view, span(across, width_px), span(down, height_px)).collect())
+    /// The pixels of a tile, row by row.
+    fn tile(&self, tile: usize) -> &[Traced] {
+        self.tiles[tile].get_or_init(|| {
+            let [columns, rows] = self.span(tile);
+            trace_rows(&self.view, columns, rows).collect()
+        })
     }
-}
 
-fn size_px(view: &View) -> (usize, usize) {
-    (
-        view.pinhole().width_px() as usize,
-        view.pinhole().height_px() as usize,
-    )
+    /// Columns and rows of a tile.
+    fn span(&self, tile: usize) -> [Range<usize>; 2] {
+        let (width_px, height_px) = self.view.size_px();
+        let across = width_px.div_ceil(TILE_PX);
+        [(tile % across, width_px), (tile / across, height_px)]
+            .map(|(at, size)| at * TILE_PX..((at + 1) * TILE_PX).min(size))
+    }
 }
 
 #[cfg(test)]
@@ -99,7 +95,7 @@ mod tests {
             let view = View::camera(&Rig::load(preset).unwrap().with_image_size(size_px).unwrap());
             let map = DirectionMap::of(&view);
             let tiles = DirectionTiles::of(view);
-            assert_eq!(tiles.size_px(), (map.width_px, map.height_px));
+            assert_eq!(tiles.view().size_px(), (map.width_px, map.height_px));
             for (index, (direction, &sr)) in map.directions.iter().zip(&map.solid_angles_sr).enumerate() {
                 assert_eq!(
                     tiles.pixel(index),

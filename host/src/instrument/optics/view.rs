@@ -86,6 +86,14 @@ impl View {
         }
     }
 
+    /// Size of the image in pixels (width, height).
+    pub fn size_px(&self) -> (usize, usize) {
+        (
+            self.pinhole.width_px() as usize,
+            self.pinhole.height_px() as usize,
+        )
+    }
+
     /// The device's projection.
     pub fn pinhole(&self) -> &Pinhole {
         &self.pinhole

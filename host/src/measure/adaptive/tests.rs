@@ -44,9 +44,12 @@ fn ideal(sample: &dyn Sample, w: DVec3, disk: Disk) -> Image {
     }
 }
 
+/// In dB over all directions and of the worst one, and how many were judged.
+type Psnr = (f64, f64, usize);
+
 /// PSNR in dB of ideal captures at `set`, interpolated by the better of the two rules: (over all judged directions, of
-/// the worst one).
-fn psnr_db(sample: &dyn Sample, set: &IncidentSet, usable: &[bool]) -> (f64, f64) {
+/// the worst one), and how many were: none is where all captures beside it lie in the hole.
+fn psnr_db(sample: &dyn Sample, set: &IncidentSet, usable: &[bool]) -> Psnr {
     let rig = Rig::load("rcg-1").unwrap();
     let maker = PatternMaker::new(View::projector(&rig), 1.0, 1.0);
     let disk = Disk::new(64);
@@ -72,7 +75,6 @@ fn psnr_db(sample: &dyn Sample, set: &IncidentSet, usable: &[bool]) -> (f64, f64
                 .filter(|part| part.1 > 0.0)
                 .filter_map(|(index, weight)| Some((set.direction(index), images[index].as_ref()?, weight)))
                 .collect();
-            // Nothing where all that is beside it lies in the hole.
             mse(w, &ideal(sample, w, disk), &parts, disk, &cells)
         })
         .collect();
@@ -80,11 +82,12 @@ fn psnr_db(sample: &dyn Sample, set: &IncidentSet, usable: &[bool]) -> (f64, f64
     (
         db(errors.iter().sum::<f64>() / errors.len() as f64),
         db(errors.iter().copied().fold(0.0, f64::max)),
+        errors.len(),
     )
 }
 
-/// Captures, then PSNR of adaptive and uniform directions, each (mean, worst), and the predicted one.
-fn compared(spec: &str, step_deg: f64) -> (usize, (f64, f64), (f64, f64), f64) {
+/// Captures, then PSNR of adaptive and uniform directions, each (mean, worst, judged), and the predicted one.
+fn compared(spec: &str, step_deg: f64) -> (usize, Psnr, Psnr, f64) {
     let rig = Rig::load("rcg-1").unwrap();
     let sample = crate::brdf::sample::parse(spec).unwrap();
     let uniform = Directions::new(&rig, &Grid::EqualSolidAngle { step_deg }).unwrap();
@@ -115,7 +118,7 @@ fn compared(spec: &str, step_deg: f64) -> (usize, (f64, f64), (f64, f64), f64) {
 #[test]
 fn adaptive_captures_beat_as_many_uniform_ones_and_the_prediction_holds() {
     let (captures, adaptive, uniform, predicted_db) = compared("ward:brass", 11.25);
-    assert_eq!(captures, 152);
+    assert_eq!((captures, adaptive.2, uniform.2), (152, JUDGED, JUDGED));
     assert!(adaptive.0 > uniform.0, "{adaptive:?} dB, uniform {uniform:?} dB");
     assert!(
         (predicted_db - adaptive.0).abs() < 3.0,
@@ -132,14 +135,14 @@ fn table_of_captures_and_psnr() {
     let samples = files
         .into_iter()
         .filter(|file| std::path::Path::new(file).exists());
-    println!("sample captures | adaptive mean worst | uniform mean worst | predicted  (dB)");
+    println!("sample captures | adaptive mean worst | uniform mean worst | predicted  (dB) | judged");
     for spec in std::iter::once("ward:brass".to_owned()).chain(samples) {
         for step_deg in [11.25, 7.5, 5.0] {
             let (captures, a, u, predicted) = compared(&spec, step_deg);
             let name = spec.rsplit('/').next().unwrap_or(&spec);
             println!(
-                "{name} {captures} | {:.1} {:.1} | {:.1} {:.1} | {predicted:.1}",
-                a.0, a.1, u.0, u.1
+                "{name} {captures} | {:.1} {:.1} | {:.1} {:.1} | {predicted:.1} | {} {}",
+                a.0, a.1, u.0, u.1, a.2, u.2
             );
         }
     }
