@@ -140,8 +140,8 @@ mod tests {
             Just(f32::NAN),
             Just(-f32::NAN),
             Just(f32::INFINITY),
-            1e-9_f32..1e-6,
-            0.0_f32..2.0,
+            // In double precision: proptest 1.12 panics in about one of 10⁸ draws from a range of `f32`.
+            prop_oneof![1e-9..1e-6, 0.0..2.0].prop_map(|value: f64| value as f32),
         ]
     }
 
@@ -204,7 +204,8 @@ mod tests {
         }
 
         #[test]
-        fn a_standard_uncertainty_is_stored_as_its_nearest_half_float_and_never_as_none(sigma in 0.0_f32..1e6) {
+        fn a_standard_uncertainty_is_stored_as_its_nearest_half_float_and_never_as_none(sigma in 0.0..1e6) {
+            let sigma = sigma as f32;
             let stored = stored_sigma(sigma);
             prop_assert!(is_sigma(stored));
             if (LEAST_SIGMA..USELESS_SIGMA).contains(&sigma) {

@@ -1,6 +1,7 @@
 //! A single pair has the value that its incident direction, prepared, gives towards its outgoing direction.
 
 use std::f32;
+use std::ops::Range;
 
 use super::*;
 
@@ -26,12 +27,21 @@ struct Tables {
     facets: Vec<f32>,
 }
 
+/// Single-precision numbers of `range`, drawn in double precision: proptest 1.12 panics in about one of 10⁸ draws from a
+/// range of `f32` ("assertion failed: self.low - result < initial.step"), and a case here draws thousands.
+fn singles(range: Range<f64>) -> impl Strategy<Value = f32> {
+    range.prop_map(|value| value as f32)
+}
+
 fn tables() -> impl Strategy<Value = Tables> {
     let slices = 5 * THETA_I_RAD.len();
     // Warps with valleys of zero density between peaks; values below zero, as measured files have some.
-    let vndf = prop::collection::vec(prop_oneof![1 => Just(0.0_f32), 6 => 0.01_f32..30.0], slices * 63);
-    let rgb = prop::collection::vec(-0.2_f32..1.0, slices * 3 * 30);
-    let facets = prop::collection::vec(0.1_f32..5.0, 20);
+    let vndf = prop::collection::vec(
+        prop_oneof![1 => Just(0.0_f32), 6 => singles(0.01..30.0)],
+        slices * 63,
+    );
+    let rgb = prop::collection::vec(singles(-0.2..1.0), slices * 3 * 30);
+    let facets = prop::collection::vec(singles(0.1..5.0), 20);
     (vndf, rgb, facets).prop_map(|(vndf, rgb, facets)| Tables { vndf, rgb, facets })
 }
 
