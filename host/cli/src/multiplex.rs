@@ -92,7 +92,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         Order::Given(order) => Some(order),
     };
     output.begin("pilot capture", 1, "runs");
-    let choice = choose(&rig, &job.plan.request.grid, order, &mut instrument)?;
+    let choice = choose(&rig, &job.plan.request, order, &mut instrument)?;
     output.end();
     let mut value = serde_json::to_value(&choice).map_err(std::io::Error::from)?;
     if let Value::Object(object) = &mut value {

@@ -9,14 +9,14 @@ use rcg::instrument::optics::View;
 use rcg::instrument::rig::{Rig, Tilt};
 use rcg::judge::render::save;
 use rcg::plan::pattern::{BitPattern, PatternMaker};
-use rcg::plan::{Directions, PlanError, spot_deg};
+use rcg::plan::{Directions, PlanError, Request};
 use rcg::store::Lock;
 use rcg::store::whole_file::write_whole;
 use serde_json::json;
 
 use crate::Done;
 use crate::output::Output;
-use crate::request::{CalibrationArgs, GridArgs};
+use crate::request::{CalibrationArgs, GridArgs, spot_deg};
 
 /// Write the patterns that a measurement shows.
 ///
@@ -29,6 +29,9 @@ pub(crate) struct Args {
     out: PathBuf,
     #[command(flatten)]
     grid: GridArgs,
+    /// Opening of the cone that each pattern lights, degrees [default: that of the rig, but no wider than the step]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = spot_deg)]
+    spot: Option<f64>,
     /// Tilt of the sample by its holder, as in `rcg measure --tilt` [default: none]
     #[arg(long, value_name = "TILT:TOWARDS[:TURN]", allow_hyphen_values = true)]
     tilt: Option<Tilt>,
@@ -44,7 +47,12 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     Measurement::check_new(&args.out)?;
     let _lock = Lock::folder(&args.out)?;
     Measurement::check_new(&args.out)?;
-    let spot_deg = spot_deg(&rig, &grid);
+    let request = Request {
+        grid: grid.clone(),
+        spot_deg: args.spot,
+        ..Request::default()
+    };
+    let spot_deg = request.spot_deg(&rig);
     let maker = PatternMaker::new(View::projector(&rig), spot_deg, rig.projector.irradiance);
     let (width, height) = maker.size_px();
     let mut image = BitPattern::black(width, height);

@@ -50,7 +50,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         let exposure_s = request.exposure_s.unwrap_or(rig.camera.exposure_s);
         Job::with_times(&rig, request, &[exposure_s], &setup)?.plan
     };
-    let rig = rig.tilted(plan.request.tilt)?;
+    let rig = plan.request.rig(&rig)?;
     let directions = Directions::new(&rig, &plan.request.grid).map_err(PlanError::from)?;
     let pace = PredictedTime::new(&plan, &directions, &rig);
     let mut value = json!({

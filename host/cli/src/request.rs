@@ -7,7 +7,7 @@ use rcg::instrument::calibration::Calibration;
 use rcg::instrument::rig::{Rig, Tilt};
 use rcg::plan::brackets::Brackets;
 use rcg::plan::schedule::EXPOSURES_S;
-use rcg::plan::{Faults, IMAGE_SIZES_PX, PlanError, Request, Virtual};
+use rcg::plan::{Faults, IMAGE_SIZES_PX, PlanError, Request, SPOTS_DEG, Virtual};
 use rcg::virtual_rig::setup::TriggerBox;
 
 use crate::failure::Failure;
@@ -64,6 +64,10 @@ pub(crate) struct RequestArgs {
     /// Exposure time in milliseconds [default: found by a pilot capture]
     #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = exposure_ms)]
     exposure_ms: Option<f64>,
+    /// Opening of the cone that each pattern lights, degrees: the wider, the more light beside that of the black pixels, and
+    /// the more blur [default: that of the rig, but no wider than the step]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = spot_deg)]
+    spot: Option<f64>,
     /// Exposures of each pattern, merged for high dynamic range: as many as a pilot capture proposes (auto), so many of
     /// its choice, or these times in milliseconds [default: 1]
     #[arg(long, value_name = "auto|N|MS,MS,...", allow_hyphen_values = true)]
@@ -211,6 +215,7 @@ impl RequestArgs {
                 (None, Some(_)) => Brackets::One,
                 (None, None) => before.brackets,
             },
+            spot_deg: self.spot.or(before.spot_deg),
             tilt: self.tilt.or(before.tilt),
             sample_name: self.sample_name.clone().or(before.sample_name),
             sample_description: self.sample_description.clone().or(before.sample_description),
@@ -272,6 +277,18 @@ pub(crate) fn exposure_ms(text: &str) -> Result<f64, String> {
         Ok(ms) if EXPOSURES_S.contains(&(ms * 1e-3)) => Ok(ms),
         _ => Err(format!(
             "expected a number of milliseconds from {low_ms} to {high_ms}"
+        )),
+    }
+}
+
+/// The opening of a cone of light in degrees.
+pub(crate) fn spot_deg(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(deg) if SPOTS_DEG.contains(&deg) => Ok(deg),
+        _ => Err(format!(
+            "expected a number of degrees from {} to {}",
+            SPOTS_DEG.start(),
+            SPOTS_DEG.end()
         )),
     }
 }

@@ -12,7 +12,7 @@
 //!    - standard and fields: the relative uncertainties that photometry states, those of the fields by their covariance at
 //!      the pixels that see and light, which grows where the standard was not seen;
 //!    - interreflection: that of r, and a quarter of the correction for its simple model;
-//!    - directions, interpolation and blur: what they make of an image that is not even (`shape`).
+//!    - directions (as they are known, and as far as whole projector pixels light beside them), interpolation and blur: what they make of an image that is not even (`shape`).
 //!
 //! # Tradeoffs
 //! What is systematic (fields, directions) is correlated from sample to sample; the file has one number per sample.
@@ -48,6 +48,8 @@ pub(super) struct Correction {
     /// Relative variance of f by the throughput of each cell, and by the light of each incident direction.
     cell_relative2: Vec<f32>,
     row_relative2: Vec<f32>,
+    /// Square of the angle by which the light of each incident direction comes from beside it, radians².
+    row_beside2: Vec<f32>,
     interreflection: Option<Interreflection>,
     /// cosθ times solid angle of each cell, 0 beyond the horizon.
     cosine_sr: Vec<f32>,
@@ -65,8 +67,8 @@ impl Correction {
         resampling: &Resampling,
     ) -> Result<Self, String> {
         let channels = rig.camera.channels as usize;
-        let (mut cells, mut rows) = (vec![1.0; disk.len() * channels], vec![1.0; directions.grid.len()]);
-        let (mut cell_relative2, mut row_relative2) = (vec![0.0; disk.len()], vec![0.0; rows.len()]);
+        let mut cells = vec![1.0; disk.len() * channels];
+        let mut cell_relative2 = vec![0.0; disk.len()];
         let mut relative = 0.0_f64;
         if let Some(photometry) = &applied.photometry {
             if photometry.sensitivity.len() != channels {
@@ -76,9 +78,9 @@ impl Correction {
                 ));
             }
             (cells, cell_relative2) = throughput(rig, photometry, disk);
-            (rows, row_relative2) = light(rig, plan, directions, photometry);
             relative = photometry.common_uncertainty();
         }
+        let (rows, (row_relative2, row_beside2)) = light(rig, plan, directions, applied.photometry.as_ref());
         let [camera_deg, projector_deg] = applied.direction_deg;
         Ok(Self {
             size: disk.size(),
@@ -88,6 +90,7 @@ impl Correction {
             relative2: relative.powi(2) as f32,
             cell_relative2,
             row_relative2,
+            row_beside2,
             interreflection: applied
                 .photometry
                 .as_ref()
@@ -144,7 +147,10 @@ impl Correction {
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
                     f[cell * self.channels + channel] -= back.0;
                 }
-                let by_shape = self.shape.uncertainties(f, &sigma, &measured, channel, &mut room);
+                let beside2 = self.row_beside2[index];
+                let by_shape = self
+                    .shape
+                    .uncertainties(f, &sigma, &measured, channel, beside2, &mut room);
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
                     let at = cell * self.channels + channel;
                     let relative2 = self.relative2 + self.row_relative2[index] + self.cell_relative2[cell];
@@ -208,28 +214,35 @@ fn throughput(rig: &Rig, photometry: &Photometry, disk: Disk) -> (Vec<f32>, Vec<
     (factors, variances)
 }
 
-/// What f is to be multiplied with for the intensity of the lit pixels of each incident direction, and the relative
-/// variance of that.
-fn light(rig: &Rig, plan: &Plan, directions: &Directions, photometry: &Photometry) -> (Vec<f32>, Vec<f32>) {
+/// What f is to be multiplied with for the intensity of the lit pixels of each incident direction, the relative variance of
+/// that, and the square of the angle from the direction to their middle in radians².
+fn light(
+    rig: &Rig,
+    plan: &Plan,
+    directions: &Directions,
+    photometry: Option<&Photometry>,
+) -> (Vec<f32>, (Vec<f32>, Vec<f32>)) {
     use rayon::prelude::*;
     let projector = View::projector(rig);
     let maker = PatternMaker::new(projector.clone(), plan.spot_deg, rig.projector.irradiance);
     let (width_px, height_px) = maker.size_px();
-    let field = photometry.intensity.over(width_px, height_px);
+    let field = photometry.map(|found| found.intensity.over(width_px, height_px));
     (0..directions.grid.len())
         .into_par_iter()
         .map(|index| {
             let w: DVec3 = directions.grid.direction(index);
             let lit = directions.reasons[index].is_none().then(|| maker.lit_set(w).ok());
             let Some((lit, at)) = lit.flatten().zip(projector.pixel(w).ok()) else {
-                return (1.0, 0.0);
+                return (1.0, (0.0, 0.0));
+            };
+            let beside2 = lit.centroid.angle_between(w).powi(2) as f32;
+            let Some((found, field)) = photometry.zip(field.as_ref()) else {
+                return (1.0, (0.0, beside2));
             };
             let [x, y] = place(&projector, at);
-            let relative = photometry.intensity.relative_uncertainty_at(x, y);
-            (
-                (lit.irradiance / maker.irradiance_of(&lit, &field)) as f32,
-                (relative * relative) as f32,
-            )
+            let relative = found.intensity.relative_uncertainty_at(x, y);
+            let factor = lit.irradiance / maker.irradiance_of(&lit, field);
+            (factor as f32, ((relative * relative) as f32, beside2))
         })
         .unzip()
 }

@@ -74,7 +74,7 @@ impl<'a> FrameAssembler<'a> {
                 .into_iter()
                 .map(|exposure_s| Radiometry::new(rig, camera, black, exposure_s, format.len()))
                 .collect::<Result<_, _>>()?,
-            resampling: seen(rig, &Edges::new(applied.edge_deg), &off_sample, disk).centred(),
+            resampling: seen(rig, &Edges::new(applied.edge_deg), &off_sample, disk),
             correction: None,
             channels: format.channels,
             rig,

@@ -14,7 +14,7 @@
 //! Exposures of different length are merged pixel by pixel (`assemble/merge.rs`) before anything else.
 //!
 //! Camera pixels are interpolated linearly onto the outgoing disk. The standard uncertainty of noise follows from the
-//! variance above, 1/12 for rounding, and that of the mean dark frame; `correction` adds what else there is.
+//! variance above, 1/6 for rounding with dither, and that of the mean dark frame; `correction` adds what else there is.
 //!
 //! What no pixel sees, what saturated and what nothing lit is NaN from the first step on: no sum may take it for a dark sample.
 //!

@@ -7,7 +7,7 @@ use half::slice::HalfFloatSliceExt as _;
 use super::merge::{Merge, Merged, lanes};
 use crate::assemble::resample::{Resampling, Taps};
 use crate::instrument::calibration::CameraFound;
-use crate::instrument::rig::Rig;
+use crate::instrument::rig::{ROUNDING_DN2, Rig};
 use crate::store::provenance::Provenance;
 use crate::store::{BrdfRows, LEAST_SIGMA, Segment, USELESS_SIGMA};
 
@@ -41,6 +41,7 @@ impl Radiometry {
         exposure_s: f64,
         pixels: usize,
     ) -> Result<Self, String> {
+        let camera = camera.map(|camera| camera.of_image(&rig.camera.binned));
         let gain = camera.map_or_else(|| rig.gain_e_per_dn(), |camera| camera.gain_e_per_dn);
         let read_noise_e = camera.map_or(rig.camera.read_noise_e, |camera| camera.read_noise_e);
         let level = camera.map_or(rig.camera.dark_dn, |camera| camera.dark_dn);
@@ -72,7 +73,7 @@ impl Radiometry {
             ));
         }
         let read_dn = read_noise_e / gain;
-        let one = read_dn * read_dn + 1.0 / 12.0;
+        let one = read_dn * read_dn + ROUNDING_DN2;
         let means = 1.0 + 1.0 / f64::from(count);
         Ok(Self {
             exposure_s,

@@ -4,9 +4,8 @@
 //! Slopes and second differences come from the neighbours of each cell, as far as they are beyond what noise makes of
 //! them. They count as follows.
 //!
-//! - **Directions**: the slope of f over the outgoing directions times the uncertainty of the directions, and times the
-//!   angle by which the pixels of a cell look beside it. The slope over the incident ones is taken to be as steep, which
-//!   holds where f depends on the half vector.
+//! - **Directions**: the slope of f over the outgoing directions times the uncertainty of the directions. The slope over
+//!   the incident ones is taken to be as steep, which holds where f depends on the half vector.
 //! - **Interpolation and blur**: light and pixels average f over the spot and over what bilinear interpolation takes in.
 //!   Of a lobe that has the variance v along an axis where it is seen, of which the blur is V, the peak is lower than it
 //!   should be by the factor √((v − V)/v) (a Gaussian lobe; for one that is wide it is the well-known half of second
@@ -16,7 +15,8 @@
 //!   straight. Both axes of the disk are taken for themselves, and what couples them is added.
 //!
 //! Curvature goes through zero on the flanks of a lobe and may lie between two cells: each cell takes the most of those
-//! a pixel around it.
+//! a pixel around it. Beside what was not measured a lobe may have its peak out of sight: what f rises or falls by on the
+//! side that is seen, it may fall or rise by on the other.
 
 use glam::{DVec2, DVec3};
 
@@ -33,10 +33,6 @@ const BENT: f32 = 9.0;
 const NARROWEST: f32 = 0.02;
 /// A pixel may be wider than so many cells by this.
 const WHOLE: f32 = 0.2;
-/// Neighbouring cells count as at least this share of their distance apart, even if they look at the same pixel.
-const LEAST_STEP: f64 = 0.5;
-/// Cells to each side of which the steepest counts where a cell looks beside itself: those next to it share its pixels.
-const REACH: usize = 2;
 
 /// Angles from a cell to its neighbours, radians: left, right, above, below; `None` where there is none.
 type Steps = [Option<f32>; 4];
@@ -51,8 +47,6 @@ pub(super) struct Shape {
     steps: Vec<Steps>,
     /// Variance of the directions along each axis, radians².
     direction_variance: f32,
-    /// Square of the angle by which each cell's pixels look beside it, radians², 0 if they are all around it.
-    beside2: Vec<f32>,
     /// How many cells a pixel is wide there along columns and rows.
     apart: Vec<[usize; 2]>,
     /// Variances of the blur of each cell along columns and rows, and their covariance, in cells².
@@ -93,13 +87,8 @@ impl Shape {
         Self {
             size: disk.size(),
             channels,
-            steps: steps(disk, &resampling.looks),
+            steps: steps(disk),
             direction_variance: direction_variance as f32,
-            beside2: resampling
-                .beside_rad
-                .iter()
-                .map(|rad| (rad * rad) as f32)
-                .collect(),
             // Of the variance of blur a pixel's is a quarter of the square of its width.
             apart: blur
                 .iter()
@@ -112,13 +101,15 @@ impl Shape {
     }
 
     /// The standard uncertainties by shape of one channel of the image `f` (sr⁻¹, [cell, channel]), which has `noise`
-    /// (k = 1): sr⁻¹, [cell].
+    /// (k = 1) and whose light comes from an angle beside the incident direction of which `beside2` is the square (radians²):
+    /// sr⁻¹, [cell].
     pub(super) fn uncertainties<'b>(
         &self,
         f: &[f32],
         noise: &[f32],
         measured: &dyn Fn(usize) -> bool,
         channel: usize,
+        beside2: f32,
         by: &'b mut ByShape,
     ) -> &'b [f32] {
         let cells = self.size * self.size;
@@ -148,12 +139,8 @@ impl Shape {
                     })
                     .fold(0.0, f32::max)
             };
-            let mut slope2 = by.slope2[cell];
-            if self.beside2[cell] > 0.0 {
-                slope2 = most(&by.slope2, REACH);
-            }
             let [columns, rows] = self.apart[cell];
-            let by_direction2 = slope2 * (self.direction_variance + self.beside2[cell]);
+            let by_direction2 = by.slope2[cell] * (self.direction_variance + beside2);
             by.total[cell] = by_direction2.sqrt().hypot(most(&by.blurred, columns.max(rows)));
         }
         &by.total
@@ -198,11 +185,17 @@ impl Shape {
         let beyond = |difference: f32, noise2: f32| (difference * difference - BENT * noise2).max(0.0).sqrt();
         let (mut factor, mut highest) = (1.0_f32, 0.0_f32);
         for (axis, variance) in [columns, rows].into_iter().enumerate() {
-            let both_sides = |apart: usize| {
-                let side = |side: usize| seen[self.neighbour(cell, axis, side, apart)?];
-                Some((side(0)?, side(1)?, apart))
+            let side = |side: usize, apart: usize| seen[self.neighbour(cell, axis, side, apart)?];
+            let both_sides = |apart: usize| Some((side(0, apart)?, side(1, apart)?, apart));
+            // At an edge one side stands for both.
+            let one_side = |apart: usize| {
+                let one = side(0, apart).or_else(|| side(1, apart))?;
+                Some((one, one, apart))
             };
-            let widest = (1..=self.apart[cell][axis]).rev().find_map(both_sides);
+            let apart = || (1..=self.apart[cell][axis]).rev();
+            let widest = apart()
+                .find_map(both_sides)
+                .or_else(|| apart().find_map(one_side));
             let Some((low, high, apart)) = widest else {
                 continue;
             };
@@ -265,13 +258,10 @@ fn blur_of(camera: &View, disk: Disk, w: DVec3, light_variance: f64) -> Option<[
     Some([sum(&|d| d.x * d.x), sum(&|d| d.y * d.y), sum(&|d| d.x * d.y)])
 }
 
-/// Angles from where each cell of the disk looks to where its neighbours look.
-fn steps(disk: Disk, looks: &[Option<DVec3>]) -> Vec<Steps> {
+/// Angles from each cell of the disk to its neighbours.
+fn steps(disk: Disk) -> Vec<Steps> {
     let size = disk.size();
-    let between = |a: usize, b: usize| -> Option<f32> {
-        let cells_rad = disk.direction(a)?.angle_between(disk.direction(b)?);
-        Some(looks[a]?.angle_between(looks[b]?).max(LEAST_STEP * cells_rad) as f32)
-    };
+    let between = |a: usize, b: usize| Some(disk.direction(a)?.angle_between(disk.direction(b)?) as f32);
     (0..disk.len())
         .map(|cell| {
             let (x, y) = (cell % size, cell / size);

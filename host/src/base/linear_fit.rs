@@ -1,21 +1,38 @@
 //! Weighted linear least squares by the normal equations, row by row.
+//!
+//! # Design
+//! The normal matrix squares the condition of the problem, and with it the error by rounding. Its factor is good enough to
+//! correct a solution by its own residuals, though, which are as exact as the rows are: iterative refinement (Higham,
+//! *Accuracy and Stability of Numerical Algorithms*, 2002, ch. 20).
 
 use nalgebra::{DMatrix, DVector};
+
+/// Steps of refinement.
+const REFINEMENTS: usize = 3;
 
 /// Solves for rows (values, target, weight); also the inverse of the normal matrix, which is the covariance if the weights
 /// are inverse variances. `None` if the rows do not determine the unknowns.
 pub(crate) fn least_squares(
     unknowns: usize,
-    rows: impl Iterator<Item = (Vec<f64>, f64, f64)>,
+    rows: &(impl Iterator<Item = (Vec<f64>, f64, f64)> + Clone),
 ) -> Option<(DVector<f64>, DMatrix<f64>)> {
     let mut normal = DMatrix::zeros(unknowns, unknowns);
     let mut right = DVector::zeros(unknowns);
-    for (row, target, weight) in rows {
+    for (row, target, weight) in rows.clone() {
         let row = DVector::from_vec(row);
         normal.syger(weight, &row, &row, 1.0);
         right.axpy(weight * target, &row, 1.0);
     }
     normal.fill_upper_triangle_with_lower_triangle();
     let inverse = normal.cholesky()?.inverse();
-    Some((&inverse * right, inverse))
+    let mut found = &inverse * right;
+    for _ in 0..REFINEMENTS {
+        let mut right = DVector::zeros(unknowns);
+        for (row, target, weight) in rows.clone() {
+            let row = DVector::from_vec(row);
+            right.axpy(weight * (target - row.dot(&found)), &row, 1.0);
+        }
+        found += &inverse * right;
+    }
+    Some((found, inverse))
 }

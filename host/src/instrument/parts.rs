@@ -125,6 +125,38 @@ pub struct CameraPart {
     pub overlap: bool,
     /// Image size, projection and pose.
     pub lens: Lens,
+    /// What stands behind a pixel of the image: the sensor's own pixel, unless this is the rig of a capture.
+    #[serde(default, skip_serializing_if = "Binned::is_one")]
+    pub binned: Binned,
+}
+
+/// The sensor's pixels behind one pixel of a [`CameraPart`]'s image.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Binned {
+    /// How many: a pixel of the image is their mean.
+    pub pixels: f64,
+    /// Their converter's step, in electrons of one of them; 0 where the image's own step is the only one.
+    pub step_e: f64,
+    /// Their read noise, in electrons of one of them.
+    pub read_noise_e: f64,
+}
+
+impl Binned {
+    /// Whether it is a pixel of the sensor itself.
+    fn is_one(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+impl Default for Binned {
+    fn default() -> Self {
+        Self {
+            pixels: 1.0,
+            step_e: 0.0,
+            read_noise_e: 0.0,
+        }
+    }
 }
 
 /// The projector: its lens and timing.

@@ -153,11 +153,11 @@ impl Job {
     fn find_times(&mut self, progress: &dyn Progress) -> Result<(), MeasureError> {
         progress.begin("pilot capture", 1, "runs");
         let mut instrument = self.open()?;
-        let Request { grid, brackets, .. } = &self.plan.request;
-        let exposures_s = if brackets.is_one() {
-            vec![auto_exposure_s(&self.rig, grid, &mut instrument)?]
+        let request = &self.plan.request;
+        let exposures_s = if request.brackets.is_one() {
+            vec![auto_exposure_s(&self.rig, request, &mut instrument)?]
         } else {
-            let proposal = propose(&self.rig, grid, brackets, &mut instrument)?;
+            let proposal = propose(&self.rig, request, &mut instrument)?;
             progress.remark(&proposal.to_string());
             proposal.exposures_s
         };

@@ -12,7 +12,7 @@ use std::str::FromStr;
 use serde::de::{Error as _, Unexpected};
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::instrument::rig::Rig;
+use crate::instrument::rig::{ROUNDING_DN2, Rig};
 
 /// Largest ratio of neighbouring exposure times that is proposed.
 pub const LARGEST_RATIO: f64 = 4.0;
@@ -125,12 +125,12 @@ pub fn largest_ratio(rig: &Rig) -> f64 {
 }
 
 /// Standard deviation of a pixel without light in an exposure of `exposure_s` seconds, in digital numbers: read noise,
-/// rounding (1/12) and the shot noise of the dark current.
+/// rounding and the shot noise of the dark current.
 #[must_use]
 pub fn dark_noise_dn(rig: &Rig, exposure_s: f64) -> f64 {
     let (gain, camera) = (rig.gain_e_per_dn(), &rig.camera);
     let charge_e2 = camera.read_noise_e.powi(2) + camera.dark_current_e_per_s * exposure_s;
-    (charge_e2 / (gain * gain) + 1.0 / 12.0).sqrt()
+    (charge_e2 / (gain * gain) + ROUNDING_DN2).sqrt()
 }
 
 /// `count` times in s from `shortest_s` to `longest_s`, each the same multiple of the one before.
@@ -191,7 +191,7 @@ mod tests {
         let mut rig = Rig::load("rcg-1").unwrap();
         (rig.camera.bits, rig.camera.dark_dn) = (12, 16.0);
         let full_dn = 4095.0 - 16.0;
-        let noise_dn = ((3.0 * full_dn / 20_000.0_f64).powi(2) + 1.0 / 12.0).sqrt();
+        let noise_dn = ((3.0 * full_dn / 20_000.0_f64).powi(2) + ROUNDING_DN2).sqrt();
         assert!((full_dn / largest_ratio(&rig) / noise_dn - 10.0).abs() < 1e-9);
         assert!(largest_ratio(&rig) > LARGEST_RATIO);
     }

@@ -29,6 +29,8 @@ mod check;
 
 /// Pixels a side of camera images and of the outgoing grid.
 pub const IMAGE_SIZES_PX: std::ops::RangeInclusive<u32> = 8..=4096;
+/// Openings of the cone that one pattern lights, degrees.
+pub const SPOTS_DEG: std::ops::RangeInclusive<f64> = 0.05..=30.0;
 /// Black patterns at the start of a measurement: dark level and stray light of each exposure time.
 pub const BLACK_EXPOSURES: usize = 16;
 /// A segment holds about this many bytes of frames.
@@ -45,14 +47,6 @@ struct Version {
     format: u32,
 }
 
-/// Opening in degrees of the cone that one pattern lights: that of `rig`, but no wider than the step of `grid`, which
-/// it would blur.
-#[must_use]
-pub fn spot_deg(rig: &Rig, grid: &Grid) -> f64 {
-    grid.step_deg()
-        .map_or(rig.light.spot_deg, |step_deg| rig.light.spot_deg.min(step_deg))
-}
-
 /// What the user wants measured. Kept in `plan.toml` as it was asked for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -64,6 +58,10 @@ pub struct Request {
     /// Exposure time in s; `None` lets a pilot capture choose it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub exposure_s: Option<f64>,
+    /// Opening of the cone that one pattern lights, degrees; `None` for that of the rig, but no wider than the step of the
+    /// grid, which it would blur.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spot_deg: Option<f64>,
     /// Exposures of each pattern; a pilot capture chooses their times unless they are given here.
     #[serde(default, skip_serializing_if = "Brackets::is_one")]
     pub brackets: Brackets,
@@ -89,6 +87,7 @@ impl Default for Request {
             grid: Grid::ThetaPhi { step_deg: 3.0 },
             image_size: 96,
             exposure_s: None,
+            spot_deg: None,
             brackets: Brackets::One,
             tilt: None,
             sample_name: None,
@@ -106,6 +105,13 @@ impl Request {
     pub fn rig(&self, rig: &Rig) -> Result<Rig, PlanError> {
         self.check_image_size()?;
         Ok(rig.tilted(self.tilt)?.with_image_size(self.image_size)?)
+    }
+
+    /// Opening in degrees of the cone that one pattern lights on `rig`.
+    #[must_use]
+    pub fn spot_deg(&self, rig: &Rig) -> f64 {
+        let widest_deg = self.grid.step_deg().unwrap_or(f64::INFINITY);
+        self.spot_deg.unwrap_or(rig.light.spot_deg.min(widest_deg))
     }
 
     /// With the full path of the file that it is compared with, so that it is found from any working directory. A path
@@ -318,7 +324,7 @@ impl Plan {
                 });
             }
         }
-        let spot_deg = spot_deg(rig, &request.grid);
+        let spot_deg = request.spot_deg(rig);
         let segment = (SEGMENT_BYTES / frame_bytes).clamp(8, SEGMENT_MAX);
         let segment = segment / exposures_s.len() * exposures_s.len();
         Ok(Self {

@@ -292,6 +292,7 @@ mod tests {
             position_m: 5e-4,
             angle_deg: 0.3,
             field: 0.0,
+            contrast: None,
         };
         for seed in 0..4 {
             let rig = Truth::drawn(&nominal, tolerances, seed).unwrap().rig;

@@ -43,7 +43,7 @@ use crate::plan::pattern::BitPattern;
 pub use controller::{CLOCK_HZ, VirtualController};
 pub use held::{FlatMirror, Held};
 pub use sensor::Noise;
-pub use truth::{Field, Flaws, Tolerances, Truth};
+pub use truth::{CONTRASTS, Field, Flaws, Tolerances, Truth};
 pub use wires::{Wires, WiresError};
 
 use scene::Scene;

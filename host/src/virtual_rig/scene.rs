@@ -2,7 +2,9 @@
 //!
 //! # Design
 //! Finite light and finite pixels blur a sharp lobe, and the virtual rig shows that: f is averaged over four
-//! directions of light and four places within the pixel. Of a pixel that an edge cuts, the places behind it are dark.
+//! directions of light and four places within each part of the pixel. A coarse pixel has so many parts that none is wider
+//! than a lobe is sharp: as the mean of the sensor's own pixels it misses no lobe. Of a pixel that an edge cuts, the
+//! places behind it are dark.
 //!
 //! To the light of the pattern comes that of the black projector pixels, and what the mirror throws back onto the sample:
 //! of the light that leaves the sample a share returns from all directions alike, so that the sample shows it with its
@@ -17,7 +19,7 @@ use super::sensor::Sensor;
 use super::stage::Shot;
 use super::truth::Truth;
 use crate::brdf::quadrature::mean_f;
-use crate::brdf::sample::{Sample, albedo};
+use crate::brdf::sample::{Outgoing, Sample, albedo};
 use crate::hemisphere::direction::from_angles;
 use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::optics::{DirectionTiles, View};
@@ -25,18 +27,52 @@ use crate::plan::pattern::BitPattern;
 
 /// Offset of the two Gauss points from the centre of a pixel: 1/(2√3).
 const GAUSS: f64 = 0.288_675_134_594_812_9;
+/// No part of a pixel is wider than this, degrees …
+const PART_DEG: f64 = 2.5;
+/// … as far as so many parts along an axis do.
+const MOST_PARTS: f64 = 4.0;
 /// Side of the blocks of black pixels that count as one light.
 const BLOCK_PX: usize = 64;
 
 /// A camera pixel that sees the sample.
 struct Pixel {
     index: usize,
-    /// Directions within it, in the order ++, +−, −+, −− (first along u, then along v); `None` where none is seen.
-    directions: [Option<DVec3>; 4],
+    /// Directions within each part of it, in the order ++, +−, −+, −− (first along u, then along v); `None` where none is
+    /// seen.
+    parts: Vec<[Option<DVec3>; 4]>,
     /// One of them, and the share of the pixel that sees.
     one: DVec3,
     seen: f64,
     throughput: f64,
+}
+
+impl Pixel {
+    /// f over light and pixel, from the lobes of the directions of light.
+    fn mean_f(&self, lobes: &[Box<dyn Outgoing + '_>; 4]) -> [f64; 3] {
+        let mut sum = [0.0; 3];
+        for part in &self.parts {
+            for (sum, f) in sum.iter_mut().zip(mean_f(lobes, part)) {
+                *sum += f / self.parts.len() as f64;
+            }
+        }
+        sum
+    }
+}
+
+/// The places in each part of the pixel around (`u`, `v`).
+fn parts(view: &View, u: f64, v: f64) -> Vec<[Option<DVec3>; 4]> {
+    let width_deg = view.solid_angle_sr(u, v).map_or(0.0, f64::sqrt).to_degrees();
+    let along = (width_deg / PART_DEG).ceil().clamp(1.0, MOST_PARTS);
+    let middle = |part: usize| (part as f64 + 0.5) / along - 0.5;
+    let count = along as usize;
+    (0..count * count)
+        .map(|part| {
+            let (u, v) = (u + middle(part % count), v + middle(part / count));
+            let step = GAUSS / along;
+            let at = |du: f64, dv: f64| view.direction(u + du * step, v + dv * step).ok();
+            [at(1.0, 1.0), at(1.0, -1.0), at(-1.0, 1.0), at(-1.0, -1.0)]
+        })
+        .collect()
 }
 
 /// What is held in the rig.
@@ -53,6 +89,8 @@ pub(super) struct Scene {
     sensitivity: f64,
     interreflection: Option<Interreflection>,
     reflections: Option<Reflections>,
+    /// Intensity of every projector pixel that is black, relative, row by row; empty if there is none.
+    black_intensity: Vec<f64>,
     /// f × irradiance of the black projector pixels, [pixel of `pixels`, channel]; nothing if they are black.
     black: Option<Vec<[f64; 3]>>,
 }
@@ -69,14 +107,13 @@ impl Scene {
                     (index % format.width_px) as f64 + 0.5,
                     (index / format.width_px) as f64 + 0.5,
                 );
-                let at = |du: f64, dv: f64| view.direction(u + du * GAUSS, v + dv * GAUSS).ok();
-                let directions = [at(1.0, 1.0), at(1.0, -1.0), at(-1.0, 1.0), at(-1.0, -1.0)];
-                let seen = directions.iter().flatten();
+                let parts = parts(&view, u, v);
+                let seen = parts.iter().flatten().flatten();
                 Some(Pixel {
                     index,
                     one: *seen.clone().next()?,
-                    seen: seen.count() as f64 / 4.0,
-                    directions,
+                    seen: seen.count() as f64 / (4 * parts.len()) as f64,
+                    parts,
                     throughput: throughput[index],
                 })
             })
@@ -107,9 +144,17 @@ impl Scene {
             sensor: Sensor::of(rig).with_nonlinearity(flaws.nonlinearity),
             sensitivity: rig.sensitivity_e(),
             black: None,
+            black_intensity: Vec::new(),
         };
         if flaws.black_level > 0.0 {
-            scene.black = Some(scene.black_pixels(flaws.black_level));
+            scene.black_intensity = flaws
+                .black
+                .over(width_px, height_px)
+                .iter()
+                .zip(&scene.intensity)
+                .map(|(black, lit)| flaws.black_level * black * lit)
+                .collect();
+            scene.black = Some(scene.black_pixels());
         }
         scene
     }
@@ -130,7 +175,8 @@ impl Scene {
     pub(super) fn light(&self, pattern: &BitPattern, lit: &[u32]) -> Glow {
         let level = (f64::from(pattern.level()) / 255.0).powf(self.gamma);
         if let Some(reflections) = &self.reflections {
-            let mut intensity = vec![0.0; self.intensity.len()];
+            let mut intensity: Vec<f32> = self.black_intensity.iter().map(|black| *black as f32).collect();
+            intensity.resize(self.intensity.len(), 0.0);
             for &pixel in lit {
                 intensity[pixel as usize] = (level * self.intensity[pixel as usize]) as f32;
             }
@@ -140,8 +186,8 @@ impl Scene {
         Glow::Spots(Light::spots(lit, &self.projector, &intensity).into())
     }
 
-    /// f × irradiance of all projector pixels at `level` of a lit one.
-    fn black_pixels(&self, level: f64) -> Vec<[f64; 3]> {
+    /// f × irradiance of all projector pixels as black ones.
+    fn black_pixels(&self) -> Vec<[f64; 3]> {
         let Held::Sample(sample) = &self.held else {
             return vec![[0.0; 3]; self.pixels.len()];
         };
@@ -157,7 +203,7 @@ impl Scene {
                 let block: Vec<u32> = rows
                     .flat_map(|y| columns.clone().map(move |x| (y * width_px + x) as u32))
                     .collect();
-                Light::of(&block, &self.projector, &|pixel| level * self.intensity[pixel])
+                Light::of(&block, &self.projector, &|pixel| self.black_intensity[pixel])
             })
             .collect();
         let lobes: Vec<_> = lights
@@ -167,7 +213,7 @@ impl Scene {
         let of = |pixel: &Pixel| {
             let mut sum = [0.0; 3];
             for (light, lobes) in lights.iter().zip(&lobes) {
-                let f = self.f(light, mean_f(lobes, &pixel.directions), pixel);
+                let f = self.f(light, pixel.mean_f(lobes), pixel);
                 for (sum, f) in sum.iter_mut().zip(f) {
                     *sum += light.irradiance * f;
                 }
@@ -209,7 +255,7 @@ impl Scene {
                         let lobes = light.nodes.map(|node| sample.incident(node));
                         let scale = self.sensitivity * light.irradiance * visible_s;
                         for pixel in &self.pixels {
-                            let f = self.f(light, mean_f(&lobes, &pixel.directions), pixel);
+                            let f = self.f(light, pixel.mean_f(&lobes), pixel);
                             add(pixel, scale, f);
                         }
                     }

@@ -1,10 +1,15 @@
 //! From charge to digital numbers.
+//!
+//! # Design
+//! The charge is that of all sensor pixels behind a pixel of the image, and so is the noise that is drawn: their sum is
+//! described, not each of them, so that an image costs what its pixels cost. A mean that may hold a saturated pixel is
+//! given as saturated, as binning a real frame must.
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_distr::{Distribution as _, Poisson, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::instrument::rig::Rig;
+use crate::instrument::rig::{Binned, Rig};
 
 /// Whether images are noisy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,7 +26,12 @@ const NORMAL_ABOVE_E: f64 = 50.0;
 /// The camera's pixels.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sensor {
+    /// The sensor's pixels behind one of the image.
+    binned: Binned,
+    /// Of their sum, without light.
     read_noise_e: f64,
+    /// Of their sum.
+    full_well_e: f64,
     gain_e_per_dn: f64,
     dark_dn: f64,
     dark_current_e_per_s: f64,
@@ -34,7 +44,13 @@ impl Sensor {
     pub(super) fn of(rig: &Rig) -> Self {
         let camera = &rig.camera;
         Self {
-            read_noise_e: camera.read_noise_e,
+            binned: camera.binned,
+            read_noise_e: if camera.binned.step_e > 0.0 {
+                camera.binned.random_e()
+            } else {
+                camera.read_noise_e
+            },
+            full_well_e: camera.full_well_e,
             gain_e_per_dn: rig.gain_e_per_dn(),
             dark_dn: camera.dark_dn,
             dark_current_e_per_s: camera.dark_current_e_per_s,
@@ -60,12 +76,38 @@ impl Sensor {
                     Noise::Off => mean_e,
                     Noise::On => self.noisy(mean_e, &mut rng),
                 };
-                let signal_dn = charge_e * per_e;
+                if self.may_saturate(mean_e, noise) {
+                    return self.saturation_dn as u16;
+                }
+                let signal_dn = (charge_e + self.rounding_e(mean_e)) * per_e;
                 let fill = (signal_dn / (self.saturation_dn - self.dark_dn)).clamp(0.0, 1.0);
                 let dn = self.dark_dn + signal_dn * (1.0 - self.nonlinearity * fill);
-                dn.round().clamp(0.0, self.saturation_dn) as u16
+                let dither = match noise {
+                    Noise::On => rng.random_range(-0.5..0.5),
+                    Noise::Off => 0.0,
+                };
+                (dn + dither).round().clamp(0.0, self.saturation_dn) as u16
             })
             .collect()
+    }
+
+    /// Whether one of the pixels behind a pixel that holds `mean_e` electrons is likely to saturate.
+    fn may_saturate(&self, mean_e: f64, noise: Noise) -> bool {
+        let pixels = self.binned.pixels;
+        // The largest of N normal numbers is about √(2 ln N) standard deviations above their mean.
+        let deviations = match noise {
+            Noise::On => (2.0 * pixels.ln()).max(0.0).sqrt(),
+            Noise::Off => 0.0,
+        };
+        let (one_e, well_e) = (mean_e / pixels, self.full_well_e / pixels);
+        pixels > 1.0 && one_e + deviations * one_e.max(0.0).sqrt() >= well_e
+    }
+
+    /// What the converter's steps leave in the sum of pixels that hold `mean_e` electrons.
+    fn rounding_e(&self, mean_e: f64) -> f64 {
+        let one_e = mean_e / self.binned.pixels;
+        let noise_e = (self.binned.read_noise_e.powi(2) + one_e.max(0.0)).sqrt();
+        self.binned.pixels * self.binned.rounding_e(one_e, noise_e)
     }
 
     fn noisy(&self, mean_e: f64, rng: &mut Xoshiro256PlusPlus) -> f64 {
@@ -81,9 +123,16 @@ impl Sensor {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::instrument::rig::ROUNDING_DN2;
 
     const SENSOR: Sensor = Sensor {
+        binned: Binned {
+            pixels: 1.0,
+            step_e: 0.0,
+            read_noise_e: 0.0,
+        },
         read_noise_e: 3.0,
+        full_well_e: 20_155.0,
         gain_e_per_dn: 5.0,
         dark_dn: 64.0,
         dark_current_e_per_s: 0.0,
@@ -98,8 +147,8 @@ mod tests {
             let mean = dn.iter().map(|&v| f64::from(v)).sum::<f64>() / dn.len() as f64;
             let var = dn.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum::<f64>() / dn.len() as f64;
             let expected = 64.0 + f64::from(signal_e) / 5.0;
-            // var(g) = σ_read² + (g − dark)/gain, and 1/12 of rounding.
-            let var_expected = (9.0 + f64::from(signal_e)) / 25.0 + 1.0 / 12.0;
+            // var(g) = σ_read² + (g − dark)/gain, and 1/6 of rounding with dither.
+            let var_expected = (9.0 + f64::from(signal_e)) / 25.0 + ROUNDING_DN2;
             assert!(
                 (mean - expected).abs() < 5.0 * (var_expected / 2e5).sqrt() + 1e-3,
                 "{signal_e} e: {mean}"

@@ -35,8 +35,10 @@ pub struct Flaws {
     pub throughput: Field,
     /// `E_p`, intensity over the projector's image, relative.
     pub intensity: Field,
-    /// Intensity of a black projector pixel, as a share of that of a lit one.
+    /// Intensity of a black projector pixel, as a share of that of a lit one: one over the contrast.
     pub black_level: f64,
+    /// How that share varies over the projector's image, relative.
+    pub black: Field,
     /// Exponent of the projector's response: intensity = (level/255)^gamma; 0 stands for 1.
     pub gamma: f64,
     /// Share of a signal at saturation that the camera does not show: g = s·(1 − nonlinearity·s/full scale).
@@ -112,7 +114,16 @@ pub struct Tolerances {
     pub angle_deg: f64,
     /// Half the range of the fields of throughput and intensity, relative: not a deviation but what is reached.
     pub field: f64,
+    /// Light of a lit projector pixel over that of a black one; `None` draws it from [`CONTRASTS`], log-uniformly.
+    pub contrast: Option<f64>,
 }
+
+/// Contrasts of projectors, full on over full off: 400 is the LCD projector of the first instrument of this kind (2007), DMD
+/// and LCoS projectors without a dynamic iris reach 1,000 to 3,000 (data sheets).
+pub const CONTRASTS: std::ops::RangeInclusive<f64> = 400.0..=3000.0;
+/// Half the range by which the light of black pixels varies over the image beside that of lit ones: black depends on the angle
+/// at which light meets the modulator.
+const BLACK_FIELD: f64 = 0.2;
 
 impl Truth {
     /// A rig that is truly as `rig` says.
@@ -135,6 +146,7 @@ impl Truth {
             position_m,
             angle_deg,
             field,
+            contrast,
         } = tolerances;
         // Shapes and lenses are made better than they are mounted: a tenth of the way in the same proportion.
         let relative = position_m / nominal.mirror.a_m;
@@ -168,10 +180,14 @@ impl Truth {
         rig.camera.read_noise_e *= 1.0 + 0.1 * normal().clamp(-3.0, 3.0);
         rig.camera.full_well_e *= 1.0 + 0.05 * normal().clamp(-3.0, 3.0);
         rig.validate()?;
+        let (throughput, intensity) = (Field::drawn(field, &mut rng), Field::drawn(field, &mut rng));
+        let drawn =
+            (CONTRASTS.end() / CONTRASTS.start()).powf(rng.random_range(0.0..1.0)) * CONTRASTS.start();
         let flaws = Flaws {
-            throughput: Field::drawn(field, &mut rng),
-            intensity: Field::drawn(field, &mut rng),
-            black_level: 2e-6,
+            throughput,
+            intensity,
+            black_level: contrast.unwrap_or(drawn).recip(),
+            black: Field::drawn(BLACK_FIELD, &mut rng),
             gamma: 2.2,
             nonlinearity: 0.01,
             interreflection: 0.005,
@@ -211,11 +227,13 @@ mod tests {
             position_m: 1e-3,
             angle_deg: 0.5,
             field: 0.3,
+            contrast: None,
         };
         let mut squares = 0.0;
         for seed in 0..50 {
             let truth = Truth::drawn(&nominal, tolerances, seed).unwrap();
             squares += truth.rig.camera.lens.offset_m.map(|m| m * m).iter().sum::<f64>();
+            assert!(CONTRASTS.contains(&truth.flaws.black_level.recip()));
             for field in [&truth.flaws.throughput, &truth.flaws.intensity] {
                 let values = field.over(64, 64);
                 let extreme = |pick: fn(f64, f64) -> f64, from| values.iter().copied().fold(from, pick);

@@ -72,7 +72,18 @@ fn brackets_widen_the_dynamic_range_by_their_ratio() {
 #[test]
 fn the_plan_tells_what_a_pilot_capture_proposes() {
     let plan = |brackets: &[&str]| {
-        let what = ["plan", "--step", "15", "--image-size", "16", "--json"];
+        // A lobe so narrow that one exposure does not hold its middle and its tails.
+        let sample = "ward:rd=0.0005,rs=0.3,ax=0.03,ay=0.03";
+        let what = [
+            "plan",
+            "--step",
+            "15",
+            "--image-size",
+            "32",
+            "--sample",
+            sample,
+            "--json",
+        ];
         run(&[&what[..], brackets].concat(), "").object()
     };
     let (one, auto) = (plan(&[]), plan(&["--brackets", "auto"]));

@@ -60,7 +60,7 @@ fn every_kind_of_grid_is_measured_evaluated_and_looked_up_with_like_errors() {
     for (kind, grid) in grids {
         let out = scratch.path().join(kind);
         let summary = measured(&out, grid);
-        let lines = "45 20 45 200\n60 100 45 280\n";
+        let lines = "45 20 45 200\n60 100 45 310\n";
         let values = run(&["value", text(&out.join("brdf.zarr"))], lines);
         let red: Vec<f64> = values
             .done()

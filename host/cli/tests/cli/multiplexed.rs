@@ -5,11 +5,11 @@ use crate::command::{refuses, run, text};
 const SMALL: [&str; 7] = [
     "multiplex",
     "--sample",
-    "lambert:0.005",
+    "lambert:0.05",
     "--step",
     "15",
     "--image-size",
-    "16",
+    "32",
 ];
 
 #[test]

@@ -16,7 +16,7 @@ fn readers(folder: &Path) -> Vec<(&'static str, Vec<u8>, Command)> {
     let truth = folder.join("truth.toml");
     run(&["truth", "--out", text(&truth)], "").done();
     let words = |words: &[&str]| words.iter().map(|&word| word.to_owned()).collect::<Vec<_>>();
-    let plan = move |option: &str, file: &Path| words(&["plan", option, text(file)]);
+    let plan = move |option: &str, file: &Path| words(&["plan", "--image-size", "16", option, text(file)]);
     let out: PathBuf = folder.join("out");
     let replayed = out.clone();
     let read = |path: &Path| fs::read(path).unwrap();

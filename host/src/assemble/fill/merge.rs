@@ -214,7 +214,8 @@ fn align(base: &Brdf, other: &Brdf) -> Result<Alignment, FillError> {
             .iter()
             .filter(|(_, target, weight)| (target - found[0]).abs() * weight.sqrt() <= 3.0 * usual)
             .cloned();
-        let (solved, covariance) = least_squares(4, kept.chain(priors)).ok_or_else(|| no_overlap(overlap))?;
+        let (solved, covariance) =
+            least_squares(4, &kept.chain(priors)).ok_or_else(|| no_overlap(overlap))?;
         let residual = |(row, target, weight): &Row| {
             let model: f64 = row.iter().zip(solved.iter()).map(|(a, b)| a * b).sum();
             (target - model).abs() * weight.sqrt()

@@ -88,14 +88,7 @@ pub fn calibrate(dir: &Path) -> Result<Geometry, CalibrateError> {
             advice: "add views of the flat mirror at other tilts, in other azimuths (three or more)",
         });
     }
-    // The lens of the calibrated rig has the size of the nominal one again.
-    let full = views
-        .rig
-        .camera
-        .lens
-        .width_px
-        .min(views.rig.camera.lens.height_px);
-    let rig = solution.rig.with_image_size(full)?;
+    let rig = solution.rig.with_sensor_of(&views.rig)?;
     let edges = solution.residuals[seen.matches.len()..].iter().flatten().count();
     let mut at_nominal = nominal.clone();
     let mut at_found = solution.rig.clone();

@@ -17,6 +17,7 @@ fn calibrated(
         position_m: parameters::POSITION_M,
         angle_deg: parameters::ANGLE_DEG,
         field: 0.3,
+        contrast: None,
     };
     let truth = Truth::drawn(nominal, tolerances, seed).unwrap();
     let folder = tempfile::tempdir().unwrap();

@@ -2,15 +2,17 @@
 //!
 //! # Design
 //! Photon transfer (Janesick, Photon Transfer, SPIE 2007): over repeated exposures the variance of a pixel is
-//! `σ_read² + signal/gain + 1/12`, the last for rounding. Pixels of all exposure times are binned by their mean; the line is
+//! `σ_read² + signal/gain + 1/6`, the last for rounding with dither. Dark frames say what it is without signal. Pixels of all exposure times are binned by their mean; the line is
 //! fitted to the bins with weights of the variance's own variance. The series has the standard in the light, so that the
 //! bins reach from darkness to near saturation.
 //!
-//! Linearity: what a pixel shows of the light of the spot, over the exposure time, must be constant. The camera is described
+//! Linearity: what a pixel shows of light, over the exposure time, must be constant; light of black projector pixels is as
+//! good as that of the spot. The camera is described
 //! by one number β: of a signal s it shows s·(1 − β·s/range), and s'·(1 + β·s'/range) brings it back to first order. All
 //! pixels together determine β by least squares, each with a rate of its own.
 
 use crate::instrument::calibration::CameraFound;
+use crate::instrument::rig::ROUNDING_DN2;
 
 use crate::calibrate::CalibrateError;
 
@@ -21,6 +23,8 @@ const FEWEST: u32 = 50;
 /// Share of the range up to which signals count.
 const HIGHEST: f64 = 0.92;
 
+/// Share of the range above which a pixel shows linearity.
+const SHOWN: f64 = 0.05;
 /// Exposure times in which a pixel is bright that shows linearity, and how many such pixels there must be.
 const LEAST_TIMES: usize = 3;
 const BRIGHT: usize = 10;
@@ -52,17 +56,16 @@ pub(super) fn moments(frames: &[&[u16]]) -> (Vec<f64>, Vec<f64>) {
 pub(super) fn camera(series: &[Times], saturation_dn: f64) -> Result<CameraFound, CalibrateError> {
     let (dark_dn, dark_dn_per_s) = dark(series);
     let range = saturation_dn - dark_dn;
-    let transfer = photon_transfer(series, dark_dn, range);
+    let transfer = photon_transfer(series, (dark_dn, dark_dn_per_s), range);
     let (gain_e_per_dn, read_noise_dn) = transfer.ok_or_else(|| CalibrateError::Views {
         expected: "frames whose noise grows with the light".to_owned(),
         found: "noise that does not".to_owned(),
         advice: "take them with --noise on, with more pixels, and with the standard in place",
     })?;
-    let linearity = linearity(series, dark_dn, range, gain_e_per_dn);
+    let linearity = linearity(series, (dark_dn, dark_dn_per_s), range, gain_e_per_dn);
     let (nonlinearity, linearity_residual) = linearity.ok_or_else(|| CalibrateError::Views {
         expected: format!(
-            "{BRIGHT} pixels or more that the spot on the standard brings above a tenth of the range \
-                           in {LEAST_TIMES} exposure times"
+            "{BRIGHT} pixels or more that the light brings above a twentieth of the range in {LEAST_TIMES} exposure times"
         ),
         found: "fewer".to_owned(),
         advice: "take them with a longer --exposure-ms, with more light, or with a brighter --standard",
@@ -100,7 +103,8 @@ fn line(points: &[(f64, f64, f64)]) -> (f64, f64) {
 }
 
 /// Gain in electrons per digital number and read noise in digital numbers; `None` if the noise does not show them.
-fn photon_transfer(series: &[Times], dark_dn: f64, range: f64) -> Option<(f64, f64)> {
+fn photon_transfer(series: &[Times], dark: (f64, f64), range: f64) -> Option<(f64, f64)> {
+    let (dark_dn, dark_dn_per_s) = dark;
     let mut bins = vec![(0.0, 0.0, 0_u32); BINS];
     for times in series {
         for frames in [&times.lit, &times.black, &times.dark] {
@@ -123,33 +127,57 @@ fn photon_transfer(series: &[Times], dark_dn: f64, range: f64) -> Option<(f64, f
             (signal, variance, f64::from(count) / variance.max(0.1).powi(2))
         })
         .collect();
-    let (intercept, slope) = line(&points);
+    let (_, slope) = line(&points);
+    // Without signal: the dark frames of all times, less the shot noise of the dark current.
+    let mut without = 0.0;
+    for times in series {
+        let (_, variance) = moments(&times.dark);
+        let mean = variance.iter().sum::<f64>() / variance.len() as f64;
+        without += mean - slope * (dark_dn_per_s * times.exposure_s).max(0.0);
+    }
+    without /= series.len() as f64;
     // With a single bin there is no line, and no number.
-    (slope > 0.0 && slope.is_finite()).then(|| (slope.recip(), (intercept - 1.0 / 12.0).max(0.0).sqrt()))
+    (slope > 0.0 && slope.is_finite()).then(|| (slope.recip(), (without - ROUNDING_DN2).max(0.0).sqrt()))
 }
 
-/// What a pixel shows of the spot, how far nonlinearity of β = 1 bends it, and its weight.
+/// What a pixel shows of light, how far nonlinearity of β = 1 bends it, and its weight.
 type Signal = (f64, f64, f64);
 
-/// β and what deviation is left; `None` if too few pixels are bright enough.
-fn linearity(series: &[Times], dark_dn: f64, range: f64, gain: f64) -> Option<(f64, f64)> {
+/// β and what deviation is left; `None` if too few pixels are bright enough. `dark` is the level without light and its slope
+/// over time.
+fn linearity(series: &[Times], dark: (f64, f64), range: f64, gain: f64) -> Option<(f64, f64)> {
     // Per exposure time and pixel.
-    let signals: Vec<(f64, Vec<Signal>)> = series
+    let mut signals: Vec<(f64, Vec<Signal>)> = series
         .iter()
         .map(|times| {
-            let ((lit, _), (black, _)) = (moments(&times.lit), moments(&times.black));
-            let one = |(lit, black): (f64, f64)| {
-                // The charge of the black frames is there too and bends the line as much.
-                let (lit, black) = (lit - dark_dn, black - dark_dn);
-                let bend = (lit * lit - black * black) / range;
-                let is_good = lit < HIGHEST * range && lit - black > 0.1 * range;
-                let weight = if is_good { gain / lit } else { 0.0 };
-                (lit - black, bend, weight)
+            let one = |lit: f64| {
+                let (dark_dn, per_s) = dark;
+                let signal = lit - dark_dn;
+                let weight = if signal < HIGHEST * range {
+                    gain / signal.max(1.0)
+                } else {
+                    0.0
+                };
+                let light = signal - per_s * times.exposure_s;
+                (light, signal * signal / range, weight)
             };
-            (times.exposure_s, lit.into_iter().zip(black).map(one).collect())
+            let (lit, _) = moments(&times.lit);
+            (times.exposure_s, lit.into_iter().map(one).collect())
         })
         .collect();
     let pixels = signals[0].1.len();
+    for pixel in 0..pixels {
+        // By all times together: to choose by its own noise would bend the line.
+        let (light, time) = signals.iter().fold((0.0, 0.0), |sum, (t, all)| {
+            let (signal, _, weight) = all[pixel];
+            (sum.0 + weight * t * signal, sum.1 + weight * t * t)
+        });
+        for (t, all) in &mut signals {
+            if light * *t < SHOWN * range * time {
+                all[pixel].2 = 0.0;
+            }
+        }
+    }
     let (mut ab, mut bb, mut bright) = (0.0, 0.0, 0);
     for pixel in 0..pixels {
         let points = || {

@@ -5,6 +5,9 @@
 //! camera and dark current, are halves of halves of it. A bright rig leaves no room for that above the shortest exposure
 //! there is. Then the series is closer, in whole microseconds, because clocks round shorter ones; and where even that is too
 //! narrow, spots are made smaller, down to single projector pixels, whose light is known as well as that of many.
+//!
+//! Black projector pixels fill the range too, with light that says nothing but noise. Where they leave the spot too little
+//! above it, it is made wider: the standard is diffuse and the fields are smooth.
 
 use super::capture::Holder;
 use crate::calibrate::CalibrateError;
@@ -22,6 +25,13 @@ const LEAST_RATIO: f64 = 16.0;
 const PATIENCE_S: f64 = 10.0;
 /// Below this times are whole microseconds, seconds.
 const ROUNDED_S: f64 = 1e-4;
+/// Opening in degrees beyond which no spot is made wider: light is known at its middle only, and keeps clear of edges.
+const WIDEST_DEG: f64 = 5.0;
+/// Signal over noise that a spot at 75° shall have beside the light of black pixels.
+const CLEAR_SNR: f64 = 40.0;
+/// Share of the full well that it is exposed to, and cosine of 75°.
+const FULL: f64 = 0.8;
+const GRAZING_COS: f64 = 0.26;
 /// Halvings of the spot that are tried.
 const HALVINGS: usize = 8;
 
@@ -45,31 +55,37 @@ pub(super) fn light(
     world: &World,
 ) -> Result<Exposures, CalibrateError> {
     let least_s = LEAST_RATIO * SHORTEST_EXPOSURE_S;
-    if let Some(exposure_s) = exposure_s {
-        if !(least_s..=LONGEST_EXPOSURE_S).contains(&exposure_s) {
-            return Err(CalibrateError::Views {
-                expected: format!(
-                    "a longest exposure time from {} to {} ms",
-                    least_s * 1e3,
-                    LONGEST_EXPOSURE_S * 1e3
-                ),
-                found: format!("{} ms", exposure_s * 1e3),
-                advice: "give another --exposure-ms, or let it be found",
-            });
-        }
-        return Ok(Exposures {
-            times_s: series(exposure_s),
-            spot_deg: None,
+    if let Some(exposure_s) = exposure_s
+        && !(least_s..=LONGEST_EXPOSURE_S).contains(&exposure_s)
+    {
+        return Err(CalibrateError::Views {
+            expected: format!(
+                "a longest exposure time from {} to {} ms",
+                least_s * 1e3,
+                LONGEST_EXPOSURE_S * 1e3
+            ),
+            found: format!("{} ms", exposure_s * 1e3),
+            advice: "give another --exposure-ms, or let it be found",
         });
     }
     let whole_deg = holders[0].rig.light.spot_deg;
-    let mut spot_deg = whole_deg;
+    let mut spot_deg = clear_deg(&holders[0], standard, world)?;
+    for holder in holders.iter_mut() {
+        holder.set_spot(spot_deg);
+    }
+    let given = |spot_deg: f64| (spot_deg.total_cmp(&whole_deg).is_ne()).then_some(spot_deg);
+    if let Some(exposure_s) = exposure_s {
+        return Ok(Exposures {
+            times_s: series(exposure_s),
+            spot_deg: given(spot_deg),
+        });
+    }
     for _ in 0..=HALVINGS {
         let longest_s = longest_s(holders, standard, world)?;
         if longest_s >= least_s {
             return Ok(Exposures {
                 times_s: series(longest_s),
-                spot_deg: (spot_deg < whole_deg).then_some(spot_deg),
+                spot_deg: given(spot_deg),
             });
         }
         spot_deg /= 2.0;
@@ -86,6 +102,28 @@ pub(super) fn light(
         advice: "take a darker --standard, or stop the projector or the camera down and state it in the rig file \
                  (light.full_scale_f_sr)",
     })
+}
+
+/// The opening in degrees of a spot that stands [`CLEAR_SNR`] above the noise of all black projector pixels together at
+/// 75°: that of the rig or wider.
+fn clear_deg(holder: &Holder, standard: &Held, world: &World) -> Result<f64, CalibrateError> {
+    let whole_deg = holder.rig.light.spot_deg;
+    let mut instrument = world.open_held(&holder.rig, standard.clone(), holder.tilt)?;
+    // A black pattern first.
+    let mut patterns = vec![Vec::new()];
+    patterns.extend(holder.directions.iter().step_by(5).map(|at| holder.lit(*at)));
+    let shots = TestExposures::take(&holder.rig, &patterns, &mut instrument)?.shots;
+    let light = |dn: &[u16]| {
+        dn.iter()
+            .map(|dn| f64::from(*dn) - holder.rig.camera.dark_dn)
+            .sum::<f64>()
+    };
+    let black = light(&shots[0].dn);
+    let lit = shots[1..].iter().map(|shot| light(&shot.dn)).sum::<f64>() / (shots.len() - 1) as f64;
+    let share = black / (lit - black);
+    let bearable = GRAZING_COS * (FULL * holder.rig.camera.full_well_e).sqrt() / CLEAR_SNR;
+    let wider = (share / bearable).max(1.0).sqrt();
+    Ok((wider * whole_deg).min(WIDEST_DEG).max(whole_deg))
 }
 
 /// The longest exposure time in s that saturates `standard` at no stand; 0 if all do.

@@ -79,9 +79,9 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     let captured = Captured::read(dir, &views, &raw, &rig)?;
     let series = captured.series();
     let saturation_dn = f64::from(rig.saturation_dn());
-    let camera = camera(&series, saturation_dn)?;
+    let camera = camera(&series, saturation_dn)?.of_sensor(&rig.camera.binned);
     let linear = Linear {
-        camera,
+        camera: camera.of_image(&rig.camera.binned),
         range: saturation_dn - camera.dark_dn,
     };
     let black = linear.mean(&captured.frames(Shows::Black(0)));

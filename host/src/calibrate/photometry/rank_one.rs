@@ -18,16 +18,20 @@ use super::share::Judged;
 use crate::base::linear_fit::least_squares;
 use crate::brdf::sample::Sample;
 use crate::calibrate::CalibrateError;
-use crate::instrument::calibration::{CalibrationError, HIGHEST, SmoothField, TERMS, lights, terms};
+use crate::instrument::calibration::{CalibrationError, HIGHEST, SmoothField, TERMS, degree, lights, terms};
 use crate::instrument::optics::{DirectionMap, Unmeasurable, View};
-use crate::instrument::rig::Rig;
+use crate::instrument::rig::{ROUNDING_DN2, Rig};
 
 /// Pairs that take part, about.
 const PAIRS: usize = 60_000;
 /// Least cosine of both directions: 80° from the normal.
 const LEAST_COS: f64 = 0.174;
-/// Least signal, as a share of its own noise: below it the logarithm is biased.
+/// Least signal that is expected by all pixels of a frame, as a share of its noise: below it the logarithm is biased. (By
+/// its own signal the dimmer half of the pixels at the limit would be left out.)
 const LEAST_SNR: f64 = 20.0;
+
+/// What pair and series differ by beside noise at best, relative: what is more certain than this does not bend the fields.
+const FIT: f64 = 5e-4;
 
 /// Spots come no closer than this to an edge of the mirror, degrees.
 const EDGE_DEG: f64 = 1.0;
@@ -42,6 +46,15 @@ struct Pair {
     log: f64,
     /// Its variance by noise.
     variance: f64,
+}
+
+/// A number of a frame that did not saturate: its place there, what it shows of the spot and the variance of that, in DN
+/// and DN², and what a uniform instrument of K = 1 would show.
+struct Value {
+    at: usize,
+    signal: f64,
+    variance: f64,
+    uniform: f64,
 }
 
 /// A pixel: index, place in the image (−1 to 1), direction, and whether an edge of the mirror or the wire is beside it.
@@ -209,6 +222,7 @@ impl<'a> Seen<'a> {
             };
             let wi = lights::direction(self.stand.directions[place]);
             let lobe = standard.incident(wi);
+            let mut values = Vec::new();
             // Another start in each frame, so that all pixels take part.
             for &(index, _, wo) in self.pixels.iter().skip(place * 7 % every).step_by(every) {
                 let f = lobe.f(wo);
@@ -227,26 +241,41 @@ impl<'a> Seen<'a> {
                         continue;
                     }
                     let (all, dark) = (linear.of(dn), black[at]);
-                    let signal = all - dark;
                     // Of the frame, and of the mean of as many black ones as a segment has.
-                    let noise = read_dn * read_dn + 1.0 / 12.0;
-                    let variance = noise + all.max(0.0) / gain + (noise + dark.max(0.0) / gain) / 16.0;
-                    if signal < LEAST_SNR * variance.sqrt() {
-                        continue;
-                    }
-                    let relative = variance / (signal * signal);
-                    self.pairs.push(Pair {
-                        pixel: index as u32,
-                        place: place as u32,
-                        channel: channel as u8,
-                        // The mean of a logarithm lies half its variance too low.
-                        log: (signal / (self.exposure_s * f * irradiance)).ln() + 0.5 * relative,
-                        variance: relative,
+                    let noise = read_dn * read_dn + ROUNDING_DN2;
+                    values.push(Value {
+                        at,
+                        signal: all - dark,
+                        variance: noise + all.max(0.0) / gain + (noise + dark.max(0.0) / gain) / 16.0,
+                        uniform: self.exposure_s * f * irradiance,
                     });
                 }
             }
+            self.pair(place, &values);
         }
         Ok(())
+    }
+
+    /// Makes pairs of the `values` of a frame that are bright enough.
+    fn pair(&mut self, place: usize, values: &[Value]) {
+        let sum = |of: &dyn Fn(&Value) -> f64| values.iter().map(of).sum::<f64>();
+        let scale = sum(&|value| value.signal) / sum(&|value| value.uniform);
+        let bright = values.iter().filter(|value| {
+            let expected = scale * value.uniform;
+            // What is far below is off the standard; a logarithm needs more than 0.
+            expected >= LEAST_SNR * value.variance.sqrt() && value.signal > 0.1 * expected
+        });
+        self.pairs.extend(bright.map(|value| {
+            let relative = value.variance / (value.signal * value.signal);
+            Pair {
+                pixel: (value.at / self.channels) as u32,
+                place: place as u32,
+                channel: (value.at % self.channels) as u8,
+                // The mean of a logarithm lies half its variance too low.
+                log: (value.signal / value.uniform).ln() + 0.5 * relative,
+                variance: relative,
+            }
+        }));
     }
 
     /// How many values were saturated, and of how many.
@@ -314,8 +343,27 @@ pub(super) fn positive(f: f64, spec: &str, wi: DVec3, wo: DVec3) -> Result<f64, 
     .into())
 }
 
+/// How the coefficients of the fields are held where the pairs do not determine them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Held {
+    /// Smooth: of a degree d within 0.5 · 0.6^d (k = 1).
+    Smooth,
+    /// Within 1: only so that unlit corners of the images do not make them infinite.
+    Loosely,
+}
+
+impl Held {
+    /// Weight with which the coefficient `term` is pulled to 0.
+    fn weight(self, term: usize) -> f64 {
+        match self {
+            Self::Smooth => (0.5 * 0.6_f64.powi(degree(term) as i32)).powi(-2),
+            Self::Loosely => 1.0,
+        }
+    }
+}
+
 /// Both fields and the sensitivities from all that was `seen`; `None` if the pairs do not determine them.
-pub(super) fn fit(seen: &[Seen]) -> Option<Fields> {
+pub(super) fn fit(seen: &[Seen], held: Held) -> Option<Fields> {
     let channels = seen[0].channels;
     let unknowns = channels + 2 * TERMS;
     let rows: Vec<Rows> = seen.iter().map(Rows::of).collect();
@@ -328,14 +376,14 @@ pub(super) fn fit(seen: &[Seen]) -> Option<Fields> {
                 .filter_map(|pair| Some((rows.row(pair)?, pair)))
         })
     };
-    // A weak pull to zero keeps terms in their place that only the unlit corners of the images could show.
     let pull = (0..2 * TERMS).map(|term| {
         let mut row = vec![0.0; unknowns];
         row[channels + term] = 1.0;
-        (row, 0.0, 1.0)
+        (row, 0.0, held.weight(term % TERMS))
     });
-    let weighted = pairs().map(|(row, pair)| (row, pair.log, pair.variance.recip()));
-    let (found, covariance) = least_squares(unknowns, weighted.chain(pull))?;
+    let weight = |pair: &Pair| (pair.variance + FIT * FIT).recip();
+    let weighted = pairs().map(|(row, pair)| (row, pair.log, weight(pair)));
+    let (found, covariance) = least_squares(unknowns, &weighted.chain(pull))?;
     let (mut excess, mut count) = (0.0, 0_u32);
     let mut uncertainties = Vec::new();
     let mut mean = DVector::zeros(unknowns);

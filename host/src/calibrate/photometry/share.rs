@@ -6,18 +6,23 @@
 //! the pixels for a direction. What is less than whole, beyond what noise and field leave uncertain, is off the sample.
 //!
 //! The fields do not know that and would bend into the darkness. So they are fitted to what is whole, and what is whole is
-//! judged by them, in turns until nothing changes.
+//! judged by them, in turns until nothing changes. The first turns grow outwards from the normal, where every sample is
+//! seen, with fields that are held smooth: what falls away from how they go on is not whole.
 
 use glam::DVec3;
 
 use super::Linear;
-use super::rank_one::{Fields, Seen, fit};
+use super::rank_one::{Fields, Held, Seen, fit};
 use crate::brdf::sample::Sample;
 use crate::instrument::calibration::lights;
 use crate::instrument::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
+use crate::instrument::rig::ROUNDING_DN2;
 
 /// Turns of fitting and judging, at most.
 const TURNS: usize = 8;
+/// Up to which θ in degrees the turns before them reach, and how little of its prediction is whole then.
+const GROWTH_DEG: [f64; 6] = [52.0, 60.0, 66.0, 72.0, 76.0, 80.0];
+const GROWTH_LEAST: f64 = 0.8;
 /// A share is whole within so many of its standard uncertainties …
 const CLEAR: f64 = 3.0;
 /// … but at least within this, and never below 1 less [`LARGEST_DEFICIT`].
@@ -79,6 +84,11 @@ impl Share {
             self.signal / self.weight > 1.0 - margin
         })
     }
+
+    /// Whether it is more than `least`.
+    fn is_above(&self, least: f64) -> bool {
+        self.weight > 0.0 && self.signal / self.weight > least
+    }
 }
 
 impl Seen<'_> {
@@ -91,7 +101,7 @@ impl Seen<'_> {
         let camera = &frames.linear.camera;
         let all = frames.linear.of(dn);
         let read_dn = camera.read_noise_e / camera.gain_e_per_dn;
-        let noise = read_dn * read_dn + 1.0 / 12.0;
+        let noise = read_dn * read_dn + ROUNDING_DN2;
         Some((
             all - frames.black[at],
             noise + all.max(0.0) / camera.gain_e_per_dn,
@@ -160,8 +170,20 @@ impl Seen<'_> {
         }
     }
 
-    /// Judges by `fields` what is wholly on the standard.
-    fn judge(&mut self, frames: &Frames, fields: &Fields) {
+    /// Of what is on the standard, keeps what is within `theta_deg` of the normal.
+    fn keep_within(&mut self, theta_deg: f64) {
+        let least = theta_deg.to_radians().cos();
+        for &(index, _, wo, _) in &self.all_pixels {
+            self.judged.pixels[index] &= wo.z >= least;
+        }
+        for (is_whole, index) in self.judged.places.iter_mut().zip(&self.stand.directions) {
+            *is_whole &= lights::direction(*index).z >= least;
+        }
+    }
+
+    /// Judges by `fields` what is wholly on the standard: more than the share `least` of the prediction, or 1 within noise and
+    /// fields if there is none.
+    fn judge(&mut self, frames: &Frames, fields: &Fields, least: Option<f64>) {
         let add = |share: &mut Share, place: usize, at: (usize, [f64; 2], DVec3)| {
             let Some((p, irradiance)) = self.all_lit[place] else {
                 return;
@@ -193,7 +215,10 @@ impl Seen<'_> {
                 .throughput
                 .relative_uncertainty_at(o[0], o[1])
                 .hypot(fields.residual);
-            pixels[index] = share.is_whole(relative).unwrap_or(false);
+            pixels[index] = match least {
+                Some(least) => share.is_above(least),
+                None => share.is_whole(relative).unwrap_or(false),
+            };
         }
         let whole: Vec<(usize, [f64; 2], DVec3)> = self
             .pixels
@@ -212,7 +237,10 @@ impl Seen<'_> {
                     add(&mut share, place, *at);
                 }
                 let relative = fields.intensity.relative_uncertainty_at(p[0], p[1]);
-                share.is_whole(relative.hypot(fields.residual)).unwrap_or(false)
+                match least {
+                    Some(least) => share.is_above(least),
+                    None => share.is_whole(relative.hypot(fields.residual)).unwrap_or(false),
+                }
             })
             .collect();
         self.judged.pixels = pixels;
@@ -262,11 +290,27 @@ pub(super) fn fit_whole(seen: &mut [Seen], frames: &[Frames]) -> Option<Fields> 
     for (seen, frames) in seen.iter_mut().zip(frames) {
         seen.drop_the_dim(frames);
     }
+    for theta_deg in GROWTH_DEG {
+        let before: Vec<Judged> = seen.iter().map(|seen| seen.judged.clone()).collect();
+        for seen in seen.iter_mut() {
+            seen.keep_within(theta_deg);
+        }
+        let Some(fields) = fit(seen, Held::Smooth) else {
+            // Nothing is lit so near to the normal: not yet.
+            for (seen, before) in seen.iter_mut().zip(before) {
+                seen.judged = before;
+            }
+            continue;
+        };
+        for (seen, frames) in seen.iter_mut().zip(frames) {
+            seen.judge(frames, &fields, Some(GROWTH_LEAST));
+        }
+    }
     for _ in 0..TURNS {
-        let fields = fit(seen)?;
+        let fields = fit(seen, Held::Loosely)?;
         let before: Vec<Judged> = seen.iter().map(|seen| seen.judged.clone()).collect();
         for (seen, frames) in seen.iter_mut().zip(frames) {
-            seen.judge(frames, &fields);
+            seen.judge(frames, &fields, None);
         }
         let is_same = seen
             .iter()
@@ -276,5 +320,5 @@ pub(super) fn fit_whole(seen: &mut [Seen], frames: &[Frames]) -> Option<Fields> 
             return Some(fields);
         }
     }
-    fit(seen)
+    fit(seen, Held::Loosely)
 }

@@ -3,7 +3,7 @@
 use super::*;
 use crate::base::progress::Silent;
 use crate::instrument::optics::{DirectionMap, View};
-use crate::instrument::rig::Tilt;
+use crate::instrument::rig::{ROUNDING_DN2, Tilt};
 use crate::plan::Virtual;
 use crate::virtual_rig::setup::Setup;
 use crate::virtual_rig::{Tolerances, Truth};
@@ -20,6 +20,7 @@ fn calibrated(
         position_m: 0.0,
         angle_deg: 0.0,
         field: 0.3,
+        contrast: None,
     };
     let truth = Truth::drawn(&rig, tolerances, 4).unwrap();
     let mut aligned = truth.rig.clone();
@@ -63,13 +64,17 @@ fn fields_camera_response_and_interreflection_are_found() {
         found.field_uncertainty,
         found.field_residual
     );
-    let camera = found.camera;
+    let camera = found.camera.of_image(&rig.camera.binned);
     assert!(
         (camera.gain_e_per_dn / rig.gain_e_per_dn() - 1.0).abs() < 0.02,
         "{camera:?}"
     );
+    // Beside the rounding, of which it cannot be told: at a dark level of a whole number it is less than in the mean, the
+    // more so the lower the noise.
+    let rounding_e2 = ROUNDING_DN2 * camera.gain_e_per_dn.powi(2);
+    let with_rounding_e = |read_noise_e: f64| (read_noise_e * read_noise_e + rounding_e2).sqrt();
     assert!(
-        (camera.read_noise_e / rig.camera.read_noise_e - 1.0).abs() < 0.05,
+        (with_rounding_e(camera.read_noise_e) / with_rounding_e(rig.camera.read_noise_e) - 1.0).abs() < 0.05,
         "{camera:?}"
     );
     assert!((camera.dark_dn - rig.camera.dark_dn).abs() < 0.2, "{camera:?}");

@@ -61,6 +61,10 @@ impl Measurement {
                 |s| format!("{} ms", s * 1e3),
             )
         };
+        let spot = |request: &Request| {
+            let given = request.spot_deg.map(|deg| format!("{deg}°"));
+            given.unwrap_or_else(|| "that of the rig".to_owned())
+        };
         let grid = |request: &Request| request.grid.to_string();
         let other_grid = if held.grid != request.grid && grid(held) == grid(request) {
             format!("another {}", request.grid)
@@ -73,7 +77,7 @@ impl Measurement {
         let sample = if sample { held_sample.clone() } else { asked_sample };
         let truth = if truth { held_truth.clone() } else { asked_truth };
         let tilt = |request: &Request| or_none(request.tilt.map(|tilt| tilt.to_string()));
-        let fields: [(&'static str, String, String); 11] = [
+        let fields: [(&'static str, String, String); 12] = [
             ("grid", grid(held), other_grid),
             (
                 "image-size",
@@ -81,6 +85,7 @@ impl Measurement {
                 request.image_size.to_string(),
             ),
             ("exposure-ms", milliseconds(held), milliseconds(request)),
+            ("spot", spot(held), spot(request)),
             (
                 "brackets",
                 held.brackets.to_string(),

@@ -1,27 +1,31 @@
 //! The pilot capture that proposes exposure brackets.
 //!
 //! # Design
-//! A few patterns, each exposed from the rig's default time down in steps of [`TEST_RATIO`], in one run. A pixel's rate comes
-//! from its longest exposure that does not saturate. The shortest bracket is made for the brightest pixel, the longest for
-//! the darkest; [`crate::plan::brackets::LARGEST_RATIO`] says how many are between them.
+//! A few patterns and black ones, each exposed from the rig's default time down in steps of [`TEST_RATIO`], in one run. A
+//! pixel's rate comes from its longest exposure that does not saturate. The shortest bracket is made for the brightest
+//! pixel, the longest for the darkest; [`crate::plan::brackets::LARGEST_RATIO`] says how many are between them.
+//!
+//! The light of the black projector pixels fills the range and is noise, and no signal: no exposure is so long that it
+//! alone saturates.
 
 use std::fmt;
 
 use super::{judged, patterns};
 use crate::capture::directory::MeasurementError;
-use crate::capture::{Instrument, Tally};
-use crate::hemisphere::incident::Grid;
-use crate::instrument::rig::Rig;
-use crate::plan::PlanError;
+use crate::capture::{Captured, Instrument, Tally};
+use crate::instrument::rig::{ROUNDING_DN2, Rig};
 use crate::plan::brackets::{
     Brackets, LARGEST_RATIO, MOST_EXPOSURES, geometric, largest_ratio, milliseconds,
 };
 use crate::plan::schedule::Timing;
+use crate::plan::{PlanError, Request};
 
 /// Exposure times of the pilot capture, each [`TEST_RATIO`] times shorter than the one before.
 const TESTS: i32 = 5;
 /// Ratio of neighbouring exposure times of the pilot capture: five of them reach over 4096 : 1.
 const TEST_RATIO: f64 = 8.0;
+/// Black patterns of the pilot capture, whose mean counts.
+const BLACK: usize = 4;
 /// The brightest pixel shall come to this share of the range in the shortest exposure.
 const BRIGHTEST: f64 = 0.8;
 /// All but this share of the pixels shall reach [`SNR`] in the longest exposure.
@@ -40,8 +44,10 @@ pub struct Proposal {
     pub exposures_s: Vec<f64>,
     /// Rate of the brightest pixel in e⁻/s.
     pub brightest_e_per_s: f64,
-    /// Rate that all but 1 % of the pixels reach, in e⁻/s.
+    /// Rate of what is no light of black pixels that all but 1 % of the pixels reach, in e⁻/s.
     pub darkest_e_per_s: f64,
+    /// Rate by the light of black projector pixels in the middle of all pixels, in e⁻/s.
+    pub black_e_per_s: f64,
     /// Signal over noise at that rate in the longest exposure.
     pub darkest_snr: f64,
 }
@@ -52,81 +58,69 @@ impl fmt::Display for Proposal {
             exposures_s,
             brightest_e_per_s: brightest,
             darkest_e_per_s: darkest,
+            black_e_per_s: black,
             darkest_snr: snr,
         } = self;
         write!(
             f,
-            "pilot: the brightest pixel gathers {brightest:.0} e⁻/s, 99 % of them more than {darkest:.0} e⁻/s, with a \
-             signal of {snr:.0} times the noise in the longest exposure; proposed: {} of {} ms",
+            "pilot: the brightest pixel gathers {brightest:.0} e⁻/s, 99 % of them more than {darkest:.0} e⁻/s beside \
+             {black:.0} e⁻/s of black projector pixels, with a signal of {snr:.0} times the noise in the longest exposure; \
+             proposed: {} of {} ms",
             exposures_s.len(),
             milliseconds(exposures_s)
         )
     }
 }
 
-/// The exposure times for `brackets` on `rig`, whose camera image is scaled as it will be measured: the brightest pixel
-/// of a few test patterns of `grid` comes to 80 % of the range in the shortest; 99 % of the pixels reach a signal of 120
-/// times their noise in the longest, unless that is longer than 32 times the rig's default.
+/// The exposure times for the brackets of `request` on `rig`, whose camera image is scaled as it will be measured: the
+/// brightest pixel of a few test patterns comes to 80 % of the range in the shortest; 99 % of the pixels reach a signal of
+/// 120 times their noise in the longest, unless that is longer than 32 times the rig's default, or black patterns come to
+/// 80 % of the range before.
 ///
 /// # Errors
 /// [`MeasurementError`].
 pub fn propose(
     rig: &Rig,
-    grid: &Grid,
-    brackets: &Brackets,
+    request: &Request,
     instrument: &mut Instrument,
 ) -> Result<Proposal, MeasurementError> {
-    let patterns = patterns(rig, grid)?;
-    let tests_s: Vec<f64> = (0..TESTS)
-        .rev()
-        .map(|step| rig.camera.exposure_s / TEST_RATIO.powi(step))
-        .filter(|exposure_s| *exposure_s >= 1e-6)
-        .collect();
-    let timings = Timing::series(rig, &tests_s).map_err(PlanError::from)?;
-    let shots = instrument.take(
-        patterns.len(),
-        &timings,
-        |pattern, image| image.light(&patterns[pattern]),
-        &mut Tally::default(),
-        |_| {},
-    )?;
-    let judged: Vec<bool> = judged(rig).collect();
-    let (camera, gain) = (&rig.camera, rig.gain_e_per_dn());
-    let rate = |dn: u16, exposure_s: f64| {
-        (f64::from(dn) - camera.dark_dn) * gain / exposure_s - camera.dark_current_e_per_s
+    let (black, lit) = test(rig, request, instrument)?;
+    let black_e_per_s = median(&black);
+    let camera = &rig.camera;
+    let faintest = 1.0 / camera.exposure_s; // an electron in the default exposure: as good as nothing
+    let most_e = BRIGHTEST * camera.full_well_e;
+    let longest_s = (LONGEST * camera.exposure_s)
+        .min(60.0)
+        .min(most_e / black_e_per_s.max(faintest));
+    let dark_e2 = |exposure_s: f64| {
+        camera.read_noise_e.powi(2)
+            + rig.gain_e_per_dn().powi(2) * ROUNDING_DN2
+            + camera.dark_current_e_per_s * exposure_s
     };
-    let mut rates: Vec<f64> = shots
-        .chunks_exact(timings.len())
-        .flat_map(|shots| {
-            (0..judged.len()).filter(|&at| judged[at]).map(|at| {
-                let mut tried = shots.iter().zip(&tests_s).rev();
-                let clear = tried.find(|(shot, _)| shot.dn[at] < rig.saturation_dn());
-                // What saturates even the shortest may be far brighter.
-                clear.map_or_else(
-                    || TEST_RATIO * rate(rig.saturation_dn(), tests_s[0]),
-                    |(shot, exposure_s)| rate(shot.dn[at], *exposure_s),
-                )
-            })
+    // (signal·t)² = SNR²·(all·t + dark); dark for the longest exposure, to be on the safe side.
+    let needed_s = |signal: f64, all: f64| {
+        let shot = SNR * SNR * all;
+        let dark = 4.0 * (SNR * signal).powi(2) * dark_e2(longest_s);
+        (shot + (shot * shot + dark).sqrt()) / (2.0 * signal * signal)
+    };
+    let mut all: Vec<(f64, f64, f64)> = lit
+        .iter()
+        .flat_map(|rates| rates.iter().zip(&black))
+        .map(|(all, black)| {
+            let signal = (all - black).max(faintest);
+            let all = all.max(signal);
+            (needed_s(signal, all), signal, all)
         })
         .collect();
-    rates.sort_unstable_by(f64::total_cmp);
-    let faintest = 1.0 / camera.exposure_s; // an electron in the default exposure: as good as nothing
-    let rank = (rates.len() as f64 * DARKEST) as usize;
-    let brightest_e_per_s = rates.last().map_or(faintest, |rate| rate.max(faintest));
-    let darkest_e_per_s = rates.get(rank).map_or(faintest, |rate| rate.max(faintest));
-    let longest_s = (LONGEST * camera.exposure_s).min(60.0);
-    let dark_e2 = |exposure_s: f64| {
-        camera.read_noise_e.powi(2) + gain * gain / 12.0 + camera.dark_current_e_per_s * exposure_s
-    };
-    let shortest_s = (BRIGHTEST * camera.full_well_e / brightest_e_per_s).clamp(1e-6, longest_s);
-    // s² = SNR²·(s + dark) for the signal s; dark for the longest exposure, to be on the safe side.
-    let square = SNR * SNR;
-    let wanted_e = f64::midpoint(
-        square,
-        (square * square + 4.0 * square * dark_e2(longest_s)).sqrt(),
-    );
-    let wanted_s = (wanted_e / darkest_e_per_s).clamp(shortest_s, longest_s);
-    let exposures_s = match brackets {
+    let brightest_e_per_s = all.iter().map(|(.., all)| *all).fold(faintest, f64::max);
+    all.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
+    let rank = (all.len() as f64 * DARKEST) as usize;
+    let darkest = all.get(rank).copied();
+    let (wanted_s, darkest_e_per_s, darkest_all) =
+        darkest.unwrap_or((needed_s(faintest, faintest), faintest, faintest));
+    let shortest_s = (most_e / brightest_e_per_s).min(longest_s).max(1e-6);
+    let wanted_s = wanted_s.min(longest_s).max(shortest_s);
+    let exposures_s = match &request.brackets {
         Brackets::Number(number) => {
             let apart_s = shortest_s * APART.powi(*number as i32 - 1);
             geometric(shortest_s, wanted_s.max(apart_s), *number)
@@ -139,11 +133,78 @@ pub fn propose(
         }
     };
     let last_s = exposures_s.last().copied().unwrap_or(shortest_s);
-    let signal_e = darkest_e_per_s * last_s;
     Ok(Proposal {
         exposures_s,
         brightest_e_per_s,
         darkest_e_per_s,
-        darkest_snr: signal_e / (signal_e + dark_e2(last_s)).sqrt(),
+        black_e_per_s: black_e_per_s.max(0.0),
+        darkest_snr: darkest_e_per_s * last_s / (darkest_all * last_s + dark_e2(last_s)).sqrt(),
     })
+}
+
+/// Takes the pilot capture: the rates in e⁻/s of every judged value, in black patterns, and in each of the others.
+fn test(
+    rig: &Rig,
+    request: &Request,
+    instrument: &mut Instrument,
+) -> Result<(Vec<f64>, Vec<Vec<f64>>), MeasurementError> {
+    let lit = patterns(rig, request)?;
+    let tests_s: Vec<f64> = (0..TESTS)
+        .rev()
+        .map(|step| rig.camera.exposure_s / TEST_RATIO.powi(step))
+        .filter(|exposure_s| *exposure_s >= 1e-6)
+        .collect();
+    let timings = Timing::series(rig, &tests_s).map_err(PlanError::from)?;
+    let shots = instrument.take(
+        BLACK + lit.len(),
+        &timings,
+        |pattern, image| {
+            if let Some(pattern) = pattern.checked_sub(BLACK) {
+                image.light(&lit[pattern]);
+            }
+        },
+        &mut Tally::default(),
+        |_| {},
+    )?;
+    let judged: Vec<bool> = judged(rig).collect();
+    let mut rates: Vec<Vec<f64>> = shots
+        .chunks_exact(timings.len())
+        .map(|shots| rates(rig, shots, &tests_s, &judged))
+        .collect();
+    let lit = rates.split_off(BLACK);
+    let black = (0..rates[0].len())
+        .map(|at| rates.iter().map(|rates| rates[at]).sum::<f64>() / BLACK as f64)
+        .collect();
+    Ok((black, lit))
+}
+
+/// Electrons per second of light in each `judged` value of the frames of one pattern, `shots` of `tests_s` seconds,
+/// ascending.
+fn rates(rig: &Rig, shots: &[Captured], tests_s: &[f64], judged: &[bool]) -> Vec<f64> {
+    let rate = |dn: u16, exposure_s: f64| {
+        (f64::from(dn) - rig.camera.dark_dn) * rig.gain_e_per_dn() / exposure_s
+            - rig.camera.dark_current_e_per_s
+    };
+    (0..judged.len())
+        .filter(|&at| judged[at])
+        .map(|at| {
+            let mut tried = shots.iter().zip(tests_s).rev();
+            let clear = tried.find(|(shot, _)| shot.dn[at] < rig.saturation_dn());
+            // What saturates even the shortest may be far brighter.
+            clear.map_or_else(
+                || TEST_RATIO * rate(rig.saturation_dn(), tests_s[0]),
+                |(shot, exposure_s)| rate(shot.dn[at], *exposure_s),
+            )
+        })
+        .collect()
+}
+
+/// The value in the middle; 0 of none.
+fn median(values: &[f64]) -> f64 {
+    let mut values = values.to_vec();
+    let middle = values.len() / 2;
+    if values.is_empty() {
+        return 0.0;
+    }
+    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }

@@ -2,13 +2,12 @@
 
 use crate::capture::directory::MeasurementError;
 use crate::capture::{Captured, Instrument, Tally};
-use crate::hemisphere::incident::Grid;
 use crate::hemisphere::judged::is_judged;
 use crate::instrument::optics::{DirectionMap, View};
 use crate::instrument::rig::Rig;
 use crate::plan::pattern::PatternMaker;
 use crate::plan::schedule::{LONGEST_EXPOSURE_S, SHORTEST_EXPOSURE_S, Timing};
-use crate::plan::{Directions, PlanError, spot_deg};
+use crate::plan::{Directions, PlanError, Request};
 
 mod brackets;
 
@@ -24,25 +23,29 @@ pub(crate) const PILOT_TARGET: f64 = 0.85;
 /// The exposure time in s at which the brightest pixels of a few test exposures nearly fill the camera's range;
 /// at most the rig's default, beyond which the measurement would take longer than the rig is made for.
 ///
-/// `rig` has its camera image scaled as it will be measured.
+/// `rig` has its camera image scaled as `request` will be measured.
 ///
 /// # Errors
 /// [`MeasurementError`].
-pub fn auto_exposure_s(rig: &Rig, grid: &Grid, instrument: &mut Instrument) -> Result<f64, MeasurementError> {
-    let patterns = patterns(rig, grid)?;
+pub fn auto_exposure_s(
+    rig: &Rig,
+    request: &Request,
+    instrument: &mut Instrument,
+) -> Result<f64, MeasurementError> {
+    let patterns = patterns(rig, request)?;
     let longest_s = TestExposures::take(rig, &patterns, instrument)?.longest_s;
     Ok(longest_s
         .min(rig.camera.exposure_s)
         .clamp(SHORTEST_EXPOSURE_S, LONGEST_EXPOSURE_S))
 }
 
-/// Lit pixels of some patterns that are spread over `grid`.
-fn patterns(rig: &Rig, grid: &Grid) -> Result<Vec<Vec<u32>>, MeasurementError> {
-    let directions = Directions::new(rig, grid)?;
+/// Lit pixels of some patterns that are spread over the grid of `request`.
+fn patterns(rig: &Rig, request: &Request) -> Result<Vec<Vec<u32>>, MeasurementError> {
+    let directions = Directions::new(rig, &request.grid)?;
     let measurable: Vec<usize> = directions.measurable().collect();
     let maker = PatternMaker::new(
         View::projector(rig),
-        spot_deg(rig, grid),
+        request.spot_deg(rig),
         rig.projector.irradiance,
     );
     Ok(spread(&directions, &measurable)

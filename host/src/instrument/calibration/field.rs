@@ -96,6 +96,14 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 /// Of the highest degree, the places among the coefficients.
 pub(crate) const HIGHEST: std::ops::Range<usize> = TERMS - DEGREE - 1..TERMS;
 
+/// i + j of the coefficient at `place`.
+pub(crate) fn degree(place: usize) -> usize {
+    let last = |degree: usize| (degree + 1) * (degree + 2) / 2 - 1;
+    (1..=DEGREE)
+        .find(|degree| place < last(*degree))
+        .unwrap_or(DEGREE)
+}
+
 /// All P_i(x)·P_j(y) but the constant, in the order of the coefficients.
 pub(crate) fn terms(x: f64, y: f64) -> [f64; TERMS] {
     let (px, py) = (legendre(x), legendre(y));

@@ -31,7 +31,7 @@ use crate::store::checksum::sum;
 use crate::store::whole_file::FileError;
 
 pub use field::SmoothField;
-pub(crate) use field::{HIGHEST, TERMS, terms};
+pub(crate) use field::{HIGHEST, TERMS, degree, terms};
 pub use geometry::{Found, GEOMETRY, Geometry, WORST_DEG};
 pub(crate) use photometry::PHOTOMETRY_VERSION;
 pub use photometry::{CameraFound, Interreflection, PHOTOMETRY, Photometry};
@@ -181,7 +181,7 @@ impl Calibration {
     pub fn with_camera(&self, rig: &Rig) -> Rig {
         let mut rig = rig.clone();
         if let Some(photometry) = &self.photometry {
-            let found = &photometry.camera;
+            let found = photometry.camera.of_image(&rig.camera.binned);
             let range_dn = f64::from(rig.saturation_dn()) - found.dark_dn;
             rig.camera.dark_dn = found.dark_dn;
             rig.camera.read_noise_e = found.read_noise_e;

@@ -7,14 +7,15 @@ use serde::{Deserialize, Serialize};
 use super::field::{self, SmoothField};
 use super::sight::Sight;
 use super::{CalibrationError, check_rig, file};
-use crate::instrument::rig::{Rig, Tilt};
+use crate::instrument::rig::{Binned, Rig, Tilt};
 
 /// Name of the file with what was found.
 pub const PHOTOMETRY: &str = "photometry.json";
 /// What writes the files of this calibration.
 pub(crate) const COMMAND: &str = "rcg calibrate photometry --out DIR";
-/// Version of `photometry.json`: 2 says where the standard was seen, 3 what the end of a field's series leaves.
-pub(crate) const PHOTOMETRY_VERSION: u32 = 3;
+/// Version of `photometry.json`: 2 says where the standard was seen, 3 what the end of a field's series leaves; 4
+/// describes pixels of the sensor, not of the image.
+pub(crate) const PHOTOMETRY_VERSION: u32 = 4;
 
 /// What calibration found, as `photometry.json` has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -193,12 +194,35 @@ pub struct CameraFound {
     pub dark_dn: f64,
     /// Digital numbers that dark current adds per second, mean over the pixels.
     pub dark_dn_per_s: f64,
-    /// Electrons per digital number.
+    /// Electrons per digital number, of one pixel of the sensor.
     pub gain_e_per_dn: f64,
-    /// Standard deviation of the read-out, electrons.
+    /// Standard deviation of the read-out, electrons, of one pixel of the sensor; with what its steps add.
     pub read_noise_e: f64,
     /// β: of a signal s the camera shows s·(1 − β·s/range), the range being that above the dark level.
     pub nonlinearity: f64,
     /// Largest deviation from a straight line that is left, of the mean over all pixels, relative.
     pub linearity_residual: f64,
+}
+
+impl CameraFound {
+    /// The same for a pixel of an image that is `binned`, as what follows reckons with it: of the charge of all sensor
+    /// pixels behind it. What their steps leave in common is added, which no series of frames shows.
+    #[must_use]
+    pub(crate) fn of_image(&self, binned: &Binned) -> Self {
+        Self {
+            gain_e_per_dn: self.gain_e_per_dn * binned.pixels,
+            read_noise_e: (self.read_noise_e * binned.pixels.sqrt()).hypot(binned.common_e()),
+            ..*self
+        }
+    }
+
+    /// What was found with an image that is `binned`, for one pixel of the sensor.
+    #[must_use]
+    pub(crate) fn of_sensor(&self, binned: &Binned) -> Self {
+        Self {
+            gain_e_per_dn: self.gain_e_per_dn / binned.pixels,
+            read_noise_e: self.read_noise_e / binned.pixels.sqrt(),
+            ..*self
+        }
+    }
 }

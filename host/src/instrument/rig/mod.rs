@@ -13,13 +13,17 @@
 //! Unknown keys are refused. A rig of a newer version cannot be read by an older program, but a misspelt
 //! optional key (`rotaton_deg`) never silently becomes zero.
 
+mod binned;
 mod error;
 mod read;
 mod signal;
 mod tilt;
 mod validate;
 
-pub use crate::instrument::parts::{CameraPart, Lens, Light, Mirror, ProjectorPart, Rig, Sample, Wire};
+pub use crate::instrument::parts::{
+    Binned, CameraPart, Lens, Light, Mirror, ProjectorPart, Rig, Sample, Wire,
+};
+pub(crate) use binned::ROUNDING_DN2;
 pub use error::RigError;
 pub(crate) use read::explain;
 pub use tilt::Tilt;
@@ -60,26 +64,40 @@ impl Rig {
         Ok(rig)
     }
 
-    /// The same rig with the camera's image scaled to `size_px` × `size_px` pixels.
-    ///
-    /// Takes the central square of the sensor and scales focal length and principal point, so that a
-    /// direction stays at the same relative place. Sensor keys stay as they are: a binned pixel is
-    /// described like a pixel, because `light.full_scale_f_sr` ties its signal to its full well.
+    /// The same rig with the camera's image binned to `size_px` × `size_px` pixels, each the mean of the sensor's pixels
+    /// behind it (weighted by area) of the central square, in numbers of 16 bits.
     ///
     /// # Errors
-    /// [`RigError::Field`] when `size_px` is 0 or above 32768, or when the central square of the sensor
+    /// [`RigError::Field`] when `size_px` is 0 or more than the sensor has, or when the central square of the sensor
     /// sees nothing.
     pub fn with_image_size(&self, size_px: u32) -> Result<Rig, RigError> {
+        let lens = &self.camera.lens;
+        let square_px = lens.width_px.min(lens.height_px);
+        if !(1..=square_px).contains(&size_px) {
+            return Err(RigError::Field {
+                path: self.name.clone().into(),
+                field: "image size".to_owned(),
+                expected: format!("1 to {square_px} pixels, as many as the camera has"),
+                found: size_px.to_string(),
+            });
+        }
         let mut rig = self.clone();
-        let lens = &mut rig.camera.lens;
-        let (width_px, height_px) = (f64::from(lens.width_px), f64::from(lens.height_px));
-        let square_px = width_px.min(height_px);
-        let scale = f64::from(size_px) / square_px;
-        lens.focal_px *= scale;
-        lens.centre_px[0] = (lens.centre_px[0] - (width_px - square_px) / 2.0) * scale;
-        lens.centre_px[1] = (lens.centre_px[1] - (height_px - square_px) / 2.0) * scale;
-        lens.width_px = size_px;
-        lens.height_px = size_px;
+        rig.camera = binned::camera(&self.camera, size_px);
+        rig.validate()?;
+        Ok(rig)
+    }
+
+    /// The rig whose image was binned to this one's, with the sensor of `full`, of which it takes the central square.
+    ///
+    /// # Errors
+    /// [`RigError::Field`] when the sensor sees nothing.
+    pub(crate) fn with_sensor_of(&self, full: &Rig) -> Result<Rig, RigError> {
+        let mut rig = self.clone();
+        let size_px = full.camera.lens.width_px.min(full.camera.lens.height_px);
+        rig.camera = CameraPart {
+            lens: binned::lens(&self.camera.lens, size_px),
+            ..full.camera.clone()
+        };
         rig.validate()?;
         Ok(rig)
     }

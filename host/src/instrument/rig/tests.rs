@@ -120,7 +120,7 @@ fn an_image_of_no_pixels_is_refused() {
     let rig = Rig::load("rcg-1").expect("usable");
     assert_eq!(
         rig.with_image_size(0).expect_err("no image").to_string(),
-        "rig/rcg-1: camera.lens.width_px: expected 1 to 32768 pixels, found 0"
+        "rcg-1: image size: expected 1 to 2048 pixels, as many as the camera has, found 0"
     );
 }
 
@@ -190,7 +190,7 @@ const MISTAKES: &[(&str, &str, &str)] = &[
     (
         "[camera.lens]\nwidth_px = 2048",
         "[camera.lense]\nwidth_px = 2048",
-        "camera.lense: expected one of `channels`, `bits`, `full_well_e`, `read_noise_e`, `dark_dn`, `dark_current_e_per_s`, `exposure_s`, `exposure_delay_s`, `readout_s`, `overlap`, `lens`, found unknown field `lense`",
+        "camera.lense: expected one of `channels`, `bits`, `full_well_e`, `read_noise_e`, `dark_dn`, `dark_current_e_per_s`, `exposure_s`, `exposure_delay_s`, `readout_s`, `overlap`, `lens`, `binned`, found unknown field `lense`",
     ),
     (
         "spot_deg = 1.0",

@@ -7,7 +7,7 @@
 use std::fmt::Display;
 use std::path::Path;
 
-use super::{Lens, Rig, RigError};
+use super::{Binned, Lens, Rig, RigError};
 use crate::base::text::listed;
 use crate::instrument::optics::{Ellipsoid, Unmeasurable, View};
 
@@ -76,8 +76,28 @@ impl Rig {
             return Err(check.error("camera.bits", "8, 10, 12 or 16", camera.bits));
         }
         let saturation_dn = f64::from((1_u32 << camera.bits) - 1);
-        check.range("camera.full_well_e", camera.full_well_e, 1.0, 1e9, "electrons")?;
-        check.range("camera.read_noise_e", camera.read_noise_e, 0.0, 1e6, "electrons")?;
+        let Binned {
+            pixels,
+            step_e,
+            read_noise_e,
+        } = camera.binned;
+        check.range("camera.binned.pixels", pixels, 1.0, 1e9, "pixels")?;
+        check.range("camera.binned.step_e", step_e, 0.0, 1e9, "electrons")?;
+        check.range("camera.binned.read_noise_e", read_noise_e, 0.0, 1e6, "electrons")?;
+        check.range(
+            "camera.full_well_e",
+            camera.full_well_e,
+            1.0,
+            1e9 * pixels,
+            "electrons",
+        )?;
+        check.range(
+            "camera.read_noise_e",
+            camera.read_noise_e,
+            0.0,
+            1e6 * pixels,
+            "electrons",
+        )?;
         check.range(
             "camera.dark_dn",
             camera.dark_dn,
@@ -90,7 +110,7 @@ impl Rig {
             "camera.dark_current_e_per_s",
             dark_current,
             0.0,
-            1e9,
+            1e9 * pixels,
             "electrons per second",
         )?;
         check.range("camera.exposure_s", camera.exposure_s, 1e-7, 3600.0, "seconds")?;

@@ -18,12 +18,11 @@ use super::choose::MultiplexError;
 use crate::capture::pilot::{PILOT_CLIPPED, PILOT_TARGET, TestExposures, spread};
 use crate::capture::{Captured, Instrument};
 use crate::hemisphere::direction::angle_between;
-use crate::hemisphere::incident::Grid;
 use crate::hemisphere::judged::is_judged;
 use crate::instrument::optics::{DirectionMap, View};
-use crate::instrument::rig::Rig;
+use crate::instrument::rig::{ROUNDING_DN2, Rig};
 use crate::plan::pattern::{LitSet, PatternMaker};
-use crate::plan::{Directions, spot_deg};
+use crate::plan::{Directions, Request};
 
 /// Cells that are lit for each order to learn the sums: blocks are taken until there are about so many …
 const CELLS: usize = 512;
@@ -74,7 +73,7 @@ pub(super) struct Sums {
 pub(super) fn dark_variance(rig: &Rig, exposure_s: f64) -> f64 {
     let (camera, gain) = (&rig.camera, rig.gain_e_per_dn());
     // The converter rounds to whole numbers.
-    camera.read_noise_e.powi(2) + gain * gain / 12.0 + camera.dark_current_e_per_s * exposure_s
+    camera.read_noise_e.powi(2) + gain * gain * ROUNDING_DN2 + camera.dark_current_e_per_s * exposure_s
 }
 
 /// Electrons of light per second; NaN where saturated.
@@ -92,11 +91,15 @@ fn rates(rig: &Rig, shot: &Captured, exposure_s: f64) -> Vec<f64> {
 }
 
 impl Singles {
-    pub(super) fn take(rig: &Rig, grid: &Grid, instrument: &mut Instrument) -> Result<Self, MultiplexError> {
-        let directions = Directions::new(rig, grid)?;
+    pub(super) fn take(
+        rig: &Rig,
+        request: &Request,
+        instrument: &mut Instrument,
+    ) -> Result<Self, MultiplexError> {
+        let directions = Directions::new(rig, &request.grid)?;
         let maker = PatternMaker::new(
             View::projector(rig),
-            spot_deg(rig, grid),
+            request.spot_deg(rig),
             rig.projector.irradiance,
         );
         let (indices, cells): (Vec<usize>, Vec<LitSet>) = directions

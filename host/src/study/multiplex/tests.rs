@@ -5,7 +5,7 @@ use super::*;
 use crate::brdf::sample::{Sample, parse};
 use crate::hemisphere::direction::from_degrees;
 use crate::instrument::optics::View;
-use crate::instrument::rig::Rig;
+use crate::instrument::rig::{ROUNDING_DN2, Rig};
 use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::virtual_rig::{Noise, sense};
 
@@ -109,7 +109,7 @@ fn the_measured_variance_is_the_predicted_one_at_251_cells() {
             rig.camera.dark_dn = 2000.0; // nor is the converter's lower end
             rig.camera.dark_current_e_per_s = 0.0;
             let gain = rig.gain_e_per_dn();
-            let read_variance = read_noise_e * read_noise_e + gain * gain / 12.0;
+            let read_variance = read_noise_e * read_noise_e + gain * gain * ROUNDING_DN2;
             let (mut measured, mut predicted, mut propagated) = (0.0, 0.0, 0.0);
             for trial in 0..TRIALS {
                 let dn = sense(&rig, &coded, 0.01, Noise::On, 7 + trial);

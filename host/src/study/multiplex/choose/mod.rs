@@ -21,10 +21,10 @@ use super::pilot::{Singles, Sums, Value, blocks, dark_variance};
 use crate::base::blame::Blame;
 use crate::capture::Instrument;
 use crate::capture::directory::MeasurementError;
-use crate::hemisphere::incident::{Grid, IncidentError};
+use crate::hemisphere::incident::IncidentError;
 use crate::instrument::rig::Rig;
-use crate::plan::PlanError;
 use crate::plan::schedule::Timing;
+use crate::plan::{PlanError, Request};
 
 /// Orders that are tried unless one is asked for.
 const ORDERS: [usize; 6] = [7, 15, 31, 63, 127, 255];
@@ -120,18 +120,18 @@ pub struct Refused {
     pub reason: String,
 }
 
-/// Chooses for the directions of `grid` on `rig` (its camera image scaled) from a pilot capture with `instrument`.
+/// Chooses for the directions of `request` on `rig` (its camera image scaled) from a pilot capture with `instrument`.
 /// Without `order` all of 7, 15, … 255 are tried whose cells do not overlap.
 ///
 /// # Errors
 /// [`MultiplexError`].
 pub fn choose(
     rig: &Rig,
-    grid: &Grid,
+    request: &Request,
     order: Option<usize>,
     instrument: &mut Instrument,
 ) -> Result<Choice, MultiplexError> {
-    let singles = Singles::take(rig, grid, instrument)?;
+    let singles = Singles::take(rig, request, instrument)?;
     let directions = singles.cells.len();
     let mut refused = Vec::new();
     let mut sums = Vec::new();

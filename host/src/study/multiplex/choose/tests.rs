@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::*;
 use crate::brdf::sample::parse;
+use crate::hemisphere::incident::Grid;
 use crate::hemisphere::judged::is_judged;
 use crate::instrument::optics::{DirectionMap, View};
 use crate::plan::Faults;
@@ -20,6 +21,8 @@ fn rig(full_scale_f_sr: f64, read_noise_e: f64) -> Rig {
     let mut rig = Rig::load("rcg-1").unwrap();
     rig.camera.channels = 1;
     rig.light.full_scale_f_sr = full_scale_f_sr;
+    // The sensor itself has as few: a mean of many would have hardly any noise but of rounding.
+    rig.camera.lens = rig.with_image_size(16).unwrap().camera.lens;
     rig.with_read_noise(read_noise_e)
         .unwrap()
         .with_image_size(16)
@@ -32,10 +35,14 @@ fn chosen(rig: &Rig, spec: &str) -> Choice {
         seed: 5,
         faults: Faults::default(),
     };
+    let request = crate::plan::Request {
+        grid: GRID,
+        ..crate::plan::Request::default()
+    };
     let sample = Arc::from(parse(spec).unwrap());
     let mut instrument =
         Instrument::simulated(&virtual_rig::Truth::of(rig), Held::Sample(sample), behaviour).unwrap();
-    choose(rig, &GRID, None, &mut instrument).unwrap()
+    choose(rig, &request, None, &mut instrument).unwrap()
 }
 
 /// What the camera really gets: e⁻/s of every judged pixel for every cell, [cell][pixel], and whether a cell is judged.
