@@ -1,6 +1,9 @@
 //! Arguments that say what is measured.
 
+use std::fmt::Display;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use rcg::hemisphere::incident::Grid;
 use rcg::instrument::calibration::Calibration;
@@ -260,14 +263,22 @@ impl PortArgs {
 
 /// Pixels a side of an image.
 pub(crate) fn image_size(text: &str) -> Result<u32, String> {
-    match text.parse() {
-        Ok(size) if IMAGE_SIZES_PX.contains(&size) => Ok(size),
-        _ => Err(format!(
-            "expected a number of pixels from {} to {}",
-            IMAGE_SIZES_PX.start(),
-            IMAGE_SIZES_PX.end()
-        )),
-    }
+    number_of(text, "pixels", &IMAGE_SIZES_PX)
+}
+
+/// A number of `unit` within `range`.
+fn number_of<T>(text: &str, unit: &str, range: &RangeInclusive<T>) -> Result<T, String>
+where
+    T: FromStr + PartialOrd + Display,
+{
+    let found = text.parse().ok().filter(|number| range.contains(number));
+    found.ok_or_else(|| {
+        format!(
+            "expected a number of {unit} from {} to {}",
+            range.start(),
+            range.end()
+        )
+    })
 }
 
 /// An exposure time in milliseconds.
@@ -283,14 +294,7 @@ pub(crate) fn exposure_ms(text: &str) -> Result<f64, String> {
 
 /// The opening of a cone of light in degrees.
 pub(crate) fn spot_deg(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(deg) if SPOTS_DEG.contains(&deg) => Ok(deg),
-        _ => Err(format!(
-            "expected a number of degrees from {} to {}",
-            SPOTS_DEG.start(),
-            SPOTS_DEG.end()
-        )),
-    }
+    number_of(text, "degrees", &SPOTS_DEG)
 }
 
 /// Words on one line, which no terminal obeys.

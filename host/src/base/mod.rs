@@ -1,8 +1,9 @@
 //! What everything stands on and nothing optical is in: words, progress, whose fault an error is, formats of files by their
-//! names, linear fits.
+//! names, linear fits, medians.
 
 pub mod blame;
 pub mod file_format;
 pub(crate) mod linear_fit;
+pub(crate) mod median;
 pub mod progress;
 pub mod text;

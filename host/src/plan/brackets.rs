@@ -12,7 +12,7 @@ use std::str::FromStr;
 use serde::de::{Error as _, Unexpected};
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::instrument::rig::{ROUNDING_DN2, Rig};
+use crate::instrument::rig::Rig;
 
 /// Largest ratio of neighbouring exposure times that is proposed.
 pub const LARGEST_RATIO: f64 = 4.0;
@@ -128,9 +128,7 @@ pub fn largest_ratio(rig: &Rig) -> f64 {
 /// rounding and the shot noise of the dark current.
 #[must_use]
 pub fn dark_noise_dn(rig: &Rig, exposure_s: f64) -> f64 {
-    let (gain, camera) = (rig.gain_e_per_dn(), &rig.camera);
-    let charge_e2 = camera.read_noise_e.powi(2) + camera.dark_current_e_per_s * exposure_s;
-    (charge_e2 / (gain * gain) + ROUNDING_DN2).sqrt()
+    rig.dark_variance_e2(exposure_s).sqrt() / rig.gain_e_per_dn()
 }
 
 /// `count` times in s from `shortest_s` to `longest_s`, each the same multiple of the one before.
@@ -152,6 +150,7 @@ pub fn milliseconds(times_s: &[f64]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::instrument::rig::ROUNDING_DN2;
 
     #[test]
     fn what_is_written_is_read_again() {

@@ -68,6 +68,7 @@ impl Sensor {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
         let dark_e = self.dark_current_e_per_s * exposure_s;
         let per_e = 1.0 / self.gain_e_per_dn;
+        let deviations = self.deviations(noise);
         signal_e
             .iter()
             .map(|&signal_e| {
@@ -76,7 +77,7 @@ impl Sensor {
                     Noise::Off => mean_e,
                     Noise::On => self.noisy(mean_e, &mut rng),
                 };
-                if self.may_saturate(mean_e, noise) {
+                if self.may_saturate(mean_e, deviations) {
                     return self.saturation_dn as u16;
                 }
                 let signal_dn = (charge_e + self.rounding_e(mean_e)) * per_e;
@@ -91,14 +92,19 @@ impl Sensor {
             .collect()
     }
 
-    /// Whether one of the pixels behind a pixel that holds `mean_e` electrons is likely to saturate.
-    fn may_saturate(&self, mean_e: f64, noise: Noise) -> bool {
-        let pixels = self.binned.pixels;
-        // The largest of N normal numbers is about √(2 ln N) standard deviations above their mean.
-        let deviations = match noise {
-            Noise::On => (2.0 * pixels.ln()).max(0.0).sqrt(),
+    /// Of the pixels behind a pixel, by how many standard deviations the brightest is above their mean: of N normal numbers
+    /// about √(2 ln N).
+    fn deviations(&self, noise: Noise) -> f64 {
+        match noise {
+            Noise::On => (2.0 * self.binned.pixels.ln()).max(0.0).sqrt(),
             Noise::Off => 0.0,
-        };
+        }
+    }
+
+    /// Whether one of the pixels behind a pixel that holds `mean_e` electrons is likely to saturate, the brightest being
+    /// `deviations` above their mean.
+    fn may_saturate(&self, mean_e: f64, deviations: f64) -> bool {
+        let pixels = self.binned.pixels;
         let (one_e, well_e) = (mean_e / pixels, self.full_well_e / pixels);
         pixels > 1.0 && one_e + deviations * one_e.max(0.0).sqrt() >= well_e
     }

@@ -2,14 +2,14 @@
 //!
 //! # Design
 //! Photon transfer (Janesick, Photon Transfer, SPIE 2007): over repeated exposures the variance of a pixel is
-//! `σ_read² + signal/gain + 1/6`, the last for rounding with dither. Dark frames say what it is without signal. Pixels of all exposure times are binned by their mean; the line is
-//! fitted to the bins with weights of the variance's own variance. The series has the standard in the light, so that the
-//! bins reach from darkness to near saturation.
+//! `σ_read² + signal/gain + 1/6`, the last for rounding with dither. Dark frames say what it is without signal. Pixels of all
+//! exposure times are binned by their mean; the line is fitted to the bins with weights of the variance's own variance. The
+//! series has the standard in the light, so that the bins reach from darkness to near saturation.
 //!
 //! Linearity: what a pixel shows of light, over the exposure time, must be constant; light of black projector pixels is as
-//! good as that of the spot. The camera is described
-//! by one number β: of a signal s it shows s·(1 − β·s/range), and s'·(1 + β·s'/range) brings it back to first order. All
-//! pixels together determine β by least squares, each with a rate of its own.
+//! good as that of the spot. The camera is described by one number β: of a signal s it shows s·(1 − β·s/range), and
+//! s'·(1 + β·s'/range) brings it back to first order. All pixels together determine β by least squares, each with a rate of
+//! its own.
 
 use crate::instrument::calibration::CameraFound;
 use crate::instrument::rig::ROUNDING_DN2;

@@ -20,7 +20,7 @@ use crate::brdf::sample::Sample;
 use crate::calibrate::CalibrateError;
 use crate::instrument::calibration::{CalibrationError, HIGHEST, SmoothField, TERMS, degree, lights, terms};
 use crate::instrument::optics::{DirectionMap, Unmeasurable, View};
-use crate::instrument::rig::{ROUNDING_DN2, Rig};
+use crate::instrument::rig::Rig;
 
 /// Pairs that take part, about.
 const PAIRS: usize = 60_000;
@@ -215,7 +215,7 @@ impl<'a> Seen<'a> {
         let total = self.pixels.len() * self.stand.directions.len();
         let every = (total * self.channels / PAIRS).max(1);
         let gain = linear.camera.gain_e_per_dn;
-        let read_dn = linear.camera.read_noise_e / gain;
+        let noise = linear.camera.read_variance_dn2();
         for (place, frame) in (first..).zip(frames) {
             let Some((_, irradiance)) = self.lit[place] else {
                 continue;
@@ -242,7 +242,6 @@ impl<'a> Seen<'a> {
                     }
                     let (all, dark) = (linear.of(dn), black[at]);
                     // Of the frame, and of the mean of as many black ones as a segment has.
-                    let noise = read_dn * read_dn + ROUNDING_DN2;
                     values.push(Value {
                         at,
                         signal: all - dark,

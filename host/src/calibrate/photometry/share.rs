@@ -16,7 +16,6 @@ use super::rank_one::{Fields, Held, Seen, fit};
 use crate::brdf::sample::Sample;
 use crate::instrument::calibration::lights;
 use crate::instrument::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
-use crate::instrument::rig::ROUNDING_DN2;
 
 /// Turns of fitting and judging, at most.
 const TURNS: usize = 8;
@@ -76,16 +75,14 @@ impl Share {
         self.weight += predicted * predicted / variance;
     }
 
-    /// Whether it is 1 within noise and the relative uncertainty of the prediction; `None` if nothing was predicted.
-    fn is_whole(&self, relative: f64) -> Option<bool> {
-        (self.weight > 0.0).then(|| {
-            let margin =
-                (CLEAR * (self.weight.recip() + relative * relative).sqrt()).clamp(LEAST, LARGEST_DEFICIT);
-            self.signal / self.weight > 1.0 - margin
-        })
+    /// Whether it is 1 within noise and the relative uncertainty of the prediction; not if nothing was predicted.
+    fn is_whole(&self, relative: f64) -> bool {
+        let margin =
+            (CLEAR * (self.weight.recip() + relative * relative).sqrt()).clamp(LEAST, LARGEST_DEFICIT);
+        self.is_above(1.0 - margin)
     }
 
-    /// Whether it is more than `least`.
+    /// Whether it is more than `least`; not if nothing was predicted.
     fn is_above(&self, least: f64) -> bool {
         self.weight > 0.0 && self.signal / self.weight > least
     }
@@ -100,8 +97,7 @@ impl Seen<'_> {
         }
         let camera = &frames.linear.camera;
         let all = frames.linear.of(dn);
-        let read_dn = camera.read_noise_e / camera.gain_e_per_dn;
-        let noise = read_dn * read_dn + ROUNDING_DN2;
+        let noise = camera.read_variance_dn2();
         Some((
             all - frames.black[at],
             noise + all.max(0.0) / camera.gain_e_per_dn,
@@ -204,6 +200,10 @@ impl Seen<'_> {
                 }
             }
         };
+        let is_whole = |share: Share, relative: f64| match least {
+            Some(least) => share.is_above(least),
+            None => share.is_whole(relative),
+        };
         let places = self.judges();
         let mut pixels = vec![true; self.judged.pixels.len()];
         for &(index, o, wo, _) in &self.all_pixels {
@@ -215,10 +215,7 @@ impl Seen<'_> {
                 .throughput
                 .relative_uncertainty_at(o[0], o[1])
                 .hypot(fields.residual);
-            pixels[index] = match least {
-                Some(least) => share.is_above(least),
-                None => share.is_whole(relative).unwrap_or(false),
-            };
+            pixels[index] = is_whole(share, relative);
         }
         let whole: Vec<(usize, [f64; 2], DVec3)> = self
             .pixels
@@ -237,10 +234,7 @@ impl Seen<'_> {
                     add(&mut share, place, *at);
                 }
                 let relative = fields.intensity.relative_uncertainty_at(p[0], p[1]);
-                match least {
-                    Some(least) => share.is_above(least),
-                    None => share.is_whole(relative.hypot(fields.residual)).unwrap_or(false),
-                }
+                is_whole(share, relative.hypot(fields.residual))
             })
             .collect();
         self.judged.pixels = pixels;

@@ -11,9 +11,10 @@
 use std::fmt;
 
 use super::{judged, patterns};
+use crate::base::median::median;
 use crate::capture::directory::MeasurementError;
 use crate::capture::{Captured, Instrument, Tally};
-use crate::instrument::rig::{ROUNDING_DN2, Rig};
+use crate::instrument::rig::Rig;
 use crate::plan::brackets::{
     Brackets, LARGEST_RATIO, MOST_EXPOSURES, geometric, largest_ratio, milliseconds,
 };
@@ -85,18 +86,14 @@ pub fn propose(
     instrument: &mut Instrument,
 ) -> Result<Proposal, MeasurementError> {
     let (black, lit) = test(rig, request, instrument)?;
-    let black_e_per_s = median(&black);
+    let black_e_per_s = median(black.clone()).unwrap_or(0.0);
     let camera = &rig.camera;
     let faintest = 1.0 / camera.exposure_s; // an electron in the default exposure: as good as nothing
     let most_e = BRIGHTEST * camera.full_well_e;
     let longest_s = (LONGEST * camera.exposure_s)
         .min(60.0)
         .min(most_e / black_e_per_s.max(faintest));
-    let dark_e2 = |exposure_s: f64| {
-        camera.read_noise_e.powi(2)
-            + rig.gain_e_per_dn().powi(2) * ROUNDING_DN2
-            + camera.dark_current_e_per_s * exposure_s
-    };
+    let dark_e2 = |exposure_s: f64| rig.dark_variance_e2(exposure_s);
     // (signal·t)² = SNR²·(all·t + dark); dark for the longest exposure, to be on the safe side.
     let needed_s = |signal: f64, all: f64| {
         let shot = SNR * SNR * all;
@@ -181,10 +178,7 @@ fn test(
 /// Electrons per second of light in each `judged` value of the frames of one pattern, `shots` of `tests_s` seconds,
 /// ascending.
 fn rates(rig: &Rig, shots: &[Captured], tests_s: &[f64], judged: &[bool]) -> Vec<f64> {
-    let rate = |dn: u16, exposure_s: f64| {
-        (f64::from(dn) - rig.camera.dark_dn) * rig.gain_e_per_dn() / exposure_s
-            - rig.camera.dark_current_e_per_s
-    };
+    let rate = |dn: u16, exposure_s: f64| rig.light_e_per_s(dn, exposure_s);
     (0..judged.len())
         .filter(|&at| judged[at])
         .map(|at| {
@@ -197,14 +191,4 @@ fn rates(rig: &Rig, shots: &[Captured], tests_s: &[f64], judged: &[bool]) -> Vec
             )
         })
         .collect()
-}
-
-/// The value in the middle; 0 of none.
-fn median(values: &[f64]) -> f64 {
-    let mut values = values.to_vec();
-    let middle = values.len() / 2;
-    if values.is_empty() {
-        return 0.0;
-    }
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::field::{self, SmoothField};
 use super::sight::Sight;
 use super::{CalibrationError, check_rig, file};
-use crate::instrument::rig::{Binned, Rig, Tilt};
+use crate::instrument::rig::{Binned, ROUNDING_DN2, Rig, Tilt};
 
 /// Name of the file with what was found.
 pub const PHOTOMETRY: &str = "photometry.json";
@@ -214,6 +214,11 @@ impl CameraFound {
             read_noise_e: (self.read_noise_e * binned.pixels.sqrt()).hypot(binned.common_e()),
             ..*self
         }
+    }
+
+    /// Variance of a pixel without charge by reading out and rounding, in DN².
+    pub(crate) fn read_variance_dn2(&self) -> f64 {
+        (self.read_noise_e / self.gain_e_per_dn).powi(2) + ROUNDING_DN2
     }
 
     /// What was found with an image that is `binned`, for one pixel of the sensor.

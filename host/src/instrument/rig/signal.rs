@@ -1,6 +1,6 @@
 //! What the numbers of a rig say about its signal.
 
-use super::Rig;
+use super::{ROUNDING_DN2, Rig};
 use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::optics::cone_sr;
 
@@ -26,6 +26,21 @@ impl Rig {
     #[must_use]
     pub fn gain_e_per_dn(&self) -> f64 {
         self.camera.full_well_e / (f64::from(self.saturation_dn()) - self.camera.dark_dn)
+    }
+
+    /// Variance of a pixel without light in an exposure of `exposure_s` seconds, in electrons²: read noise, rounding, and the
+    /// shot noise of the dark current.
+    #[must_use]
+    pub fn dark_variance_e2(&self, exposure_s: f64) -> f64 {
+        let (camera, gain) = (&self.camera, self.gain_e_per_dn());
+        camera.read_noise_e.powi(2) + gain * gain * ROUNDING_DN2 + camera.dark_current_e_per_s * exposure_s
+    }
+
+    /// Electrons of light per second that a pixel shows with the digital number `dn` after `exposure_s` seconds.
+    #[must_use]
+    pub fn light_e_per_s(&self, dn: u16, exposure_s: f64) -> f64 {
+        let camera = &self.camera;
+        (f64::from(dn) - camera.dark_dn) * self.gain_e_per_dn() / exposure_s - camera.dark_current_e_per_s
     }
 
     /// K of the signal model (see [`crate::assemble`]) in electrons: charge per (f in sr⁻¹ × Σ E·cosθ·Δω × exposure time in s).

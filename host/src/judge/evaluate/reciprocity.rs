@@ -8,6 +8,7 @@ use glam::DVec3;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use crate::base::median::median;
 use crate::brdf::Brdf;
 use crate::brdf::sample::Sample;
 use crate::hemisphere::direction::from_degrees;
@@ -59,8 +60,8 @@ pub(super) fn reciprocity(brdf: &Brdf, reference: Option<&dyn Sample>) -> Result
     }
     let found = residuals.len();
     Ok(Reciprocity {
-        median: median(residuals),
-        of_reference: median(own),
+        median: middle(residuals),
+        of_reference: middle(own),
         pairs: found,
         share: found as f64 / PAIRS as f64,
     })
@@ -73,7 +74,6 @@ fn residual(forth: f64, back: f64) -> Option<f64> {
 }
 
 /// The median of at least two numbers.
-fn median(mut all: Vec<f64>) -> Option<f64> {
-    all.sort_by(f64::total_cmp);
-    all.get(all.len() / 2).filter(|_| all.len() > 1).copied()
+fn middle(all: Vec<f64>) -> Option<f64> {
+    (all.len() > 1).then(|| median(all)).flatten()
 }

@@ -9,6 +9,7 @@
 
 use std::f64::consts::PI;
 
+use crate::base::median::median;
 use crate::brdf::sample::Sample;
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::disk::Disk;
@@ -53,15 +54,11 @@ impl Floor {
                 }
             }
         }
-        let median = |values: &mut Vec<f64>| {
-            let middle = values.len() / 2;
-            (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
-        };
         let mut least = [f64::INFINITY; 3];
-        for (channel, least) in least.iter_mut().enumerate() {
+        for ((least, values), albedo) in least.iter_mut().zip(values).zip(albedo) {
             // A reference without any value scores nothing.
-            if let Some(median) = median(&mut values[channel]) {
-                *least = f64::max(OF_MEDIAN * median, OF_ALBEDO * albedo[channel] / PI);
+            if let Some(median) = median(values) {
+                *least = f64::max(OF_MEDIAN * median, OF_ALBEDO * albedo / PI);
             }
         }
         Self { least }

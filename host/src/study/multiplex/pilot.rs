@@ -20,7 +20,7 @@ use crate::capture::{Captured, Instrument};
 use crate::hemisphere::direction::angle_between;
 use crate::hemisphere::judged::is_judged;
 use crate::instrument::optics::{DirectionMap, View};
-use crate::instrument::rig::{ROUNDING_DN2, Rig};
+use crate::instrument::rig::Rig;
 use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::plan::{Directions, Request};
 
@@ -69,20 +69,11 @@ pub(super) struct Sums {
     pub(super) longest_s: f64,
 }
 
-/// Variance in e⁻² of an exposure of `exposure_s` seconds without light.
-pub(super) fn dark_variance(rig: &Rig, exposure_s: f64) -> f64 {
-    let (camera, gain) = (&rig.camera, rig.gain_e_per_dn());
-    // The converter rounds to whole numbers.
-    camera.read_noise_e.powi(2) + gain * gain * ROUNDING_DN2 + camera.dark_current_e_per_s * exposure_s
-}
-
 /// Electrons of light per second; NaN where saturated.
 fn rates(rig: &Rig, shot: &Captured, exposure_s: f64) -> Vec<f64> {
-    let (gain, camera) = (rig.gain_e_per_dn(), &rig.camera);
-    let rate = |dn: f64| (dn - camera.dark_dn) * gain / exposure_s - camera.dark_current_e_per_s;
     let of = |dn: &u16| {
         if *dn < rig.saturation_dn() {
-            rate(f64::from(*dn))
+            rig.light_e_per_s(*dn, exposure_s)
         } else {
             f64::NAN
         }
@@ -136,7 +127,7 @@ impl Singles {
                     }
                     let signal_e = (rate * tests.exposure_s).max(0.0);
                     let variance =
-                        (dark_variance(rig, tests.exposure_s) + signal_e) / tests.exposure_s.powi(2);
+                        (rig.dark_variance_e2(tests.exposure_s) + signal_e) / tests.exposure_s.powi(2);
                     if rate < STANDS_OUT * variance.sqrt() {
                         let bin = (from_mirror_deg / BIN_DEG) as usize * channels + channel;
                         means[bin].add(rate, variance, lit.irradiance);

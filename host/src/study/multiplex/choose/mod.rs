@@ -17,8 +17,9 @@
 use serde::Serialize;
 
 use super::cells::CellError;
-use super::pilot::{Singles, Sums, Value, blocks, dark_variance};
+use super::pilot::{Singles, Sums, Value, blocks};
 use crate::base::blame::Blame;
+use crate::base::median::median;
 use crate::capture::Instrument;
 use crate::capture::directory::MeasurementError;
 use crate::hemisphere::incident::IncidentError;
@@ -168,7 +169,7 @@ pub fn choose(
             .values
             .iter()
             .map(|value| value.rate * plain_s)
-            .map(|x| x / (x + dark_variance(rig, plain_s)))
+            .map(|x| x / (x + rig.dark_variance_e2(plain_s)))
             .collect(),
     )
     .filter(|share| share.is_finite());
@@ -198,7 +199,7 @@ fn single(
     repeats: usize,
 ) -> Result<Alternative, MultiplexError> {
     let directions = singles.cells.len();
-    let variance = |value: &Value, _: usize| dark_variance(rig, exposure_s) + value.rate * exposure_s;
+    let variance = |value: &Value, _: usize| rig.dark_variance_e2(exposure_s) + value.rate * exposure_s;
     let (uncertainty, by_region) = medians(&singles.values, exposure_s, repeats, variance);
     Ok(Alternative {
         method,
@@ -235,7 +236,7 @@ fn multiplexed(
         };
         let others = rates[value.pixel].max(0.0) * (*cells as f64 - 1.0) / *cells as f64;
         let total = (others + value.rate) * exposure_s;
-        code.variance_of_cells(total, dark_variance(rig, exposure_s), 1.0)
+        code.variance_of_cells(total, rig.dark_variance_e2(exposure_s), 1.0)
     };
     let (uncertainty, by_region) = medians(&singles.values, exposure_s, repeats, variance);
     Ok(Alternative {
@@ -297,14 +298,6 @@ fn medians(
     let number = |values: Vec<f64>| median(values).filter(|median| median.is_finite());
     let all = number(regions.iter().flatten().copied().collect());
     (all, regions.map(number))
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    if values.is_empty() {
-        return None;
-    }
-    let middle = values.len() / 2;
-    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 fn verdict(alternatives: &[Alternative], pick: usize, photon_share: Option<f64>) -> String {
