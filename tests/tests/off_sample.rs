@@ -34,6 +34,9 @@ fn strayed(preset: &str, millimetres: [f64; 3], seed: u64) -> (Truth, Rig) {
         angle_deg: 0.0,
         field: 0.3,
         contrast: None,
+        glare: None,
+        ghost: None,
+        direct: None,
     };
     let mut truth = Truth::drawn(&coarse(preset), still, seed).unwrap();
     let offset_m = |mm: f64, turn: u64| {

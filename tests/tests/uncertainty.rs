@@ -24,6 +24,9 @@ const TOLERANCES: Tolerances = Tolerances {
     angle_deg: 0.3,
     field: 0.3,
     contrast: None,
+    glare: None,
+    ghost: None,
+    direct: None,
 };
 /// A tilt at which a part of the sample is seen beyond the rim of what the untilted one shows.
 const TILT: &str = "51:84:40";
@@ -151,6 +154,9 @@ fn in_drawn_worlds_values_and_fits_hold_the_truth_tilted_or_not() {
             angle_deg: 0.6,
             field: 0.6 * uniform(0),
             contrast: None,
+            glare: None,
+            ghost: None,
+            direct: None,
         };
         let truth = Truth::drawn(&nominal, tolerances, draw).unwrap();
         let truth = save(&truth, &folder.path().join("truth.toml"));

@@ -7,6 +7,7 @@ use rcg::brdf::Source;
 use rcg::brdf::sample::Sample;
 use rcg::brdf::{Brdf, KnownBrdf};
 use rcg::judge::evaluate::{Evaluation, Repeatability, evaluate, repeatability};
+use rcg::measure::budget_text;
 use rcg::measure::report::quantile;
 
 use crate::Done;
@@ -25,6 +26,9 @@ pub(crate) struct Args {
     /// Another capture of the same sample with the same directions, for the repeatability
     #[arg(long, value_name = "BRDF")]
     repeat: Option<PathBuf>,
+    /// Show which cause makes how much of the uncertainty, by regions of directions
+    #[arg(long)]
+    budget: bool,
 }
 
 /// What others state, for comparison.
@@ -74,7 +78,11 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
             ));
         }
         lines.push(("others state", PUBLISHED.to_owned()));
-        table(&lines)
+        let mut text = table(&lines);
+        if args.budget {
+            text.push_str(&budget_text(&answer.evaluation.budget));
+        }
+        text
     })?;
     output.warn(&answer.evaluation.warnings);
     if let Some(found) = &answer.repeatability {

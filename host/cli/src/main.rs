@@ -47,7 +47,7 @@ const RIG: &str = "rcg-1";
 #[derive(Debug, Parser)]
 #[command(name = "rcg", version, max_term_width = 100, arg_required_else_help = true)]
 struct Cli {
-    /// The instrument: rcg-1, rcg-2, dmd, or a rig file (TOML) [default: rcg-1]
+    /// The instrument: rcg-1, rcg-2, rcg-3, dmd, or a rig file (TOML) [default: rcg-1]
     #[arg(long, global = true, value_name = "FILE|PRESET")]
     rig: Option<String>,
     /// Print one JSON object instead of text

@@ -15,31 +15,59 @@ use crate::output::{Output, to_write};
 /// Draw by chance how a virtual rig really is, where it differs from its rig file.
 ///
 /// Camera, projector, sample and mirror are displaced and turned, lenses distorted; light and throughput are not uniform;
-/// black is not black, the camera not quite linear. Measurements and calibrations with `--truth FILE` are taken on
+/// black is not black, the camera not quite linear; glare, the beam splitter's ghost and direct light come on top. Measurements and calibrations with `--truth FILE` are taken on
 /// that rig and are not told.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// The file to write (TOML)
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Standard deviation of each coordinate of a position, millimetres
-    #[arg(long, value_name = "MM", default_value_t = 0.5)]
-    position_mm: f64,
-    /// Standard deviation of each angle, degrees
-    #[arg(long, value_name = "DEG", default_value_t = 0.3)]
-    angle_deg: f64,
+    /// How large flaws are that no other option says: drawn between good and bad, as usual, or as bad as one meets them
+    #[arg(long, value_enum, value_name = "SIZE", default_value_t = Size::Drawn)]
+    flaws: Size,
+    /// Standard deviation of each coordinate of a position, millimetres [default: 0.5; 3 with --flaws bad]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    position_mm: Option<f64>,
+    /// Standard deviation of each angle, degrees [default: 0.3; 2 with --flaws bad]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    angle_deg: Option<f64>,
     /// Light and throughput each vary by plus and minus this many percent
     #[arg(long, value_name = "PERCENT", default_value_t = 30.0)]
     field_percent: f64,
-    /// Light of a lit projector pixel over that of a black one [default: drawn between 400 and 3000]
+    /// Light of a lit projector pixel over that of a black one [default: drawn between 400 and 3000; 1500 or 400]
     #[arg(long, value_name = "RATIO", allow_negative_numbers = true)]
     contrast: Option<f64>,
+    /// Light that is thrown aside on the way to the camera, percent [default: drawn between 0.1 and 1; 0.3 or 1]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
+    glare_percent: Option<f64>,
+    /// Light of the beam splitter's ghost over that of the image, percent [default: drawn between 0.5 and 4; 1 or 4]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
+    ghost_percent: Option<f64>,
     /// Flaws that are left out, to see what each of them does
     #[arg(long, value_name = "FLAW,...", value_delimiter = ',')]
     without: Vec<Flaw>,
     /// Seed of the draw
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
+}
+
+/// How large flaws are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Size {
+    Drawn,
+    Typical,
+    Bad,
+}
+
+impl Size {
+    /// What of three is meant: nothing where it is to be drawn.
+    fn pick(self, typical: f64, bad: f64) -> Option<f64> {
+        match self {
+            Self::Drawn => None,
+            Self::Typical => Some(typical),
+            Self::Bad => Some(bad),
+        }
+    }
 }
 
 /// What can be left out of a truth.
@@ -59,6 +87,12 @@ enum Flaw {
     Nonlinearity,
     /// No light returns onto the sample
     Interreflection,
+    /// No light is thrown aside
+    Glare,
+    /// The beam splitter shows no second image
+    Ghost,
+    /// No light goes from the projector to the camera without the sample
+    DirectLight,
 }
 
 impl Flaw {
@@ -81,6 +115,9 @@ impl Flaw {
             Self::Gamma => flaws.gamma = none.gamma,
             Self::Nonlinearity => flaws.nonlinearity = none.nonlinearity,
             Self::Interreflection => flaws.interreflection = none.interreflection,
+            Self::Glare => flaws.glare = none.glare,
+            Self::Ghost => flaws.ghost = none.ghost,
+            Self::DirectLight => flaws.direct = none.direct,
         }
     }
 }
@@ -94,17 +131,41 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             "--{name}: expected a number from {low} to {high}, found {found}"
         )))
     };
-    in_range("position-mm", args.position_mm, 0.0, 10.0)?;
-    in_range("angle-deg", args.angle_deg, 0.0, 10.0)?;
+    let [position_mm, angle_deg] = match args.flaws {
+        Size::Bad => [3.0, 2.0],
+        Size::Drawn | Size::Typical => [0.5, 0.3],
+    };
+    let position_mm = args.position_mm.unwrap_or(position_mm);
+    let angle_deg = args.angle_deg.unwrap_or(angle_deg);
+    in_range("position-mm", position_mm, 0.0, 10.0)?;
+    in_range("angle-deg", angle_deg, 0.0, 10.0)?;
     in_range("field-percent", args.field_percent, 0.0, 90.0)?;
     if let Some(contrast) = args.contrast {
         in_range("contrast", contrast, 10.0, 1e9)?;
     }
+    let percents = [
+        ("glare-percent", args.glare_percent),
+        ("ghost-percent", args.ghost_percent),
+    ];
+    for (name, percent) in percents {
+        if let Some(percent) = percent {
+            in_range(name, percent, 0.0, 50.0)?;
+        }
+    }
     let tolerances = Tolerances {
-        position_m: args.position_mm * 1e-3,
-        angle_deg: args.angle_deg,
+        position_m: position_mm * 1e-3,
+        angle_deg,
         field: args.field_percent / 100.0,
-        contrast: args.contrast,
+        contrast: args.contrast.or(args.flaws.pick(1500.0, 400.0)),
+        glare: args
+            .glare_percent
+            .map(|percent| percent / 100.0)
+            .or(args.flaws.pick(3e-3, 1e-2)),
+        ghost: args
+            .ghost_percent
+            .map(|percent| percent / 100.0)
+            .or(args.flaws.pick(1e-2, 4e-2)),
+        direct: args.flaws.pick(7e-4, 3e-3),
     };
     to_write(&args.out, TRUTH)?;
     let rig = Rig::load(rig)?;

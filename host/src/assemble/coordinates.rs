@@ -2,6 +2,7 @@
 
 use serde_json::{Map, Value, json};
 
+use crate::brdf::budget::BudgetSums;
 use crate::brdf::interpolation::{BRANCHES, BranchErrors, REGIONS};
 use crate::brdf::{COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, ERRORS, UNCALIBRATED};
 use crate::hemisphere::disk::Disk;
@@ -43,14 +44,15 @@ pub(crate) fn interpolation_errors(errors: Option<&BranchErrors>) -> SmallArray<
 }
 
 /// The coordinates of `brdf.zarr`: directions, why some of them cannot be had (`incident`, `outgoing`), the solid angle in
-/// sr of the pixel of each cell (NaN where none sees it), and what interpolation costs.
+/// sr of the pixel of each cell (NaN where none sees it), what interpolation costs, and the budget of uncertainty.
 pub(crate) fn coordinates(
     grid: &IncidentSet,
     incident: &[Option<Unmeasurable>],
     disk: Disk,
     outgoing: &[Option<Unmeasurable>],
     pixel_sr: &[f64],
-) -> [SmallArray<'static>; 6] {
+) -> [SmallArray<'static>; 8] {
+    let [shares, relative] = BudgetSums::arrays(None);
     let angle = |pick: fn((f64, f64)) -> f64| (0..grid.len()).map(|i| pick(grid.angles_deg(i))).collect();
     let codes = |reasons: &[Option<Unmeasurable>]| {
         reasons
@@ -113,6 +115,8 @@ pub(crate) fn coordinates(
             "solid angle of the camera pixel that sees the outgoing direction",
         ),
         interpolation_errors(None),
+        shares,
+        relative,
     ]
 }
 

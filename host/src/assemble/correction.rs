@@ -21,6 +21,8 @@ use glam::{DVec2, DVec3};
 
 use super::shape::{ByShape, Shape};
 use crate::assemble::resample::Resampling;
+use crate::brdf::BANDS_DEG;
+use crate::brdf::budget::{BudgetSums, band};
 use crate::brdf::quadrature::spot_rad;
 use crate::hemisphere::disk::Disk;
 use crate::instrument::calibration::AppliedCalibration;
@@ -54,6 +56,9 @@ pub(super) struct Correction {
     /// cosθ times solid angle of each cell, 0 beyond the horizon.
     cosine_sr: Vec<f32>,
     shape: Shape,
+    /// Band of the polar angle of each incident direction, and of each cell; `None` where it is not judged.
+    row_bands: Vec<Option<usize>>,
+    cell_bands: Vec<Option<usize>>,
 }
 
 impl Correction {
@@ -82,7 +87,14 @@ impl Correction {
         }
         let (rows, (row_relative2, row_beside2)) = light(rig, plan, directions, applied.photometry.as_ref());
         let [camera_deg, projector_deg] = applied.direction_deg;
+        let band_of = |w: DVec3| band(w.z.clamp(-1.0, 1.0).acos().to_degrees());
         Ok(Self {
+            row_bands: (0..directions.grid.len())
+                .map(|index| band_of(directions.grid.direction(index)))
+                .collect(),
+            cell_bands: (0..disk.len())
+                .map(|cell| disk.direction(cell).and_then(band_of))
+                .collect(),
             size: disk.size(),
             channels,
             cells,
@@ -121,17 +133,20 @@ impl Correction {
         self.cells[cell] * self.rows[row]
     }
 
-    /// Corrects the rows of the incident directions from `first` on. What is missing stays NaN.
-    pub(super) fn apply(&self, first: usize, rows: &mut BrdfRows) {
+    /// Corrects the rows of the incident directions from `first` on, of whose uncertainties stray light makes `stray`. What is
+    /// missing stays NaN. Returns what makes the uncertainties.
+    pub(super) fn apply(&self, first: usize, rows: &mut BrdfRows, stray: &[f32]) -> BudgetSums {
         let (cells, values) = (self.size * self.size, self.cells.len());
+        let mut budget = BudgetSums::default();
         let mut sigma = vec![0.0; values];
         let mut room = ByShape::default();
         let images = rows
             .f
             .chunks_exact_mut(values)
             .zip(rows.sigma.chunks_exact_mut(values))
-            .zip(rows.provenance.chunks_exact(cells));
-        for (index, ((f, half_sigma), provenance)) in (first..).zip(images) {
+            .zip(rows.provenance.chunks_exact(cells))
+            .zip(stray.chunks_exact(values));
+        for (index, (((f, half_sigma), provenance), stray)) in (first..).zip(images) {
             let scale = self.rows[index];
             for ((f, (sigma, half)), cell) in f
                 .iter_mut()
@@ -148,18 +163,33 @@ impl Correction {
                     f[cell * self.channels + channel] -= back.0;
                 }
                 let beside2 = self.row_beside2[index];
-                let by_shape = self
-                    .shape
+                self.shape
                     .uncertainties(f, &sigma, &measured, channel, beside2, &mut room);
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
                     let at = cell * self.channels + channel;
                     let relative2 = self.relative2 + self.row_relative2[index] + self.cell_relative2[cell];
                     let systematic = relative2.sqrt() * f[at];
-                    let total = sigma[at].hypot(by_shape[cell]).hypot(systematic).hypot(back.1);
+                    let by_shape = room.total[cell];
+                    let total = sigma[at].hypot(by_shape).hypot(systematic).hypot(back.1);
                     half_sigma[at] = stored_sigma(total);
+                    if let (Some(row), Some(column)) = (self.row_bands[index], self.cell_bands[cell]) {
+                        let (f, stray2) = (f[at], (stray[at] * self.cells[at] * scale).powi(2));
+                        let directed2 = room.directed[cell].powi(2);
+                        let variances = [
+                            (sigma[at].powi(2) - stray2).max(0.0),
+                            stray2,
+                            self.relative2 * f * f,
+                            (relative2 - self.relative2) * f * f,
+                            directed2,
+                            (by_shape.powi(2) - directed2).max(0.0),
+                            back.1.powi(2),
+                        ];
+                        budget.add(row * BANDS_DEG.len() + column, f, variances);
+                    }
                 }
             }
         }
+        budget
     }
 
     /// What interreflection adds to every f of an image, in sr⁻¹, and its standard uncertainty.

@@ -14,9 +14,10 @@ use rayon::prelude::*;
 use super::correction::Correction;
 use super::edges::Edges;
 use super::off_sample::OffSample;
+use super::projection::Projection;
 use super::radiometry::{Radiometry, Work};
-use super::{AssembleError, chunk_rows, seen, unlit};
-use crate::assemble::resample::Resampling;
+use super::stray::StrayLight;
+use super::{AssembleError, seen, unlit};
 use crate::hemisphere::disk::Disk;
 use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::optics::View;
@@ -29,12 +30,9 @@ use crate::store::{BrdfRows, Segment};
 pub(crate) struct FrameAssembler<'a> {
     rig: &'a Rig,
     applied: &'a AppliedCalibration,
-    radiometry: Vec<Radiometry>,
-    resampling: Resampling,
+    projection: Projection,
     /// What calibration makes of the images of the directions that are expected.
     correction: Option<Correction>,
-    channels: usize,
-    disk: Disk,
 }
 
 /// Whether light from a direction reaches the sample of `rig` for certain: the projector has it, and no edge, as well as they
@@ -69,17 +67,20 @@ impl<'a> FrameAssembler<'a> {
         let format = rig.frame_format();
         let off_sample = OffSample::new(applied, plan).map_err(|error| error.to_string())?;
         Ok(Self {
-            radiometry: plan
-                .exposures_s()
-                .into_iter()
-                .map(|exposure_s| Radiometry::new(rig, camera, black, exposure_s, format.len()))
-                .collect::<Result<_, _>>()?,
-            resampling: seen(rig, &Edges::new(applied.edge_deg), &off_sample, disk),
+            projection: Projection {
+                channels: format.channels,
+                disk,
+                radiometry: plan
+                    .exposures_s()
+                    .into_iter()
+                    .map(|exposure_s| Radiometry::new(rig, camera, black, exposure_s, format.len()))
+                    .collect::<Result<_, _>>()?,
+                resampling: seen(rig, &Edges::new(applied.edge_deg), &off_sample, disk),
+                stray: None,
+            },
             correction: None,
-            channels: format.channels,
             rig,
             applied,
-            disk,
         })
     }
 
@@ -94,10 +95,11 @@ impl<'a> FrameAssembler<'a> {
                 plan,
                 directions,
                 self.applied,
-                self.disk,
-                &self.resampling,
+                self.projection.disk,
+                &self.projection.resampling,
             )?;
             self.correction = Some(correction);
+            self.projection.stray = StrayLight::new(self.rig, plan, directions, self.applied);
         }
         Ok(())
     }
@@ -105,10 +107,10 @@ impl<'a> FrameAssembler<'a> {
     /// For each pattern of `segment`, those of the incident directions from `first` on: the luminance of f in sr⁻¹ per cell
     /// (NaN where there is none), and the mean of the variance of f by noise.
     pub(crate) fn luminance(&self, segment: &Segment, first: usize) -> Vec<(Vec<f32>, f64)> {
-        let brackets = self.radiometry.len();
+        let brackets = self.projection.radiometry.len();
         let frames = segment
             .frames
-            .par_chunks_exact(self.radiometry[0].dark.len() * brackets);
+            .par_chunks_exact(self.projection.radiometry[0].dark.len() * brackets);
         segment
             .records
             .par_chunks_exact(brackets)
@@ -122,24 +124,18 @@ impl<'a> FrameAssembler<'a> {
                 };
                 let window = BTreeMap::from([(0, alone)]);
                 let mut work = Work::default();
-                let places = [Some((0, 0))];
-                chunk_rows(
-                    &places,
-                    &window,
-                    self.channels,
-                    self.disk,
-                    &self.radiometry,
-                    &self.resampling,
-                    &mut work,
-                );
-                self.luminance_of(&mut work.rows, first + place)
+                self.projection
+                    .rows(first + place, &[Some((0, 0))], &window, &mut work);
+                self.luminance_of(&mut work, first + place)
             })
             .collect()
     }
 
-    fn luminance_of(&self, rows: &mut BrdfRows, index: usize) -> (Vec<f32>, f64) {
+    fn luminance_of(&self, work: &mut Work, index: usize) -> (Vec<f32>, f64) {
+        let rows = &mut work.rows;
         // ITU-R BT.601.
-        let weights: &[f32] = if self.channels == 1 {
+        let Projection { channels, disk, .. } = self.projection;
+        let weights: &[f32] = if channels == 1 {
             &[1.0]
         } else {
             &[0.299, 0.587, 0.114]
@@ -151,8 +147,8 @@ impl<'a> FrameAssembler<'a> {
         };
         let is_missing = |rows: &BrdfRows, cell: usize| rows.provenance[cell] == Provenance::Missing.code();
         let (mut variance, mut count) = (0.0, 0_u32);
-        for cell in (0..self.disk.len()).filter(|&cell| !is_missing(rows, cell)) {
-            let at = cell * self.channels;
+        for cell in (0..disk.len()).filter(|&cell| !is_missing(rows, cell)) {
+            let at = cell * channels;
             let squares = weights.iter().enumerate().map(|(channel, weight)| {
                 (weight * rows.sigma[at + channel].to_f32() * factor(at + channel)).powi(2)
             });
@@ -160,14 +156,14 @@ impl<'a> FrameAssembler<'a> {
             count += 1;
         }
         if let Some(correction) = &self.correction {
-            correction.apply(index, rows);
+            correction.apply(index, rows, &work.stray_sigma);
         }
-        let f = (0..self.disk.len())
+        let f = (0..disk.len())
             .map(|cell| {
                 if is_missing(rows, cell) {
                     return f32::NAN;
                 }
-                let f = &rows.f[cell * self.channels..][..self.channels];
+                let f = &rows.f[cell * channels..][..channels];
                 weights.iter().zip(f).map(|(weight, f)| weight * f).sum()
             })
             .collect();

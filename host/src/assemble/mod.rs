@@ -11,7 +11,8 @@
 //! over the pixels that were actually lit, not those that should have been. T_o and E_p are those of the rig file, which
 //! are uniform; what calibration found instead comes in behind (`correction`).
 //!
-//! Exposures of different length are merged pixel by pixel (`assemble/merge.rs`) before anything else.
+//! Exposures of different length are merged pixel by pixel (`assemble/merge.rs`) before anything else. Then what came other ways
+//! is taken away (`assemble/stray.rs`).
 //!
 //! Camera pixels are interpolated linearly onto the outgoing disk. The standard uncertainty of noise follows from the
 //! variance above, 1/6 for rounding with dither, and that of the mean dark frame; `correction` adds what else there is.
@@ -27,12 +28,12 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use glam::DVec3;
-use half::f16;
 use rayon::prelude::*;
 
 use crate::assemble::resample::Resampling;
 use crate::base::blame::Blame;
 use crate::base::text::by;
+use crate::brdf::budget::BudgetSums;
 use crate::brdf::{Brdf, BrdfError};
 use crate::hemisphere::disk::Disk;
 use crate::instrument::calibration::AppliedCalibration;
@@ -41,7 +42,6 @@ use crate::instrument::optics::{Unmeasurable, View};
 use crate::instrument::rig::Rig;
 use crate::plan::brackets::dark_noise_dn;
 use crate::plan::{BLACK_EXPOSURES, Directions, Exposure, Plan};
-use crate::store::provenance::Provenance;
 use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
 
 mod agreement;
@@ -51,8 +51,10 @@ mod edges;
 mod luminance;
 mod merge;
 mod off_sample;
+mod projection;
 mod radiometry;
 mod shape;
+mod stray;
 mod window;
 
 use coordinates::attributes;
@@ -60,7 +62,9 @@ pub(crate) use coordinates::{coordinates, interpolation_errors, list_attributes}
 use correction::Correction;
 use edges::Edges;
 use off_sample::OffSample;
-use radiometry::{Out, Radiometry, Work, project, project_merged};
+use projection::Projection;
+use radiometry::{Radiometry, Work};
+use stray::StrayLight;
 use window::{Agree, Window};
 
 pub(crate) use luminance::{FrameAssembler, certainly_lit};
@@ -188,14 +192,20 @@ pub fn assemble(
     drop(black);
     let chunks = Chunks {
         places: places(&raw, &patterns, plan.brackets(), &reasons),
-        channels: format.channels,
-        disk,
-        radiometry,
-        resampling,
+        projection: Projection {
+            channels: format.channels,
+            disk,
+            radiometry,
+            stray: StrayLight::new(rig, plan, directions, applied),
+            resampling,
+        },
         correction,
         writer: &writer,
     };
-    let total = chunks.write(raw_path, &agree, mismatch, progress)?;
+    let (total, budget) = chunks.write(raw_path, &agree, mismatch, progress)?;
+    for array in BudgetSums::arrays(Some(&budget)) {
+        writer.rewrite(&array)?;
+    }
     let errors = Brdf::open(writer.partial_path())?.learn()?;
     writer.rewrite(&interpolation_errors(errors.as_ref()))?;
     writer.finish()?;
@@ -316,11 +326,7 @@ fn radiometries(
 struct Chunks<'a> {
     /// Of each incident direction, see [`places`].
     places: Vec<Option<(usize, usize)>>,
-    channels: usize,
-    disk: Disk,
-    /// Of each exposure time.
-    radiometry: Vec<Radiometry>,
-    resampling: Resampling,
+    projection: Projection,
     correction: Correction,
     writer: &'a BrdfWriter,
 }
@@ -333,8 +339,8 @@ impl Chunks<'_> {
         agree: &Agree<'_>,
         mismatch: impl Fn(String) -> AssembleError,
         progress: &(dyn Fn(usize) + Sync),
-    ) -> Result<Assembled, AssembleError> {
-        let mut total = Assembled::default();
+    ) -> Result<(Assembled, BudgetSums), AssembleError> {
+        let (mut total, mut budget) = (Assembled::default(), BudgetSums::default());
         let chunks = self.places.len().div_ceil(CHUNK);
         std::thread::scope(|scope| -> Result<(), AssembleError> {
             let mut window = Window::new(scope, RawStore::open(raw_path)?);
@@ -353,8 +359,9 @@ impl Chunks<'_> {
                 let counts = batch
                     .into_par_iter()
                     .map_init(Work::default, |work, chunk| self.write_one(chunk, held, work))
-                    .collect::<Result<Vec<Assembled>, StoreError>>()?;
-                for counts in counts {
+                    .collect::<Result<Vec<_>, StoreError>>()?;
+                for (counts, of_chunk) in counts {
+                    budget.merge(&of_chunk);
                     total.directions += counts.directions;
                     total.frames += counts.frames;
                     total.measured += counts.measured;
@@ -364,7 +371,7 @@ impl Chunks<'_> {
             }
             Ok(())
         })?;
-        Ok(total)
+        Ok((total, budget))
     }
 
     /// Writes one chunk, unless it has nothing.
@@ -373,24 +380,20 @@ impl Chunks<'_> {
         chunk: usize,
         window: &BTreeMap<usize, Segment>,
         work: &mut Work,
-    ) -> Result<Assembled, StoreError> {
+    ) -> Result<(Assembled, BudgetSums), StoreError> {
         let range = chunk * CHUNK..((chunk + 1) * CHUNK).min(self.places.len());
         if self.places[range.clone()].iter().all(Option::is_none) {
-            return Ok(Assembled::default()); // an absent chunk means missing
+            return Ok(Default::default()); // an absent chunk means missing
         }
-        let mut counts = chunk_rows(
-            &self.places[range],
-            window,
-            self.channels,
-            self.disk,
-            &self.radiometry,
-            &self.resampling,
-            work,
-        );
-        self.correction.apply(chunk * CHUNK, &mut work.rows);
+        let mut counts = self
+            .projection
+            .rows(chunk * CHUNK, &self.places[range], window, work);
+        let budget = self
+            .correction
+            .apply(chunk * CHUNK, &mut work.rows, &work.stray_sigma);
         counts.measured -= work.rows.seal();
         self.writer.write_chunk(chunk, &work.rows)?;
-        Ok(counts)
+        Ok((counts, budget))
     }
 }
 
@@ -414,67 +417,4 @@ fn seen(rig: &Rig, edges: &Edges, off_sample: &OffSample<'_>, disk: Disk) -> Res
     let mut cut = edges.cut_pixels(&camera);
     off_sample.cut_pixels(&mut cut, &camera);
     Resampling::new(&camera, &cut, disk)
-}
-
-/// Fills the rows of one chunk: `places` says in which segment and where each incident direction was captured.
-fn chunk_rows(
-    places: &[Option<(usize, usize)>],
-    window: &BTreeMap<usize, Segment>,
-    channels: usize,
-    disk: Disk,
-    radiometry: &[Radiometry],
-    resampling: &Resampling,
-    work: &mut Work,
-) -> Assembled {
-    let row = disk.len() * channels;
-    let samples = radiometry[0].dark.len();
-    let Work {
-        signal,
-        merged,
-        sigma,
-        rows,
-    } = work;
-    // Cells without taps are never written, so what the last chunk left there is NaN.
-    sigma.resize(row, f32::NAN);
-    rows.f.resize(places.len() * row, f32::NAN);
-    rows.sigma.resize(places.len() * row, f16::NAN);
-    rows.provenance
-        .resize(places.len() * disk.len(), Provenance::Missing.code());
-    let mut counts = Assembled::default();
-    let outs = rows
-        .f
-        .chunks_exact_mut(row)
-        .zip(rows.sigma.chunks_exact_mut(row))
-        .zip(rows.provenance.chunks_exact_mut(disk.len()));
-    // A frame that nothing lit says nothing.
-    let lit = |(segment, at): &(usize, usize)| window[segment].records[*at].lit_irradiance > 0.0;
-    for (place, ((f, row_sigma), provenance)) in places.iter().zip(outs) {
-        let Some((segment, at)) = place.filter(lit) else {
-            f.fill(f32::NAN);
-            row_sigma.fill(f16::NAN);
-            provenance.fill(Provenance::Missing.code());
-            continue;
-        };
-        let segment = &window[&segment];
-        let record = &segment.records[at];
-        let frames = &segment.frames[at * samples..][..radiometry.len() * samples];
-        let irradiance = record.lit_irradiance;
-        let out = &mut Out {
-            f,
-            sigma: row_sigma,
-            provenance,
-            wide_sigma: sigma.as_mut_slice(),
-        };
-        let (measured, saturated) = match (channels, radiometry) {
-            (1, [one]) => project::<1>(frames, irradiance, one, resampling, signal, out),
-            (_, [one]) => project::<3>(frames, irradiance, one, resampling, signal, out),
-            (1, _) => project_merged::<1>(frames, irradiance, radiometry, resampling, merged, out),
-            _ => project_merged::<3>(frames, irradiance, radiometry, resampling, merged, out),
-        };
-        counts.directions += 1;
-        counts.frames += radiometry.len();
-        counts.measured += measured;
-        counts.saturated += saturated;
-    }
-    counts
 }

@@ -7,6 +7,7 @@ use half::slice::HalfFloatSliceExt as _;
 use super::merge::{Merge, Merged, lanes};
 use crate::assemble::resample::{Resampling, Taps};
 use crate::instrument::calibration::CameraFound;
+use crate::instrument::calibration::stray::{PROJECTOR_TERMS, Removal, Room};
 use crate::instrument::rig::{ROUNDING_DN2, Rig};
 use crate::store::provenance::Provenance;
 use crate::store::{BrdfRows, LEAST_SIGMA, Segment, USELESS_SIGMA};
@@ -120,8 +121,12 @@ pub(super) struct Work {
     pub(super) signal: Vec<Vec4>,
     /// The same from several exposures.
     pub(super) merged: Merged,
+    /// What of it came other ways.
+    pub(super) room: Room,
     /// Standard uncertainties of a row, before they are halved in width.
     pub(super) sigma: Vec<f32>,
+    /// What of them stray light makes, of all rows.
+    pub(super) stray_sigma: Vec<f32>,
     pub(super) rows: BrdfRows,
 }
 
@@ -132,15 +137,42 @@ pub(super) struct Out<'a> {
     pub(super) provenance: &'a mut [u8],
     /// Standard uncertainties before they are halved in width.
     pub(super) wide_sigma: &'a mut [f32],
+    /// What of them stray light makes.
+    pub(super) stray_sigma: &'a mut [f32],
+}
+
+/// How the frames of one pattern come onto the disk.
+pub(super) struct Way<'a> {
+    /// Σ E·cosθ·Δω of the lit pixels, in sr.
+    pub(super) irradiance: f64,
+    pub(super) resampling: &'a Resampling,
+    /// How they lose stray light, and the terms of the lit pixels for it.
+    pub(super) stray: Option<(&'a Removal, &'a [f64; PROJECTOR_TERMS])>,
+}
+
+impl Way<'_> {
+    /// Takes stray light from the `signal` of exposures as in `radiometry`; what it was and how certain stays in `room`.
+    fn clear(&self, signal: &mut [Vec4], radiometry: &Radiometry, room: &mut Room) {
+        room.stray.clear();
+        room.doubt.clear();
+        let Some((removal, lit)) = self.stray else {
+            return;
+        };
+        let saturation = radiometry.linear(radiometry.saturation) - radiometry.level;
+        removal.find(signal, lit, radiometry.exposure_s, saturation, room);
+        for (signal, stray) in signal.iter_mut().zip(&room.stray) {
+            *signal -= *stray;
+        }
+    }
 }
 
 /// One frame onto the disk. Returns how many cells were measured and how many saturated.
 pub(super) fn project<const CHANNELS: usize>(
     frame: &[u16],
-    irradiance: f64,
+    way: &Way<'_>,
     radiometry: &Radiometry,
-    resampling: &Resampling,
     signal: &mut Vec<Vec4>,
+    room: &mut Room,
     out: &mut Out<'_>,
 ) -> (u64, u64) {
     signal.clear();
@@ -162,18 +194,20 @@ pub(super) fn project<const CHANNELS: usize>(
                 Vec4::from_array(lanes)
             }),
     );
-    let factor = (radiometry.scale / (radiometry.exposure_s * irradiance)) as f32;
+    way.clear(signal, radiometry, room);
+    let factor = (radiometry.scale / (radiometry.exposure_s * way.irradiance)) as f32;
     let variance = |pixel: usize, signal: Vec4| {
         let dark = lanes::<CHANNELS, f32>(&radiometry.dark[pixel * CHANNELS..]);
-        let shot = signal.max(Vec4::ZERO) * radiometry.shot_per_dn;
+        let stray = room.stray.get(pixel).copied().unwrap_or(Vec4::ZERO);
+        let shot = (signal + stray).max(Vec4::ZERO) * radiometry.shot_per_dn;
         shot + radiometry.dark_shot_variance(dark) + radiometry.dark_variance
     };
     resample::<CHANNELS>(
-        signal,
+        (signal, &room.doubt),
         variance,
         |_| Provenance::Measured,
         factor,
-        resampling,
+        way.resampling,
         out,
     )
 }
@@ -182,10 +216,10 @@ pub(super) fn project<const CHANNELS: usize>(
 /// [`project`] does.
 pub(super) fn project_merged<const CHANNELS: usize>(
     frames: &[u16],
-    irradiance: f64,
+    way: &Way<'_>,
     radiometry: &[Radiometry],
-    resampling: &Resampling,
     merged: &mut Merged,
+    room: &mut Room,
     out: &mut Out<'_>,
 ) -> (u64, u64) {
     Merge::new(radiometry).frames::<CHANNELS>(frames, merged);
@@ -194,7 +228,8 @@ pub(super) fn project_merged<const CHANNELS: usize>(
         variance,
         several,
     } = merged;
-    let factor = (radiometry[0].scale / (radiometry[0].exposure_s * irradiance)) as f32;
+    way.clear(signal, &radiometry[0], room);
+    let factor = (radiometry[0].scale / (radiometry[0].exposure_s * way.irradiance)) as f32;
     let provenance = |taps: &Taps| {
         if taps.pixel.iter().any(|&pixel| several[pixel as usize]) {
             Provenance::Merged
@@ -203,19 +238,20 @@ pub(super) fn project_merged<const CHANNELS: usize>(
         }
     };
     resample::<CHANNELS>(
-        signal,
+        (signal, &room.doubt),
         |pixel, _| variance[pixel],
         provenance,
         factor,
-        resampling,
+        way.resampling,
         out,
     )
 }
 
-/// Writes f, sigma and provenance at the cells that have taps (NaN where a pixel saturated), from the signal of the pixels and its variance, given the
-/// pixel and its signal. `factor` is f per signal. Returns as [`project`] does.
+/// Writes f, sigma and provenance at the cells that have taps (NaN where a pixel saturated), from the signal of the pixels, its
+/// standard uncertainty by stray light (nothing if there is none), which neighbours have in common, and its variance by noise,
+/// given the pixel and its signal. `factor` is f per signal. Returns as [`project`] does.
 fn resample<const CHANNELS: usize>(
-    signal: &[Vec4],
+    (signal, doubt): (&[Vec4], &[Vec4]),
     variance_of: impl Fn(usize, Vec4) -> Vec4,
     provenance_of: impl Fn(&Taps) -> Provenance,
     factor: f32,
@@ -226,12 +262,16 @@ fn resample<const CHANNELS: usize>(
     for taps in &resampling.taps {
         let cell = taps.cell as usize;
         let mut sum = Vec4::ZERO;
-        let mut variance = Vec4::ZERO;
+        let (mut variance, mut common) = (Vec4::ZERO, Vec4::ZERO);
         for (&pixel, &weight) in taps.pixel.iter().zip(&taps.weight) {
             let signal = signal[pixel as usize];
             sum += signal * weight;
             variance += variance_of(pixel as usize, signal) * (weight * weight);
+            if let Some(doubt) = doubt.get(pixel as usize) {
+                common += *doubt * weight;
+            }
         }
+        variance += common * common;
         let f = sum * factor;
         let clear = f.is_finite();
         let (f, uncertainty) = if clear {
@@ -246,6 +286,7 @@ fn resample<const CHANNELS: usize>(
         let at = cell * CHANNELS;
         out.f[at..at + CHANNELS].copy_from_slice(&f.to_array()[..CHANNELS]);
         out.wide_sigma[at..at + CHANNELS].copy_from_slice(&uncertainty.to_array()[..CHANNELS]);
+        out.stray_sigma[at..at + CHANNELS].copy_from_slice(&(common * factor).to_array()[..CHANNELS]);
         out.provenance[cell] = if clear {
             provenance_of(taps).code()
         } else {

@@ -60,7 +60,9 @@ pub(super) struct ByShape {
     slope2: Vec<f32>,
     /// What blur took, in sr⁻¹.
     blurred: Vec<f32>,
-    total: Vec<f32>,
+    /// The part of the total that directions make.
+    pub(super) directed: Vec<f32>,
+    pub(super) total: Vec<f32>,
 }
 
 impl Shape {
@@ -102,18 +104,18 @@ impl Shape {
 
     /// The standard uncertainties by shape of one channel of the image `f` (sr⁻¹, [cell, channel]), which has `noise`
     /// (k = 1) and whose light comes from an angle beside the incident direction of which `beside2` is the square (radians²):
-    /// sr⁻¹, [cell].
-    pub(super) fn uncertainties<'b>(
+    /// sr⁻¹, [cell], in `by`.
+    pub(super) fn uncertainties(
         &self,
         f: &[f32],
         noise: &[f32],
         measured: &dyn Fn(usize) -> bool,
         channel: usize,
         beside2: f32,
-        by: &'b mut ByShape,
-    ) -> &'b [f32] {
+        by: &mut ByShape,
+    ) {
         let cells = self.size * self.size;
-        for room in [&mut by.slope2, &mut by.blurred, &mut by.total] {
+        for room in [&mut by.slope2, &mut by.blurred, &mut by.directed, &mut by.total] {
             room.clear();
             room.resize(cells, 0.0);
         }
@@ -141,9 +143,9 @@ impl Shape {
             };
             let [columns, rows] = self.apart[cell];
             let by_direction2 = by.slope2[cell] * (self.direction_variance + beside2);
-            by.total[cell] = by_direction2.sqrt().hypot(most(&by.blurred, columns.max(rows)));
+            by.directed[cell] = by_direction2.sqrt();
+            by.total[cell] = by.directed[cell].hypot(most(&by.blurred, columns.max(rows)));
         }
-        &by.total
     }
 
     /// The cell so many cells `apart` on one side (0 or 1) of `cell` along an axis (0 columns, 1 rows).

@@ -21,11 +21,13 @@ use crate::instrument::optics::Unmeasurable;
 use crate::store::{BrdfReader, BrdfRows, StoreError};
 
 mod agreement;
+pub(crate) mod budget;
 pub(crate) mod evidence;
 mod known;
 mod source;
 mod values;
 
+pub use budget::{BANDS_DEG, CAUSES, RegionBudget};
 pub use known::KnownBrdf;
 pub use source::{Source, SourceError};
 
@@ -82,6 +84,7 @@ pub struct Brdf {
     cells: Cells,
     /// What leaving images out said when the file was made; `None` in files of before.
     errors: Option<BranchErrors>,
+    budget: Vec<RegionBudget>,
 }
 
 impl Brdf {
@@ -153,6 +156,7 @@ impl Brdf {
             Err(StoreError::ArrayMissing { .. }) => None,
             Err(error) => return Err(error.into()),
         };
+        let budget = budget::read(&reader)?;
         let cells = Cells::new(disk, |cell| outgoing[cell].is_none());
         Ok(Self {
             path: path.to_owned(),
@@ -165,6 +169,7 @@ impl Brdf {
             spot_deg,
             cells,
             errors,
+            budget,
         })
     }
 
@@ -235,6 +240,12 @@ impl Brdf {
     #[must_use]
     pub const fn spot_deg(&self) -> f64 {
         self.spot_deg
+    }
+
+    /// Which cause makes how much of σ, by regions of directions; empty if the file does not say.
+    #[must_use]
+    pub fn budget(&self) -> &[RegionBudget] {
+        &self.budget
     }
 
     /// Why incident direction `index` of the grid has no data; `None` if it has.

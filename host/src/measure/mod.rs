@@ -1,6 +1,7 @@
 //! The main job: plan, capture, assemble, evaluate and report on a virtual rig, in one go.
 
 pub mod adaptive;
+mod budget;
 pub mod goal;
 mod job;
 pub mod report;
@@ -26,6 +27,7 @@ use crate::store::StoreError;
 use crate::store::whole_file::FileError;
 use crate::virtual_rig::setup::{Setup, SetupError};
 
+pub use budget::{budget_line, budget_text};
 pub use job::{Job, Reference};
 
 /// Why a measurement failed.

@@ -6,6 +6,7 @@ use std::fs;
 use image::{Rgb, RgbImage};
 use serde::Serialize;
 
+use super::budget::{budget_html, budget_line};
 use crate::assemble::Assembled;
 use crate::brdf::Brdf;
 use crate::brdf::reflectance::Reflectance;
@@ -263,6 +264,9 @@ pub fn evaluation_lines(evaluation: &Evaluation) -> Vec<(&'static str, String)> 
                 }
             ),
         ),
+    ];
+    lines.extend(budget_line(&evaluation.budget).map(|line| ("uncertainty", line)));
+    lines.extend([
         (
             "reciprocity",
             format!(
@@ -272,7 +276,7 @@ pub fn evaluation_lines(evaluation: &Evaluation) -> Vec<(&'static str, String)> 
             ),
         ),
         ("directional albedo", albedo_line(&evaluation.albedo)),
-    ];
+    ]);
     lines.push(resolution_line(&evaluation.resolution));
     for origin in evaluation.provenance.iter().filter(|origin| origin.share > 0.0) {
         let error = origin.relative_error.map_or_else(String::new, |error| {
@@ -453,8 +457,9 @@ fn page(summary: &Summary) -> String {
          <h2>Spheres</h2>\n<p>{shown}; lights at {lights}. Hatched: directions \
          that were not measured.</p>\n<img src=\"figures/sphere.png\" alt=\"lit spheres\">\n\
          <h2>Camera images</h2>\n<p>From steep to grazing incidence, each stretched to its own range.</p>\n\
-         <img src=\"figures/frames.png\" alt=\"camera images\">\n</html>\n",
+         <img src=\"figures/frames.png\" alt=\"camera images\">\n{budget}</html>\n",
         title = escape(&summary.sample),
+        budget = budget_html(&summary.evaluation.budget),
         shown = match &summary.evaluation.against_reference {
             Some(against) => format!("Above as measured, below {}", escape(&against.reference)),
             None => "As measured".to_owned(),

@@ -293,6 +293,9 @@ mod tests {
             angle_deg: 0.3,
             field: 0.0,
             contrast: None,
+            glare: None,
+            ghost: None,
+            direct: None,
         };
         for seed in 0..4 {
             let rig = Truth::drawn(&nominal, tolerances, seed).unwrap().rig;

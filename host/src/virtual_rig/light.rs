@@ -20,16 +20,24 @@ use glam::DVec3;
 
 use crate::instrument::optics::DirectionTiles;
 
+/// What one pattern does.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Glow {
+    pub(super) at_sample: AtSample,
+    /// Radiance that the camera gets without the sample, as irradiance × f in sr⁻¹.
+    pub(super) direct: f64,
+}
+
 /// What one pattern does at the sample.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Glow {
+pub(super) enum AtSample {
     /// Spots of light; none for a black pattern.
     Spots(Arc<[Light]>),
     /// Relative radiance of every camera pixel, where a mirror shows the pattern itself.
     Image(Arc<[f32]>),
 }
 
-impl Default for Glow {
+impl Default for AtSample {
     fn default() -> Self {
         Self::Spots(Arc::default())
     }
@@ -38,7 +46,8 @@ impl Default for Glow {
 impl Glow {
     /// Whether it is black.
     pub(super) fn is_black(&self) -> bool {
-        matches!(self, Self::Spots(spots) if spots.is_empty())
+        let is_dark = matches!(&self.at_sample, AtSample::Spots(spots) if spots.is_empty());
+        is_dark && self.direct <= 0.0
     }
 }
 

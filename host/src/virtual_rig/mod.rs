@@ -9,6 +9,7 @@
 //! - `stage`: edges → which pattern was lit for how long in which exposure
 //! - `light`: lit pixels → light at the sample
 //! - `scene`: light and sample → charge of every camera pixel
+//! - `stray`: light that goes other ways: glare, ghost and direct light
 //! - `held`: what stands in the holder: a sample or, for calibration, a flat mirror
 //! - `truth`: how the rig really is, if that is not what its rig file says
 //! - `sensor`: charge → digital numbers, with noise
@@ -25,6 +26,7 @@ mod scene;
 mod sensor;
 pub mod setup;
 mod stage;
+mod stray;
 mod truth;
 mod wires;
 
@@ -43,7 +45,7 @@ use crate::plan::pattern::BitPattern;
 pub use controller::{CLOCK_HZ, VirtualController};
 pub use held::{FlatMirror, Held};
 pub use sensor::Noise;
-pub use truth::{CONTRASTS, Field, Flaws, Tolerances, Truth};
+pub use truth::{CONTRASTS, Direct, Field, Flaws, GHOSTS, GLARES, Ghost, Glare, Tolerances, Truth};
 pub use wires::{Wires, WiresError};
 
 use scene::Scene;

@@ -8,15 +8,17 @@
 //!
 //! To the light of the pattern comes that of the black projector pixels, and what the mirror throws back onto the sample:
 //! of the light that leaves the sample a share returns from all directions alike, so that the sample shows it with its
-//! directional albedo both ways, here taken as a function of θ.
+//! directional albedo both ways, here taken as a function of θ. What reaches a pixel by another way than its own stands in
+//! `stray`.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
 use super::held::{Held, Reflections};
-use super::light::{Glow, Light};
+use super::light::{AtSample, Glow, Light};
 use super::sensor::Sensor;
 use super::stage::Shot;
+use super::stray::Stray;
 use super::truth::Truth;
 use crate::brdf::quadrature::mean_f;
 use crate::brdf::sample::{Outgoing, Sample, albedo};
@@ -93,11 +95,17 @@ pub(super) struct Scene {
     black_intensity: Vec<f64>,
     /// f × irradiance of the black projector pixels, [pixel of `pixels`, channel]; nothing if they are black.
     black: Option<Vec<[f64; 3]>>,
+    stray: Option<Stray>,
+    /// What of the light of each projector pixel the camera gets without the sample, as f in sr⁻¹ × irradiance over
+    /// intensity; empty if there is none.
+    direct: Vec<f64>,
+    /// The same of all black pixels together, × intensity.
+    black_direct: f64,
 }
 
 impl Scene {
     pub(super) fn new(truth: &Truth, held: Held) -> Self {
-        let Truth { rig, flaws } = truth;
+        let Truth { rig, flaws, .. } = truth;
         let format = rig.frame_format();
         let view = View::camera(rig);
         let throughput = flaws.throughput.over(format.width_px, format.height_px);
@@ -145,6 +153,9 @@ impl Scene {
             sensitivity: rig.sensitivity_e(),
             black: None,
             black_intensity: Vec::new(),
+            stray: Stray::of(flaws, format),
+            direct: Vec::new(),
+            black_direct: 0.0,
         };
         if flaws.black_level > 0.0 {
             scene.black_intensity = flaws
@@ -155,6 +166,14 @@ impl Scene {
                 .map(|(black, lit)| flaws.black_level * black * lit)
                 .collect();
             scene.black = Some(scene.black_pixels());
+        }
+        if flaws.direct.share > 0.0 {
+            // Of a white sample, 1/π of it; the hemisphere is all that the projector's pixels light.
+            let each = flaws.direct.share * 2.0 / (width_px * height_px) as f64;
+            let field = flaws.direct.projector.over(width_px, height_px);
+            scene.direct = field.into_iter().map(|field| each * field).collect();
+            let black = scene.direct.iter().zip(&scene.black_intensity);
+            scene.black_direct = black.map(|(direct, intensity)| direct * intensity).sum();
         }
         scene
     }
@@ -174,16 +193,33 @@ impl Scene {
     /// What `pattern`, with these lit pixels, does at the sample.
     pub(super) fn light(&self, pattern: &BitPattern, lit: &[u32]) -> Glow {
         let level = (f64::from(pattern.level()) / 255.0).powf(self.gamma);
+        let direct = match self.direct.as_slice() {
+            [] => 0.0,
+            direct => {
+                let each = lit
+                    .iter()
+                    .map(|&pixel| direct[pixel as usize] * self.intensity[pixel as usize]);
+                level * each.sum::<f64>()
+            }
+        };
+        Glow {
+            at_sample: self.at_sample(level, lit),
+            direct,
+        }
+    }
+
+    /// What the pixels `lit` at this `level` of light, 0 to 1, do at the sample.
+    fn at_sample(&self, level: f64, lit: &[u32]) -> AtSample {
         if let Some(reflections) = &self.reflections {
             let mut intensity: Vec<f32> = self.black_intensity.iter().map(|black| *black as f32).collect();
             intensity.resize(self.intensity.len(), 0.0);
             for &pixel in lit {
                 intensity[pixel as usize] = (level * self.intensity[pixel as usize]) as f32;
             }
-            return Glow::Image(reflections.image(&intensity).into());
+            return AtSample::Image(reflections.image(&intensity).into());
         }
         let intensity = |pixel: usize| level * self.intensity[pixel];
-        Glow::Spots(Light::spots(lit, &self.projector, &intensity).into())
+        AtSample::Spots(Light::spots(lit, &self.projector, &intensity).into())
     }
 
     /// f × irradiance of all projector pixels as black ones.
@@ -249,8 +285,8 @@ impl Scene {
             }
         };
         for (glow, visible_s) in &shot.seen {
-            match (glow, &self.held) {
-                (Glow::Spots(spots), Held::Sample(sample)) => {
+            match (&glow.at_sample, &self.held) {
+                (AtSample::Spots(spots), Held::Sample(sample)) => {
                     for light in spots.iter() {
                         let lobes = light.nodes.map(|node| sample.incident(node));
                         let scale = self.sensitivity * light.irradiance * visible_s;
@@ -260,18 +296,34 @@ impl Scene {
                         }
                     }
                 }
-                (Glow::Image(image), _) => {
+                (AtSample::Image(image), _) => {
                     for pixel in &self.pixels {
                         let radiance = f64::from(image[pixel.index]) * pixel.throughput;
                         add(pixel, self.sensitivity * visible_s, [radiance; 3]);
                     }
                 }
-                (Glow::Spots(_), Held::Mirror(_)) => {}
+                (AtSample::Spots(_), Held::Mirror(_)) => {}
             }
         }
         if let Some(black) = &self.black {
             for (pixel, f) in self.pixels.iter().zip(black) {
                 add(pixel, self.sensitivity * shot.exposure_s, *f);
+            }
+        }
+        if let Some(stray) = &self.stray {
+            stray.add(&mut charge_e);
+            let lit: f64 = shot
+                .seen
+                .iter()
+                .map(|(glow, visible_s)| glow.direct * visible_s)
+                .sum();
+            let all = self.sensitivity * (lit + self.black_direct * shot.exposure_s);
+            if let Some(direct) = stray.direct() {
+                for (out, share) in charge_e.chunks_exact_mut(channels).zip(direct) {
+                    for out in out {
+                        *out += (all * share) as f32;
+                    }
+                }
             }
         }
         charge_e

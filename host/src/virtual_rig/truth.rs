@@ -7,6 +7,7 @@
 //!
 //! The fields are sums of Gaussian bumps and the calibration's are not, so that it cannot be right by construction.
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use rand::{RngExt as _, SeedableRng as _};
@@ -16,10 +17,16 @@ use serde::{Deserialize, Serialize};
 
 use crate::instrument::rig::{Lens, Rig, RigError, explain};
 
+/// Version of a truth's file: 2 has glare, ghost and direct light, 1 (which does not say so) has not.
+const VERSION: u32 = 2;
+
 /// A virtual rig as it really is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Truth {
+    /// Version of this file.
+    #[serde(default)]
+    pub version: u32,
     /// Its true geometry, camera and light.
     pub rig: Rig,
     /// What no rig file says.
@@ -45,6 +52,93 @@ pub struct Flaws {
     pub nonlinearity: f64,
     /// Share of the light from the sample that mirror and optics throw back onto it, from all directions alike.
     pub interreflection: f64,
+    /// Light that dust, roughness and coatings throw aside on the way to the camera.
+    pub glare: Glare,
+    /// The image that the second surface of the beam splitter makes.
+    pub ghost: Ghost,
+    /// Light of the projector that reaches the camera without the sample.
+    pub direct: Direct,
+}
+
+/// Light thrown aside: a round core with long tails, and a veil over the whole image.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Glare {
+    /// Share of all light that is thrown aside.
+    pub share: f64,
+    /// Radius of the core, half widths of the image.
+    pub core: f64,
+    /// Exponent s of the tails: (1 + (r/core)²)^−s.
+    pub slope: f64,
+    /// Share of that light which is spread over the whole image.
+    pub veil: f64,
+    /// By which share the tails are brighter along one line than across it.
+    pub stretch: f64,
+    /// The direction of that line in the image, degrees.
+    pub azimuth_deg: f64,
+}
+
+/// A second, dimmer image.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Ghost {
+    /// Its light over that of the first.
+    pub share: f64,
+    /// Where it is, half widths of the image.
+    pub shift: [f64; 2],
+}
+
+/// Light that goes from the projector over the beam splitter into the camera.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Direct {
+    /// Its radiance over that of a white sample that has the same light of the projector.
+    pub share: f64,
+    /// How it varies over the camera's image, relative.
+    pub camera: Field,
+    /// How it varies over the projector's image, relative.
+    pub projector: Field,
+}
+
+impl Glare {
+    fn drawn(rng: &mut Xoshiro256PlusPlus) -> Self {
+        Self {
+            share: log_uniform(GLARES, rng),
+            core: log_uniform(0.01..=0.05, rng),
+            slope: rng.random_range(1.1..1.5),
+            veil: rng.random_range(0.1..0.3),
+            stretch: rng.random_range(0.0..0.4),
+            azimuth_deg: rng.random_range(0.0..180.0),
+        }
+    }
+}
+
+impl Ghost {
+    fn drawn(rng: &mut Xoshiro256PlusPlus) -> Self {
+        let (shift, turn) = (
+            log_uniform(0.005..=0.05, rng),
+            rng.random_range(0.0..std::f64::consts::TAU),
+        );
+        Self {
+            share: log_uniform(GHOSTS, rng),
+            shift: [shift * turn.cos(), shift * turn.sin()],
+        }
+    }
+}
+
+impl Direct {
+    fn drawn(rng: &mut Xoshiro256PlusPlus) -> Self {
+        Self {
+            share: log_uniform(DIRECTS, rng),
+            camera: Field::drawn(0.5, rng),
+            projector: Field::drawn(0.5, rng),
+        }
+    }
+}
+
+/// A number whose logarithm is drawn uniformly.
+fn log_uniform(range: RangeInclusive<f64>, rng: &mut Xoshiro256PlusPlus) -> f64 {
+    range.start() * (range.end() / range.start()).powf(rng.random_range(0.0..1.0))
 }
 
 /// 1 + a sum of Gaussian bumps over an image.
@@ -116,11 +210,24 @@ pub struct Tolerances {
     pub field: f64,
     /// Light of a lit projector pixel over that of a black one; `None` draws it from [`CONTRASTS`], log-uniformly.
     pub contrast: Option<f64>,
+    /// Share of light that is thrown aside; `None` draws it from [`GLARES`], log-uniformly.
+    pub glare: Option<f64>,
+    /// Light of the ghost over that of the image; `None` draws it from [`GHOSTS`], log-uniformly.
+    pub ghost: Option<f64>,
+    /// Radiance of direct light over that of a white sample; `None` draws it between 10⁻⁴ and 3·10⁻³, log-uniformly.
+    pub direct: Option<f64>,
 }
 
 /// Contrasts of projectors, full on over full off: 400 is the LCD projector of the first instrument of this kind (2007), DMD
 /// and LCoS projectors without a dynamic iris reach 1,000 to 3,000 (data sheets).
-pub const CONTRASTS: std::ops::RangeInclusive<f64> = 400.0..=3000.0;
+pub const CONTRASTS: RangeInclusive<f64> = 400.0..=3000.0;
+/// Shares of glare: a clean lens has 0.1 % with a long tail, a good one about 0.3 % and a dusty one of many elements 1 % and
+/// more (veiling glare index, ISO 9358).
+pub const GLARES: RangeInclusive<f64> = 1e-3..=1e-2;
+/// Shares of the splitter's ghost: the second surface reflects 0.5 % (V coating) to 4 % (bare glass, Fresnel's equations).
+pub const GHOSTS: RangeInclusive<f64> = 5e-3..=4e-2;
+/// Shares of direct light: black velvet and light traps behind a splitter return 10⁻⁴ to 3·10⁻³ of a white sample's light.
+pub(super) const DIRECTS: RangeInclusive<f64> = 1e-4..=3e-3;
 /// Half the range by which the light of black pixels varies over the image beside that of lit ones: black depends on the angle
 /// at which light meets the modulator.
 const BLACK_FIELD: f64 = 0.2;
@@ -130,6 +237,7 @@ impl Truth {
     #[must_use]
     pub fn of(rig: &Rig) -> Self {
         Self {
+            version: VERSION,
             rig: rig.clone(),
             flaws: Flaws::default(),
         }
@@ -147,6 +255,9 @@ impl Truth {
             angle_deg,
             field,
             contrast,
+            glare,
+            ghost,
+            direct,
         } = tolerances;
         // Shapes and lenses are made better than they are mounted: a tenth of the way in the same proportion.
         let relative = position_m / nominal.mirror.a_m;
@@ -181,9 +292,8 @@ impl Truth {
         rig.camera.full_well_e *= 1.0 + 0.05 * normal().clamp(-3.0, 3.0);
         rig.validate()?;
         let (throughput, intensity) = (Field::drawn(field, &mut rng), Field::drawn(field, &mut rng));
-        let drawn =
-            (CONTRASTS.end() / CONTRASTS.start()).powf(rng.random_range(0.0..1.0)) * CONTRASTS.start();
-        let flaws = Flaws {
+        let drawn = log_uniform(CONTRASTS, &mut rng);
+        let mut flaws = Flaws {
             throughput,
             intensity,
             black_level: contrast.unwrap_or(drawn).recip(),
@@ -191,8 +301,18 @@ impl Truth {
             gamma: 2.2,
             nonlinearity: 0.01,
             interreflection: 0.005,
+            glare: Glare::drawn(&mut rng),
+            ghost: Ghost::drawn(&mut rng),
+            direct: Direct::drawn(&mut rng),
         };
-        Ok(Self { rig, flaws })
+        flaws.glare.share = glare.unwrap_or(flaws.glare.share);
+        flaws.ghost.share = ghost.unwrap_or(flaws.ghost.share);
+        flaws.direct.share = direct.unwrap_or(flaws.direct.share);
+        Ok(Self {
+            version: VERSION,
+            rig,
+            flaws,
+        })
     }
 
     /// Reads the truth at `path`.
@@ -205,8 +325,58 @@ impl Truth {
             found: found.into(),
         })?;
         let truth: Self = toml::from_str(&text).map_err(|error| explain(&text, path, &error))?;
-        truth.rig.validate()?;
+        truth.check(path)?;
         Ok(truth)
+    }
+
+    /// Refuses another version, and flaws that nothing real has; `path` is where it was read.
+    fn check(&self, path: &Path) -> Result<(), RigError> {
+        let refuse = |field: &str, expected: String, found: String| RigError::Field {
+            path: path.to_path_buf(),
+            field: field.to_owned(),
+            expected,
+            found,
+        };
+        if self.version != VERSION {
+            let expected = format!(
+                "{VERSION}, which also has glare, the splitter's ghost and direct light; `rcg truth` draws one"
+            );
+            let found = if self.version == 0 {
+                "none".to_owned()
+            } else {
+                self.version.to_string()
+            };
+            return Err(refuse("version", expected, found));
+        }
+        self.rig.validate()?;
+        let Flaws {
+            glare, ghost, direct, ..
+        } = &self.flaws;
+        let of_glare = |low: f64| if glare.share > 0.0 { low } else { 0.0 };
+        for (field, found, low, high) in [
+            ("flaws.black_level", self.flaws.black_level, 0.0, 1.0),
+            ("flaws.gamma", self.flaws.gamma, 0.0, 10.0),
+            ("flaws.nonlinearity", self.flaws.nonlinearity, -0.49, 0.49),
+            ("flaws.interreflection", self.flaws.interreflection, 0.0, 0.5),
+            ("flaws.glare.share", glare.share, 0.0, 0.5),
+            ("flaws.glare.core", glare.core, of_glare(1e-4), 1.0),
+            ("flaws.glare.slope", glare.slope, of_glare(0.1), 10.0),
+            ("flaws.glare.veil", glare.veil, 0.0, 1.0),
+            ("flaws.glare.stretch", glare.stretch, 0.0, 1.0),
+            ("flaws.ghost.share", ghost.share, 0.0, 0.5),
+            ("flaws.ghost.shift[0]", ghost.shift[0], -1.0, 1.0),
+            ("flaws.ghost.shift[1]", ghost.shift[1], -1.0, 1.0),
+            ("flaws.direct.share", direct.share, 0.0, 1.0),
+        ] {
+            if !(low..=high).contains(&found) {
+                return Err(refuse(
+                    field,
+                    format!("a number from {low} to {high}"),
+                    found.to_string(),
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// The truth as TOML that [`Truth::load`] reads back to the same numbers.
@@ -228,12 +398,17 @@ mod tests {
             angle_deg: 0.5,
             field: 0.3,
             contrast: None,
+            glare: None,
+            ghost: None,
+            direct: None,
         };
         let mut squares = 0.0;
         for seed in 0..50 {
             let truth = Truth::drawn(&nominal, tolerances, seed).unwrap();
             squares += truth.rig.camera.lens.offset_m.map(|m| m * m).iter().sum::<f64>();
             assert!(CONTRASTS.contains(&truth.flaws.black_level.recip()));
+            assert!(GLARES.contains(&truth.flaws.glare.share) && GHOSTS.contains(&truth.flaws.ghost.share));
+            truth.check(Path::new("truth.toml")).unwrap();
             for field in [&truth.flaws.throughput, &truth.flaws.intensity] {
                 let values = field.over(64, 64);
                 let extreme = |pick: fn(f64, f64) -> f64, from| values.iter().copied().fold(from, pick);

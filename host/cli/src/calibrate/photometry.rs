@@ -97,6 +97,19 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     output.print(&photometry, || text(&photometry))
 }
 
+fn ghost(found: &Photometry) -> String {
+    let Some(ghost) = &found.stray.ghost else {
+        return "none that stands apart from what makes it".to_owned();
+    };
+    let share = ghost.share.iter().sum::<f64>() / ghost.share.len() as f64;
+    let [x, y] = ghost.shift.map(|shift| 100.0 * shift);
+    format!(
+        "{:.2} % ± {:.2} % (k = 1), displaced by {x:.2}, {y:.2} % of half the image",
+        100.0 * share,
+        100.0 * ghost.standard_uncertainty
+    )
+}
+
 fn text(found: &Photometry) -> String {
     let camera = &found.camera;
     let percent = |share: f64| format!("{:.3} %", 100.0 * share);
@@ -118,6 +131,23 @@ fn text(found: &Photometry) -> String {
         (
             "stray light",
             format!("{:.1} DN/s on the standard", found.stray_dn_per_s),
+        ),
+        (
+            "glare",
+            format!(
+                "{} of the light goes aside; known to {:.0} % of itself (k = 1)",
+                percent(found.stray.glare()),
+                100.0 * found.stray.halo_uncertainty
+            ),
+        ),
+        ("ghost", ghost(found)),
+        (
+            "direct light",
+            format!(
+                "{:.2e} DN/s per projector pixel ± {:.1e} (k = 1)",
+                found.stray.direct_mean(),
+                found.stray.direct_uncertainty
+            ),
         ),
         ("projector", format!("level^{:.3}", found.gamma)),
         (

@@ -107,6 +107,6 @@ fn what_is_not_toml_is_refused_with_its_line() {
 
 #[test]
 fn a_rig_that_does_not_exist_is_refused() {
-    let parts = ["no-such-rig", "expected", "rcg-1, rcg-2, dmd", "found"];
+    let parts = ["no-such-rig", "expected", "rcg-1, rcg-2, rcg-3, dmd", "found"];
     refuses(&["map", "--rig", "no-such-rig"], "45 0\n", 2, &parts);
 }

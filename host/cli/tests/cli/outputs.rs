@@ -17,7 +17,7 @@ fn begins(ending: &str) -> &'static [u8] {
         "svg" => b"<svg",
         "csv" => b"",
         "jsonl" => b"{",
-        "toml" => b"[",
+        "toml" => b"version",
         other => panic!("no command writes {other}"),
     }
 }

@@ -18,6 +18,9 @@ fn calibrated(
         angle_deg: parameters::ANGLE_DEG,
         field: 0.3,
         contrast: None,
+        glare: None,
+        ghost: None,
+        direct: None,
     };
     let truth = Truth::drawn(nominal, tolerances, seed).unwrap();
     let folder = tempfile::tempdir().unwrap();

@@ -15,6 +15,8 @@
 //! | | two | one of each of 32 directions |
 //! | light trap | one per exposure time of the series | black |
 //!
+//! Those of stray light follow (`stray`).
+//!
 //! A tilted sample is seen in parts of both images that the untilted standard does not reach: light and throughput are known
 //! there only if the standard was captured at such a tilt.
 
@@ -24,6 +26,7 @@ use serde::{Deserialize, Serialize};
 
 use super::exposure::{Exposures, light};
 use super::in_holder::{InHolder, Standards};
+use super::stray::StrayViews;
 use crate::base::progress::Progress;
 use crate::calibrate::{CalibrateError, RIG, create_raw, file, open_raw, segment_of};
 use crate::capture::{Instrument, Tally};
@@ -81,6 +84,8 @@ pub struct Views {
     /// Diameter of the cone that one pattern lights, degrees, if it is not that of the rig.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) spot_deg: Option<f64>,
+    /// How stray light was looked for.
+    pub(super) stray: StrayViews,
     /// How the standard stood.
     pub(super) stands: Vec<Stand>,
 }
@@ -233,13 +238,14 @@ pub fn capture(
     let Exposures { times_s, spot_deg } = light(&mut holders, &standards.first, request.exposure_s, world)?;
     let exposure_s = times_s.last().copied().expect("invariant: there are times");
     let views = Views {
-        rig: full,
         standard: request.standard.clone(),
         second_standard: request.second_standard.clone(),
         image_size: request.image_size,
         times_s,
         exposure_s,
         spot_deg,
+        stray: StrayViews::plan(&full, &standards.trap, exposure_s, world)?,
+        rig: full,
         stands: holders
             .iter()
             .zip(tilts)
@@ -286,6 +292,9 @@ pub fn capture(
         raw.write_segment(index, &segment_of(shots, tally, exposure_s))?;
     }
     progress.end();
+    views
+        .stray
+        .capture(&views.rig, &standards.trap, dir, &text, world, progress)?;
     file::write(&dir.join(VIEWS), &views)?;
     Ok(())
 }

@@ -34,7 +34,7 @@ impl Shows {
 pub(super) struct Standards {
     pub(super) first: Held,
     second: Option<Held>,
-    trap: Held,
+    pub(super) trap: Held,
 }
 
 impl Standards {

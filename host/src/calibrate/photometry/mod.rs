@@ -10,6 +10,7 @@
 //! | `camera` | dark level, photon transfer, linearity |
 //! | `field` | smooth fields over an image |
 //! | `rank_one` | light and throughput from the standard |
+//! | `stray` | glare, ghost and direct light |
 //! | `share` | what of both images the standard truly filled |
 //! | `sight` | that as files and assembly have it |
 //!
@@ -29,6 +30,7 @@ mod exposure;
 mod in_holder;
 mod rank_one;
 mod share;
+mod stray;
 #[cfg(test)]
 mod tests;
 
@@ -45,10 +47,12 @@ use super::{CalibrateError, RIG};
 use crate::base::text::by;
 use crate::brdf::sample::{Sample, albedo};
 use crate::hemisphere::direction::from_degrees;
+use crate::instrument::calibration::stray::{Removal, dark_pixels};
 use crate::instrument::calibration::{
-    CalibrationError, CameraFound, Interreflection, PHOTOMETRY, PHOTOMETRY_VERSION, Photometry, check_rig,
-    file, rig_hash,
+    CalibrationError, CameraFound, Interreflection, PHOTOMETRY, PHOTOMETRY_VERSION, Photometry, Stray,
+    check_rig, file, rig_hash,
 };
+use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
 use crate::store::{RawStore, Segment};
 
@@ -82,8 +86,10 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     let camera = camera(&series, saturation_dn)?.of_sensor(&rig.camera.binned);
     let linear = Linear {
         camera: camera.of_image(&rig.camera.binned),
+        sensor: camera,
         range: saturation_dn - camera.dark_dn,
     };
+    let stray_light = stray::stray(dir, &views.rig, &views.stray, &linear)?;
     let black = linear.mean(&captured.frames(Shows::Black(0)));
     let dark = linear.mean(&series[series.len() - 1].dark);
     let stray = black
@@ -101,7 +107,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         .map(|stand| linear.mean(&captured.frames(Shows::Black(stand))))
         .collect();
     for (stand, black) in blacks.iter().enumerate() {
-        let (seen, shown) = captured.standard_at(stand, &linear, black, standard.as_ref())?;
+        let (seen, shown) = captured.standard_at(stand, &linear, black, &stray_light, standard.as_ref())?;
         all.push(seen);
         frames.push(shown);
     }
@@ -114,7 +120,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     let own = interreflected(standard.as_ref());
     let interreflection = match &views.second_standard {
         None => None,
-        Some(spec) => Some(captured.interreflection(spec, &linear, &all[0], own)?),
+        Some(spec) => Some(captured.interreflection(spec, &linear, &stray_light, &all[0], own)?),
     };
     let exposure_s = views.exposure_s;
     let photometry = Photometry {
@@ -138,6 +144,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         field_uncertainty: fields.uncertainty,
         field_residual: fields.residual,
         interreflection,
+        stray: stray_light,
     };
     super::check(&photometry)?;
     let path = dir.join(PHOTOMETRY);
@@ -225,16 +232,18 @@ impl<'a> Captured<'a> {
         stand: usize,
         linear: &'b Linear,
         black: &'b [f64],
+        stray: &Stray,
         standard: &'b dyn Sample,
     ) -> Result<(Seen<'b>, Frames<'b>), CalibrateError> {
         let mut seen = Seen::new(self.views, stand)?;
+        let removal = self.removal(stand, stray)?;
         let mut lit = Vec::new();
         for wanted in self.shows.iter().copied() {
             let Shows::Directions(of, first) = wanted else {
                 continue;
             };
             if of == stand {
-                let frames = self.frames(wanted);
+                let frames = seen.lit(first, &self.frames(wanted), linear, black, &removal);
                 seen.add(first, &frames, linear, black, standard, &self.views.standard)?;
                 lit.extend(frames);
             }
@@ -248,22 +257,34 @@ impl<'a> Captured<'a> {
         Ok((seen, frames))
     }
 
+    /// How frames of the standard at the stand of this index lose `stray` light.
+    fn removal(&self, stand: usize, stray: &Stray) -> Result<Removal, CalibrateError> {
+        let rig = self.views.rig_of(stand)?;
+        let format = rig.frame_format();
+        let cut = View::camera(&rig).cut_pixels(0.0);
+        let dark = dark_pixels(&cut, format.width_px);
+        Ok(Removal::new(stray, format.width_px, format.height_px, dark))
+    }
+
     /// The interreflection from the second standard, named `spec`, beside the `first`, which has its `own` (see
     /// [`interreflected`]).
     fn interreflection(
         &self,
         spec: &str,
         linear: &Linear,
+        stray: &Stray,
         first: &Seen,
         own: f64,
     ) -> Result<Interreflection, CalibrateError> {
         let second = crate::brdf::sample::parse(spec).map_err(crate::virtual_rig::setup::SetupError::from)?;
         let black = linear.mean(&self.frames(Shows::SecondBlack));
         let mut other = Seen::new(self.views, 0)?;
+        let removal = self.removal(0, stray)?;
         other.judged = first.judged.clone();
         for wanted in self.shows.iter().copied() {
             if let Shows::SecondDirections(place) = wanted {
-                other.add(place, &self.frames(wanted), linear, &black, second.as_ref(), spec)?;
+                let frames = other.lit(place, &self.frames(wanted), linear, &black, &removal);
+                other.add(place, &frames, linear, &black, second.as_ref(), spec)?;
             }
         }
         interreflection(first, &other, own, interreflected(second.as_ref()))
@@ -293,10 +314,17 @@ fn check_saturated(all: &[Seen]) -> Result<(), CalibrateError> {
 /// Digital numbers → what they would be if the camera were linear, above the dark level.
 struct Linear {
     camera: CameraFound,
+    /// The same of a pixel of the sensor.
+    sensor: CameraFound,
     range: f64,
 }
 
 impl Linear {
+    /// The camera with the image of `rig`.
+    fn camera_of(&self, rig: &Rig) -> CameraFound {
+        self.sensor.of_image(&rig.camera.binned)
+    }
+
     fn of(&self, dn: f64) -> f64 {
         let signal = dn - self.camera.dark_dn;
         signal * (1.0 + self.camera.nonlinearity * signal / self.range)

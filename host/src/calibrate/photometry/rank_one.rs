@@ -9,15 +9,17 @@
 //!
 //! Channels share both fields and have a K each.
 
-use glam::DVec3;
+use glam::{DVec3, Vec4};
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 use super::Linear;
 use super::capture::{Stand, Views, maker};
-use super::share::Judged;
+use super::share::{Judged, Lit};
 use crate::base::linear_fit::least_squares;
 use crate::brdf::sample::Sample;
 use crate::calibrate::CalibrateError;
+use crate::instrument::calibration::stray::{PROJECTOR_TERMS, Removal, Room, lit_terms};
 use crate::instrument::calibration::{CalibrationError, HIGHEST, SmoothField, TERMS, degree, lights, terms};
 use crate::instrument::optics::{DirectionMap, Unmeasurable, View};
 use crate::instrument::rig::Rig;
@@ -77,6 +79,8 @@ pub(super) struct Seen<'a> {
     lit: Vec<Option<Spot>>,
     /// The same of all that no edge cuts.
     pub(super) all_lit: Vec<Option<Spot>>,
+    /// Of each place, the terms of direct light (see [`lit_terms`]) of the lit pixels.
+    lit_terms: Vec<[f64; PROJECTOR_TERMS]>,
     /// What of it the standard truly filled.
     pub(super) judged: Judged,
     pairs: Vec<Pair>,
@@ -158,6 +162,19 @@ fn lit_spots(rig: &Rig, stand: &Stand, spot_deg: f64) -> Vec<Option<Spot>> {
     stand.directions.iter().enumerate().map(spot).collect()
 }
 
+/// The terms of direct light of the pixels that light each direction of `stand`.
+fn terms_of_spots(rig: &Rig, stand: &Stand, spot_deg: f64) -> Vec<[f64; PROJECTOR_TERMS]> {
+    let maker = maker(rig, spot_deg);
+    let (width, height) = maker.size_px();
+    let of = |index: &usize| {
+        let lit = maker.lit_set(lights::direction(*index)).ok();
+        lit.map_or([0.0; PROJECTOR_TERMS], |lit| {
+            lit_terms(&lit.pixels, width, height)
+        })
+    };
+    stand.directions.iter().map(of).collect()
+}
+
 impl<'a> Seen<'a> {
     /// Of the stand of index `stand`, where nothing was seen yet.
     pub(super) fn new(views: &'a Views, stand: usize) -> Result<Self, CalibrateError> {
@@ -195,10 +212,61 @@ impl<'a> Seen<'a> {
             all_pixels,
             lit,
             all_lit,
+            lit_terms: terms_of_spots(rig, stand, views.spot_deg()),
             pairs: Vec::new(),
             saturated: 0,
             values: 0,
         })
+    }
+
+    /// The `frames` of the directions from the place `first` on, with the stray light that `removal` finds in them; `black` is
+    /// the black frame, linear.
+    pub(super) fn lit<'b>(
+        &self,
+        first: usize,
+        frames: &[&'b [u16]],
+        linear: &Linear,
+        black: &[f64],
+        removal: &Removal,
+    ) -> Vec<Lit<'b>> {
+        let channels = self.channels;
+        let saturation = linear.of(self.saturation_dn) as f32;
+        let one = |room: &mut Room, (place, dn): (usize, &&'b [u16])| {
+            let shown: Vec<Vec4> = dn
+                .chunks_exact(channels)
+                .zip(black.chunks_exact(channels))
+                .map(|(dn, black)| {
+                    let mut lanes = [0.0; 4];
+                    for ((lane, dn), black) in lanes.iter_mut().zip(dn).zip(black) {
+                        let dn = f64::from(*dn);
+                        let is_saturated = dn >= self.saturation_dn;
+                        *lane = if is_saturated {
+                            f32::NAN
+                        } else {
+                            (linear.of(dn) - black) as f32
+                        };
+                    }
+                    Vec4::from_array(lanes)
+                })
+                .collect();
+            removal.find(
+                &shown,
+                &self.lit_terms[first + place],
+                self.exposure_s,
+                saturation,
+                room,
+            );
+            let lanes = room.stray.iter().map(|stray| stray.to_array());
+            Lit {
+                dn,
+                stray: lanes.flat_map(|lanes| lanes.into_iter().take(channels)).collect(),
+            }
+        };
+        frames
+            .par_iter()
+            .enumerate()
+            .map_init(Room::default, one)
+            .collect()
     }
 
     /// Takes the frames of the directions from the place `first` on. `black` is the black frame, linear; `standard` is what
@@ -206,7 +274,7 @@ impl<'a> Seen<'a> {
     pub(super) fn add(
         &mut self,
         first: usize,
-        frames: &[&[u16]],
+        frames: &[Lit],
         linear: &Linear,
         black: &[f64],
         standard: &dyn Sample,
@@ -234,17 +302,17 @@ impl<'a> Seen<'a> {
                         f[channel]
                     };
                     let f = positive(f, spec, wi, wo)?;
-                    let dn = f64::from(frame[at]);
+                    let dn = f64::from(frame.dn[at]);
                     self.values += 1;
                     if dn >= self.saturation_dn {
                         self.saturated += 1;
                         continue;
                     }
-                    let (all, dark) = (linear.of(dn), black[at]);
+                    let (all, dark, stray) = (linear.of(dn), black[at], f64::from(frame.stray[at]));
                     // Of the frame, and of the mean of as many black ones as a segment has.
                     values.push(Value {
                         at,
-                        signal: all - dark,
+                        signal: all - dark - stray,
                         variance: noise + all.max(0.0) / gain + (noise + dark.max(0.0) / gain) / 16.0,
                         uniform: self.exposure_s * f * irradiance,
                     });

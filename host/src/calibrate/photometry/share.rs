@@ -52,13 +52,20 @@ impl Judged {
     }
 }
 
+/// A frame of the standard.
+pub(super) struct Lit<'a> {
+    pub(super) dn: &'a [u16],
+    /// What came other ways, linear digital numbers.
+    pub(super) stray: Vec<f32>,
+}
+
 /// The frames of the standard at one stand.
 pub(super) struct Frames<'a> {
     pub(super) linear: &'a Linear,
     /// Linear.
     pub(super) black: &'a [f64],
     /// One of each place.
-    pub(super) lit: Vec<&'a [u16]>,
+    pub(super) lit: Vec<Lit<'a>>,
     pub(super) standard: &'a dyn Sample,
 }
 
@@ -91,7 +98,8 @@ impl Share {
 impl Seen<'_> {
     /// Signal and its variance by noise, in linear digital numbers, of one number of a frame; `None` if it saturated.
     fn signal(&self, frames: &Frames, place: usize, at: usize) -> Option<(f64, f64)> {
-        let dn = f64::from(frames.lit[place][at]);
+        let lit = &frames.lit[place];
+        let dn = f64::from(lit.dn[at]);
         if dn >= self.saturation_dn {
             return None;
         }
@@ -99,7 +107,7 @@ impl Seen<'_> {
         let all = frames.linear.of(dn);
         let noise = camera.read_variance_dn2();
         Some((
-            all - frames.black[at],
+            all - frames.black[at] - f64::from(lit.stray[at]),
             noise + all.max(0.0) / camera.gain_e_per_dn,
         ))
     }

@@ -15,7 +15,7 @@ use super::CalibrationError;
 use crate::store::whole_file::{FileError, write_whole};
 
 /// Fields that may be absent, wherever they are.
-const OPTIONAL: [&str; 7] = [
+const OPTIONAL: [&str; 8] = [
     "tilt",
     "second_standard",
     "interreflection",
@@ -23,6 +23,7 @@ const OPTIONAL: [&str; 7] = [
     "photometry",
     "wire",
     "spot_deg",
+    "ghost",
 ];
 
 /// Reads the JSON file at `path`, which `command` writes.

@@ -11,6 +11,7 @@
 //! | `photometry` | light, throughput and camera |
 //! | `field` | smooth fields over an image |
 //! | `sight` | where the standard was seen and lit |
+//! | `stray` | glare, ghost and direct light, and how images lose them |
 //! | `lights` | the incident directions with which it is lit |
 //! | `file` | JSON of finite numbers |
 
@@ -20,6 +21,7 @@ pub(crate) mod geometry;
 pub(crate) mod lights;
 pub(crate) mod photometry;
 mod sight;
+pub(crate) mod stray;
 
 use std::path::Path;
 
@@ -37,6 +39,7 @@ pub(crate) use photometry::PHOTOMETRY_VERSION;
 pub use photometry::{CameraFound, Interreflection, PHOTOMETRY, Photometry};
 pub use sight::Sight;
 pub(crate) use sight::{BLIND, EDGE, SEEN, UNSEEN};
+pub use stray::{GhostFound, Stray};
 
 /// Name of the calibrated rig's file.
 pub const RIG: &str = "rig.toml";

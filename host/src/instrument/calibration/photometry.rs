@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::field::{self, SmoothField};
 use super::sight::Sight;
+use super::stray::Stray;
 use super::{CalibrationError, check_rig, file};
 use crate::instrument::rig::{Binned, ROUNDING_DN2, Rig, Tilt};
 
@@ -14,8 +15,8 @@ pub const PHOTOMETRY: &str = "photometry.json";
 /// What writes the files of this calibration.
 pub(crate) const COMMAND: &str = "rcg calibrate photometry --out DIR";
 /// Version of `photometry.json`: 2 says where the standard was seen, 3 what the end of a field's series leaves; 4
-/// describes pixels of the sensor, not of the image.
-pub(crate) const PHOTOMETRY_VERSION: u32 = 4;
+/// describes pixels of the sensor, not of the image; 5 has stray light.
+pub(crate) const PHOTOMETRY_VERSION: u32 = 5;
 
 /// What calibration found, as `photometry.json` has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -50,6 +51,9 @@ pub struct Photometry {
     pub field_residual: f64,
     /// Share of the light from the sample that returns onto it, if a second standard showed it.
     pub interreflection: Option<Interreflection>,
+    /// Glare, the ghost of the beam splitter, and direct light.
+    #[serde(default)]
+    pub stray: Stray,
     /// Where the standard was seen, at each of its tilts: there is no throughput elsewhere.
     #[serde(default)]
     pub sights: Vec<Sight>,
@@ -121,6 +125,9 @@ impl Photometry {
                 );
                 return content(name, expected, "others".to_owned());
             }
+        }
+        if let Some((field, expected)) = self.stray.flaw(self.sensitivity.len()) {
+            return content(&format!("stray.{field}"), expected, "others".to_owned());
         }
         if self.sights.is_empty() {
             return content("sights", "one for each tilt".to_owned(), "none".to_owned());

@@ -47,6 +47,7 @@ fn preset(name: &str) -> Option<&'static str> {
     match name {
         "rcg-1" => Some(include_str!("presets/rcg-1.toml")),
         "rcg-2" => Some(include_str!("presets/rcg-2.toml")),
+        "rcg-3" => Some(include_str!("presets/rcg-3.toml")),
         "dmd" => Some(include_str!("presets/dmd.toml")),
         _ => None,
     }

@@ -81,6 +81,7 @@ fn the_paces_of_the_presets() {
     };
     let minutes = pace("rcg-1") * 32_400.0 / 60.0;
     assert!((minutes - 50.0).abs() < 0.02, "{minutes}");
+    assert!((pace("rcg-3") - 1.0 / 60.0).abs() < 1e-7, "one frame of 60 Hz");
     assert!((pace("dmd") - 105e-6).abs() < 1e-12, "one pattern of the DMD");
 }
 
@@ -127,7 +128,7 @@ fn an_image_of_no_pixels_is_refused() {
 #[test]
 fn a_missing_file_is_named() {
     let message = Rig::load("rcg-9").expect_err("no such rig").to_string();
-    let expected = "rcg-9: expected a readable rig file (TOML) or one of the presets rcg-1, rcg-2, dmd, found: \
+    let expected = "rcg-9: expected a readable rig file (TOML) or one of the presets rcg-1, rcg-2, rcg-3, dmd, found: \
                     No such file or directory";
     assert!(message.starts_with(expected), "{message}");
     assert!(Rig::load("/").is_err());

@@ -23,8 +23,8 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::brdf::Brdf;
 use crate::brdf::sample::Sample;
+use crate::brdf::{Brdf, RegionBudget};
 use crate::hemisphere::judged::is_judged;
 use crate::store::StoreError;
 use crate::store::provenance::Provenance;
@@ -54,6 +54,8 @@ pub struct Evaluation {
     /// Median of sigma/f over what was measured of those, all channels; the instrument's own opinion of its noise. Where f
     /// is 0 or less it counts as above all others.
     pub median_relative_sigma: Quantile,
+    /// Which cause makes how much of σ, by regions of directions; empty if the file does not say.
+    pub budget: Vec<RegionBudget>,
     /// What has no part in that uncertainty, for want of a calibration: directions, light and throughput. `None` if the file
     /// does not say.
     pub uncalibrated: Option<Vec<String>>,
@@ -214,6 +216,7 @@ pub fn evaluate(
         measured_samples: total.measured,
         coverage: share(total.pairs(), pairs),
         median_relative_sigma: seen.sigma.median(),
+        budget: brdf.budget().to_vec(),
         uncalibrated: brdf.uncalibrated(),
         reciprocity_residual_median: reciprocity.median,
         reciprocity_pairs: reciprocity.pairs,

@@ -3,19 +3,22 @@
 use super::*;
 use crate::plan::Faults;
 use crate::virtual_rig::Noise;
-use crate::virtual_rig::light::Light;
+use crate::virtual_rig::light::{AtSample, Light};
 
 const CLOCK_HZ: u32 = 125_000_000;
 
 fn light(irradiance: f64) -> Glow {
     let nodes = [glam::DVec3::Z; 4];
-    Glow::Spots([Light { irradiance, nodes }].into())
+    Glow {
+        at_sample: AtSample::Spots([Light { irradiance, nodes }].into()),
+        direct: 0.0,
+    }
 }
 
 fn spots(light: &Glow) -> &[Light] {
-    match light {
-        Glow::Spots(spots) => spots,
-        Glow::Image(_) => &[],
+    match &light.at_sample {
+        AtSample::Spots(spots) => spots,
+        AtSample::Image(_) => &[],
     }
 }
 

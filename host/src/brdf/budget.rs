@@ -1,0 +1,196 @@
+//! The budget of uncertainty: which cause makes how much of σ, by regions of directions.
+//!
+//! # Design
+//! Each measured sample has a variance that is a sum over causes. Of each cause the share of that variance is averaged over
+//! the samples of a region, so that the shares of a region sum to 1 and no bright sample drowns the others. How large σ is
+//! there tells the geometric mean of σ over f. Regions are bands of the polar angles of light and view.
+
+use serde::Serialize;
+
+use crate::store::{BrdfReader, SmallArray, SmallData, StoreError};
+
+/// What makes uncertain, in the order of the columns.
+pub const CAUSES: [&str; 7] = [
+    "noise",
+    "stray light",
+    "standard",
+    "light and throughput",
+    "directions",
+    "blur",
+    "interreflection",
+];
+/// Upper ends of the bands of polar angles, degrees.
+pub const BANDS_DEG: [f64; 3] = [30.0, 60.0, 80.0];
+/// Bands of incident × outgoing angles.
+pub(crate) const REGIONS: usize = BANDS_DEG.len() * BANDS_DEG.len();
+
+/// Arrays of `brdf.zarr`: shares [theta region, cause], and geometric mean of σ/f [theta region].
+pub(crate) const SHARES: &str = "uncertainty_share";
+pub(crate) const RELATIVE: &str = "uncertainty_relative";
+
+/// The band of a polar angle; `None` beyond the last.
+#[must_use]
+pub(crate) fn band(theta_deg: f64) -> Option<usize> {
+    BANDS_DEG.iter().position(|end| theta_deg <= *end)
+}
+
+/// Sums over samples.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct BudgetSums {
+    shares: [[f64; CAUSES.len()]; REGIONS],
+    samples: [u64; REGIONS],
+    log_relative: [f64; REGIONS],
+    /// Samples that have a σ/f.
+    positive: [u64; REGIONS],
+}
+
+impl BudgetSums {
+    /// Adds a sample f of these `variances` by cause in a region.
+    pub(crate) fn add(&mut self, region: usize, f: f32, variances: [f32; CAUSES.len()]) {
+        let all: f32 = variances.iter().sum();
+        if !(all > 0.0 && all.is_finite()) {
+            return;
+        }
+        for (sum, variance) in self.shares[region].iter_mut().zip(variances) {
+            *sum += f64::from(variance / all);
+        }
+        self.samples[region] += 1;
+        if f > 0.0 {
+            self.log_relative[region] += f64::from(all.sqrt() / f).ln();
+            self.positive[region] += 1;
+        }
+    }
+
+    /// Adds those of `other` samples.
+    pub(crate) fn merge(&mut self, other: &Self) {
+        for region in 0..REGIONS {
+            for (sum, other) in self.shares[region].iter_mut().zip(other.shares[region]) {
+                *sum += other;
+            }
+            self.samples[region] += other.samples[region];
+            self.log_relative[region] += other.log_relative[region];
+            self.positive[region] += other.positive[region];
+        }
+    }
+
+    /// The arrays of `brdf.zarr`; NaN where there is no sample, or none at all.
+    pub(crate) fn arrays(sums: Option<&Self>) -> [SmallArray<'static>; 2] {
+        let mut shares = vec![f64::NAN; REGIONS * CAUSES.len()];
+        let mut relative = vec![f64::NAN; REGIONS];
+        for region in 0..REGIONS {
+            let Some(sums) = sums.filter(|sums| sums.samples[region] > 0) else {
+                continue;
+            };
+            for (share, sum) in shares[region * CAUSES.len()..]
+                .iter_mut()
+                .zip(sums.shares[region])
+            {
+                *share = sum / sums.samples[region] as f64;
+            }
+            if sums.positive[region] > 0 {
+                relative[region] = (sums.log_relative[region] / sums.positive[region] as f64).exp();
+            }
+        }
+        [
+            SmallArray {
+                name: SHARES,
+                dims: &["theta_region", "cause"],
+                shape: vec![REGIONS, CAUSES.len()],
+                data: SmallData::F64(shares),
+                units: "1",
+                long_name: "share of each cause in the variance of f: noise, stray light, standard, light and throughput, \
+                            directions, blur, interreflection; regions: incident theta up to 30, 60, 80 degrees, within each \
+                            outgoing theta up to 30, 60, 80 degrees",
+                codes: &[],
+            },
+            SmallArray {
+                name: RELATIVE,
+                dims: &["theta_region"],
+                shape: vec![REGIONS],
+                data: SmallData::F64(relative),
+                units: "1",
+                long_name: "geometric mean of the standard uncertainty of f over f",
+                codes: &[],
+            },
+        ]
+    }
+}
+
+/// The budget of a region.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RegionBudget {
+    /// Incident and outgoing polar angles, from and to, degrees.
+    pub incident_deg: [f64; 2],
+    /// See `incident_deg`.
+    pub outgoing_deg: [f64; 2],
+    /// Geometric mean of σ/f.
+    pub relative: f64,
+    /// Share of each of [`CAUSES`] in the variance.
+    pub shares: Vec<f64>,
+}
+
+/// The budget that a file has; nothing if it is older, or has none.
+///
+/// # Errors
+/// [`StoreError`].
+pub(crate) fn read(reader: &BrdfReader) -> Result<Vec<RegionBudget>, StoreError> {
+    let array = |name| match reader.small(name) {
+        Ok(data) => Ok(data.as_f64().unwrap_or_default().to_vec()),
+        Err(StoreError::ArrayMissing { .. }) => Ok(Vec::new()),
+        Err(error) => Err(error),
+    };
+    Ok(regions(&array(SHARES)?, &array(RELATIVE)?))
+}
+
+/// The budgets of all regions that have samples, from what [`BudgetSums::arrays`] wrote.
+pub(crate) fn regions(shares: &[f64], relative: &[f64]) -> Vec<RegionBudget> {
+    let span = |band: usize| {
+        let from = band.checked_sub(1).map_or(0.0, |below| BANDS_DEG[below]);
+        [from, BANDS_DEG[band]]
+    };
+    shares
+        .chunks_exact(CAUSES.len())
+        .zip(relative)
+        .take(REGIONS)
+        .enumerate()
+        .filter(|(_, (shares, _))| shares.iter().all(|share| share.is_finite()))
+        .map(|(region, (shares, relative))| RegionBudget {
+            incident_deg: span(region / BANDS_DEG.len()),
+            outgoing_deg: span(region % BANDS_DEG.len()),
+            relative: *relative,
+            shares: shares.to_vec(),
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_are_means_over_samples_and_sum_to_one() {
+        let mut sums = BudgetSums::default();
+        sums.add(4, 1.0, [1e-4, 0.0, 3e-4, 0.0, 0.0, 0.0, 0.0]);
+        let mut more = BudgetSums::default();
+        more.add(4, 100.0, [4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        // What nobody knows counts for nothing.
+        more.add(4, 1.0, [f32::INFINITY; 7]);
+        sums.merge(&more);
+        let [shares, relative] = BudgetSums::arrays(Some(&sums));
+        let found = regions(shares.data.as_f64().unwrap(), relative.data.as_f64().unwrap());
+        let [one] = found.as_slice() else {
+            panic!("one region: {found:?}")
+        };
+        assert_eq!((one.incident_deg, one.outgoing_deg), ([30.0, 60.0], [30.0, 60.0]));
+        assert!((one.shares[0] - 0.625).abs() < 1e-6 && (one.shares[2] - 0.375).abs() < 1e-6);
+        assert!((one.shares.iter().sum::<f64>() - 1.0).abs() < 1e-6);
+        assert!((one.relative - 0.02).abs() < 1e-6, "{}", one.relative);
+        assert_eq!((band(30.0), band(30.1), band(80.1)), (Some(0), Some(1), None));
+    }
+
+    #[test]
+    fn without_samples_there_is_no_budget() {
+        let [shares, relative] = BudgetSums::arrays(None);
+        assert!(regions(shares.data.as_f64().unwrap(), relative.data.as_f64().unwrap()).is_empty());
+    }
+}

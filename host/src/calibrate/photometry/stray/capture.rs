@@ -1,0 +1,226 @@
+//! The views that show stray light.
+//!
+//! # Design
+//! | in the holder | shown | to see |
+//! |---|---|---|
+//! | a flat mirror | discs, small and large, all over the image | glare and ghost, where it should be dark |
+//! | light trap | the same discs, as long | what of that comes directly |
+//! | light trap | parts of the image, all of it in turns | direct light of the projector |
+//!
+//! Every segment ends with [`BLACK`] black exposures of its kind. The image is finer than that of the standard, so that a
+//! ghost stands apart from what makes it.
+
+use std::path::Path;
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use super::super::capture::{SEGMENT, VIEWS};
+use crate::base::progress::Progress;
+use crate::calibrate::{CalibrateError, create_raw, segment_of};
+use crate::capture::pilot::TestExposures;
+use crate::capture::{Instrument, Tally};
+use crate::instrument::rig::Rig;
+use crate::plan;
+use crate::plan::schedule::{SHORTEST_EXPOSURE_S, Timing};
+use crate::store::{RawLayout, RawStore};
+use crate::virtual_rig::setup::World;
+use crate::virtual_rig::{FlatMirror, Held};
+
+/// Name of the raw frames.
+pub(in super::super) const RAW: &str = "stray.raw.zarr";
+/// Pixels a side of the camera's image, if the sensor has so many.
+const IMAGE_SIZE: u32 = 256;
+/// Black exposures at the end of each segment.
+pub(super) const BLACK: usize = 4;
+/// Patterns of a segment.
+pub(super) const PATTERNS: usize = SEGMENT - BLACK;
+/// Segments of discs, which are shown twice, and of parts.
+pub(super) const DISCS: usize = 2;
+const PARTED: usize = 1;
+/// The first segment of parts.
+pub(super) const FIRST_PARTED: usize = 2 * DISCS;
+/// Reflectance of the flat mirror: a surface of black glass.
+const REFLECTANCE: f64 = 0.04;
+/// Share of the longest exposure that does not saturate: glare is told by what is not saturated.
+const SHARE: f64 = 0.7;
+/// Discs: distances of their middles from that of the image, and radii, in half heights of the projector's image.
+const DISTANCES: [f64; 3] = [0.45, 0.65, 0.8];
+const RADII: [f64; 3] = [0.06, 0.15, 0.35];
+/// Parts of the projector's image, columns and rows.
+const PARTS: [usize; 2] = [4, 3];
+
+/// What was captured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(in super::super) struct StrayViews {
+    /// Pixels a side of the camera's image.
+    pub(super) image_size: u32,
+    /// Exposure times of discs, and of parts, seconds.
+    pub(super) discs_s: f64,
+    pub(super) parts_s: f64,
+}
+
+/// The flat mirror: it lies as the sample does.
+fn mirror() -> Held {
+    Held::Mirror(FlatMirror {
+        normal: DVec3::Z,
+        reflectance: REFLECTANCE,
+    })
+}
+
+/// Pixels that the pattern of this number lights in a projector's image of `size` pixels, with the mirror in the holder.
+pub(super) fn disc(number: usize, (width, height): (usize, usize)) -> Vec<u32> {
+    let half = height as f64 / 2.0;
+    let turn = std::f64::consts::TAU * (number as f64 * 0.381_966).fract();
+    let distance = DISTANCES[number % DISTANCES.len()] * half;
+    let radius = RADII[number / DISTANCES.len() % RADII.len()] * half;
+    let (x, y) = (
+        width as f64 / 2.0 + distance * turn.cos(),
+        half + distance * turn.sin(),
+    );
+    within(width, height, |u, v| (u - x).hypot(v - y) <= radius)
+}
+
+/// The same with the trap.
+pub(super) fn part(number: usize, (width, height): (usize, usize)) -> Vec<u32> {
+    let [columns, rows] = PARTS;
+    let (column, row) = (number % columns, number / columns % rows);
+    within(width, height, |u, v| {
+        (u * columns as f64 / width as f64) as usize == column
+            && (v * rows as f64 / height as f64) as usize == row
+    })
+}
+
+/// Row-major indices of the pixels whose centres are within something.
+fn within(width: usize, height: usize, is_within: impl Fn(f64, f64) -> bool) -> Vec<u32> {
+    (0..width * height)
+        .filter(|pixel| is_within((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5))
+        .map(|pixel| pixel as u32)
+        .collect()
+}
+
+impl StrayViews {
+    /// How they will be exposed on the rig `full`; `trap` is held for darkness, and no longer exposed than `exposure_s`
+    /// seconds.
+    pub(in super::super) fn plan(
+        full: &Rig,
+        trap: &Held,
+        exposure_s: f64,
+        world: &World,
+    ) -> Result<Self, CalibrateError> {
+        let image_size = IMAGE_SIZE.min(full.camera.lens.width_px);
+        let rig = full.with_image_size(image_size)?;
+        let size = (
+            rig.projector.lens.width_px as usize,
+            rig.projector.lens.height_px as usize,
+        );
+        let longest = |held: &Held, pattern: fn(usize, (usize, usize)) -> Vec<u32>| {
+            let patterns: Vec<Vec<u32>> = (0..PATTERNS).map(|number| pattern(number, size)).collect();
+            let mut instrument = world.open_held(&rig, held.clone(), None)?;
+            let tests = TestExposures::take(&rig, &patterns, &mut instrument)?;
+            if tests.is_too_bright {
+                return Err(CalibrateError::Views {
+                    expected: format!("a flat mirror that does not saturate in {SHORTEST_EXPOSURE_S} s"),
+                    found: "one that does".to_owned(),
+                    advice: "stop the projector or the camera down and state it in the rig file (light.full_scale_f_sr)",
+                });
+            }
+            Ok::<f64, CalibrateError>((SHARE * tests.longest_s).max(SHORTEST_EXPOSURE_S))
+        };
+        Ok(Self {
+            image_size,
+            discs_s: longest(&mirror(), disc)?.min(full.camera.exposure_s),
+            parts_s: longest(trap, part)?.min(exposure_s),
+        })
+    }
+
+    /// The rig of the views.
+    pub(super) fn rig(&self, full: &Rig) -> Result<Rig, CalibrateError> {
+        Ok(full.with_image_size(self.image_size)?)
+    }
+
+    /// Captures them into `dir`, whose file of views will hold `text`.
+    pub(in super::super) fn capture(
+        &self,
+        full: &Rig,
+        trap: &Held,
+        dir: &Path,
+        text: &str,
+        world: &World,
+        progress: &dyn Progress,
+    ) -> Result<(), CalibrateError> {
+        let rig = self.rig(full)?;
+        let layout = layout(&rig);
+        progress.begin("stray light", layout.exposures, "exposures");
+        let mut raw: Option<RawStore> = None;
+        for (segments, held, exposure_s) in [
+            (0..DISCS, &mirror(), self.discs_s),
+            (DISCS..FIRST_PARTED, trap, self.discs_s),
+            (FIRST_PARTED..FIRST_PARTED + PARTED, trap, self.parts_s),
+        ] {
+            let mut instrument = world.open_held(&rig, held.clone(), None)?;
+            for segment in segments {
+                let taken = segment * SEGMENT;
+                let shots = take(segment, &rig, exposure_s, &mut instrument, &|count| {
+                    progress.reach(taken + count);
+                })?;
+                let raw = match &mut raw {
+                    Some(raw) => raw,
+                    // Now the clock is known.
+                    none => none.insert(create_raw(&dir.join(RAW), layout, &instrument, VIEWS, text)?),
+                };
+                raw.write_segment(segment, &shots)?;
+            }
+        }
+        progress.end();
+        Ok(())
+    }
+}
+
+/// The exposures of one segment.
+fn take(
+    segment: usize,
+    rig: &Rig,
+    exposure_s: f64,
+    instrument: &mut Instrument,
+    taken: &dyn Fn(usize),
+) -> Result<crate::store::Segment, CalibrateError> {
+    let timing = Timing::new(rig, exposure_s).map_err(plan::PlanError::from)?;
+    let mut tally = Tally::default();
+    let shots = instrument.take(
+        SEGMENT,
+        &[timing],
+        |exposure, image| {
+            if exposure < PATTERNS {
+                image.light(&lit(segment, exposure, image.size_px()));
+            }
+        },
+        &mut tally,
+        taken,
+    )?;
+    Ok(segment_of(shots, tally, exposure_s))
+}
+
+/// Pixels that the `exposure` of a `segment` lights; none in its black ones.
+pub(super) fn lit(segment: usize, exposure: usize, size: (usize, usize)) -> Vec<u32> {
+    if segment < FIRST_PARTED {
+        disc(segment % DISCS * PATTERNS + exposure, size)
+    } else {
+        part((segment - FIRST_PARTED) * PATTERNS + exposure, size)
+    }
+}
+
+/// The raw frames, the clock left open.
+pub(super) fn layout(rig: &Rig) -> RawLayout {
+    let format = rig.frame_format();
+    RawLayout {
+        exposures: (FIRST_PARTED + PARTED) * SEGMENT,
+        segment: SEGMENT,
+        height: format.height_px,
+        width: format.width_px,
+        channels: format.channels,
+        bits: format.bits,
+        clock_hz: 0,
+    }
+}

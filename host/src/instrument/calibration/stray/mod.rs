@@ -1,0 +1,338 @@
+//! Light that reaches a pixel by another way than its own, as calibration found it, and how images lose it.
+//!
+//! # Design
+//! What a camera shows of an image S is S + A·S + D. A is glare and the ghost of the beam splitter: a *halo*, which is a sum of
+//! Gaussians of fixed widths and so as cheap as small images (`halo`), and a displaced copy (`ghost`). D is direct light of
+//! the projector, which knows no sample: a polynomial over both images (`direct`).
+//!
+//! A is small: S = (1 − A + A²)·(shown − D) up to A³. What A takes from its own pixel belongs to throughput.
+//!
+//! Where pixels saturated their light is at least that of saturation; the rest is told by pixels that are dark by
+//! construction: hole, rim, and what lies beside the sample. There the halo of the rest is all there is.
+
+mod direct;
+mod ghost;
+mod halo;
+
+use glam::Vec4;
+use serde::{Deserialize, Serialize};
+
+use crate::instrument::optics::Unmeasurable;
+
+pub(crate) use direct::{CAMERA_TERMS, PROJECTOR_TERMS, camera_terms, lit_terms};
+pub(crate) use ghost::Shifted;
+pub(crate) use halo::{Halo, Room as HaloRoom};
+
+/// Standard widths of the Gaussians of a halo, half widths of the image.
+pub(crate) const WIDTHS: [f64; 7] = [0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 2.0];
+
+/// Pixels within so many of one that sees the sample are not dark for certain.
+const NEAR_PX: usize = 3;
+
+/// Stray light as calibration found it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stray {
+    /// Share of the light that goes into each Gaussian of the halo, [channel, width], see [`Stray::widths`].
+    pub halo: Vec<Vec<f64>>,
+    /// Relative standard uncertainty (k = 1) of what the halo adds.
+    pub halo_uncertainty: f64,
+    /// The ghost of the beam splitter; none if it is nowhere to be seen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ghost: Option<GhostFound>,
+    /// Digital numbers per second and projector pixel that comes directly, [channel, term].
+    pub direct: Vec<Vec<f64>>,
+    /// Standard uncertainty (k = 1) of direct light, digital numbers per second and projector pixel.
+    pub direct_uncertainty: f64,
+}
+
+/// A displaced copy of the image.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GhostFound {
+    /// Its light over that of the image, of each channel.
+    pub share: Vec<f64>,
+    /// Standard uncertainty (k = 1) of that.
+    pub standard_uncertainty: f64,
+    /// Where it is, half widths of the image.
+    pub shift: [f64; 2],
+}
+
+impl Stray {
+    /// Share of light from the middle of the image that the halo spreads over the image, mean over the channels.
+    #[must_use]
+    pub fn glare(&self) -> f64 {
+        // A Gaussian within ±1 along both axes.
+        let within = |width: f64| halo::erf((std::f64::consts::SQRT_2 * width).recip()).powi(2);
+        let of = |shares: &Vec<f64>| -> f64 {
+            shares
+                .iter()
+                .zip(WIDTHS)
+                .map(|(share, width)| share * within(width))
+                .sum()
+        };
+        self.halo.iter().map(of).sum::<f64>() / self.halo.len().max(1) as f64
+    }
+
+    /// Direct light, mean over both images and the channels, digital numbers per second and projector pixel.
+    #[must_use]
+    pub fn direct_mean(&self) -> f64 {
+        let constants: f64 = self.direct.iter().filter_map(|terms| terms.first()).sum();
+        constants / self.direct.len().max(1) as f64
+    }
+
+    /// Standard widths of the Gaussians of a halo, half widths of the image.
+    #[must_use]
+    pub const fn widths() -> [f64; WIDTHS.len()] {
+        WIDTHS
+    }
+
+    /// What is wrong with it for a camera of so many channels: the field, and what was expected.
+    pub(crate) fn flaw(&self, channels: usize) -> Option<(&'static str, String)> {
+        let is_share = |share: &f64| (0.0..=0.5).contains(share);
+        let rows = |rows: &[Vec<f64>], terms: usize| {
+            rows.len() == channels && rows.iter().all(|row| row.len() == terms)
+        };
+        if !rows(&self.halo, WIDTHS.len()) || !self.halo.iter().flatten().all(is_share) {
+            let expected = format!(
+                "{} shares from 0 to 0.5 for each of {channels} channels",
+                WIDTHS.len()
+            );
+            return Some(("halo", expected));
+        }
+        let terms = CAMERA_TERMS * PROJECTOR_TERMS;
+        if !rows(&self.direct, terms) || self.direct.iter().flatten().any(|c| !c.is_finite()) {
+            return Some((
+                "direct",
+                format!("{terms} finite numbers for each of {channels} channels"),
+            ));
+        }
+        let is_uncertainty = |found: f64| found >= 0.0 && found.is_finite();
+        if !is_uncertainty(self.halo_uncertainty) {
+            return Some(("halo_uncertainty", "a number from 0 on".to_owned()));
+        }
+        if !is_uncertainty(self.direct_uncertainty) {
+            return Some(("direct_uncertainty", "a number from 0 on".to_owned()));
+        }
+        let is_ghost = |ghost: &GhostFound| {
+            ghost.share.len() == channels
+                && ghost.share.iter().all(is_share)
+                && is_uncertainty(ghost.standard_uncertainty)
+                && ghost.shift.iter().all(|shift| (-1.0..=1.0).contains(shift))
+        };
+        let expected = format!("{channels} shares from 0 to 0.5, and a shift from -1 to 1");
+        (!self.ghost.as_ref().is_none_or(is_ghost)).then_some(("ghost", expected))
+    }
+}
+
+/// Pixels of an image `width_px` wide that no light of the sample reaches by its own way: those for which `cut` has a reason,
+/// as all those have that are near.
+pub(crate) fn dark_pixels(cut: &[Option<Unmeasurable>], width_px: usize) -> Vec<u32> {
+    let height_px = cut.len() / width_px;
+    let around = |at: usize, size: usize| at.saturating_sub(NEAR_PX)..(at + NEAR_PX + 1).min(size);
+    (0..cut.len())
+        .filter(|pixel| {
+            let (x, y) = (pixel % width_px, pixel / width_px);
+            around(y, height_px).all(|y| around(x, width_px).all(|x| cut[y * width_px + x].is_some()))
+        })
+        .map(|pixel| pixel as u32)
+        .collect()
+}
+
+/// Takes stray light from images of one size.
+#[derive(Debug)]
+pub(crate) struct Removal {
+    halo: Halo,
+    /// Of each Gaussian, by channel.
+    shares: Vec<Vec4>,
+    halo_uncertainty: f32,
+    ghost: Option<(Shifted, Vec4, f32)>,
+    /// Of each pixel.
+    camera_terms: Vec<[f32; CAMERA_TERMS]>,
+    /// Of each channel.
+    direct: Vec<Vec<f64>>,
+    direct_uncertainty: f32,
+    /// Pixels that are dark by construction.
+    monitors: Vec<u32>,
+}
+
+/// Images that a worker keeps.
+#[derive(Debug, Default)]
+pub(crate) struct Room {
+    /// What reached each pixel by other ways, and its standard uncertainty (k = 1).
+    pub(crate) stray: Vec<Vec4>,
+    pub(crate) doubt: Vec<Vec4>,
+    clean: Vec<Vec4>,
+    once: Vec<Vec4>,
+    twice: Vec<Vec4>,
+    beyond: Vec<Vec4>,
+    halo: halo::Room,
+}
+
+/// A saturated pixel holds at least so much of the light of all of them: what is divided by has to be more than nothing.
+const LEAST: f32 = 1e-12;
+
+impl Removal {
+    /// As `found`, for images of this size; `dark` are the pixels that no light of the sample reaches.
+    pub(crate) fn new(found: &Stray, width_px: usize, height_px: usize, dark: Vec<u32>) -> Self {
+        let lanes = |of: &dyn Fn(usize) -> f64| {
+            let mut lanes = [0.0; 4];
+            for (channel, lane) in lanes.iter_mut().enumerate().take(found.halo.len()) {
+                *lane = of(channel) as f32;
+            }
+            Vec4::from_array(lanes)
+        };
+        Self {
+            halo: Halo::new(width_px, height_px),
+            shares: (0..WIDTHS.len())
+                .map(|width| lanes(&|channel| found.halo[channel][width]))
+                .collect(),
+            halo_uncertainty: found.halo_uncertainty as f32,
+            ghost: found.ghost.as_ref().map(|ghost| {
+                (
+                    Shifted::new(ghost.shift, width_px, height_px),
+                    lanes(&|channel| ghost.share[channel]),
+                    ghost.standard_uncertainty as f32,
+                )
+            }),
+            camera_terms: (0..width_px * height_px)
+                .map(|pixel| {
+                    let half = |at: usize, size: usize| 2.0 * (at as f64 + 0.5) / size as f64 - 1.0;
+                    let terms = camera_terms(
+                        half(pixel % width_px, width_px),
+                        half(pixel / width_px, height_px),
+                    );
+                    terms.map(|term| term as f32)
+                })
+                .collect(),
+            direct: found.direct.clone(),
+            direct_uncertainty: found.direct_uncertainty as f32,
+            monitors: dark,
+        }
+    }
+
+    /// What of `shown` (dark-corrected digital numbers of each pixel, channels in the lanes, NaN where saturated) came other
+    /// ways, into `room`. `lit` are the terms of the pattern (see [`lit_terms`]), `exposure_s` the exposure time in seconds,
+    /// and `saturation` the number of a saturated pixel.
+    pub(crate) fn find(
+        &self,
+        shown: &[Vec4],
+        lit: &[f64; PROJECTOR_TERMS],
+        exposure_s: f64,
+        saturation: f32,
+        room: &mut Room,
+    ) {
+        let direct = self.direct_coefficients(lit, exposure_s);
+        let direct_doubt = self.direct_uncertainty * (lit[0] * exposure_s) as f32;
+        let saturated = Vec4::splat(saturation);
+        let mut is_saturated = false;
+        room.clean.clear();
+        room.stray.clear();
+        room.doubt.clear();
+        for (shown, terms) in shown.iter().zip(&self.camera_terms) {
+            let mut light = Vec4::ZERO;
+            for (coefficients, term) in direct.iter().zip(terms) {
+                light += *coefficients * *term;
+            }
+            let is_nan = shown.is_nan_mask();
+            is_saturated |= is_nan.any();
+            room.clean.push(Vec4::select(is_nan, saturated, *shown) - light);
+            room.stray.push(light);
+            room.doubt.push(Vec4::splat(direct_doubt));
+        }
+        self.spread(&room.clean, &mut room.once, &mut room.halo);
+        self.spread(&room.once, &mut room.twice, &mut room.halo);
+        for (((stray, doubt), once), twice) in room
+            .stray
+            .iter_mut()
+            .zip(&mut room.doubt)
+            .zip(&room.once)
+            .zip(&room.twice)
+        {
+            let spread = *once - *twice;
+            *stray += spread;
+            *doubt = hypot(*doubt, spread * self.halo_uncertainty);
+        }
+        if let Some((shifted, share, uncertainty)) = &self.ghost {
+            shifted.doubt(&room.clean, *share, *uncertainty, &mut room.doubt);
+        }
+        if is_saturated {
+            self.find_beyond(shown, room);
+        }
+    }
+
+    /// Adds what the light of saturated pixels beyond saturation makes.
+    fn find_beyond(&self, shown: &[Vec4], room: &mut Room) {
+        room.beyond.clear();
+        let beyond = shown
+            .iter()
+            .map(|shown| Vec4::select(shown.is_nan_mask(), Vec4::ONE, Vec4::ZERO));
+        room.beyond.extend(beyond);
+        self.spread(&room.beyond, &mut room.once, &mut room.halo);
+        let (mut xy, mut xx, mut yy, mut count) = (Vec4::ZERO, Vec4::ZERO, Vec4::ZERO, 0.0_f32);
+        for &pixel in &self.monitors {
+            let at = pixel as usize;
+            if shown[at].is_nan() {
+                continue;
+            }
+            let (x, y) = (room.once[at], shown[at] - room.stray[at]);
+            (xy, xx, yy, count) = (xy + x * y, xx + x * x, yy + y * y, count + 1.0);
+        }
+        let is_known = xx.cmpgt(Vec4::splat(LEAST)) & Vec4::splat(count).cmpgt(Vec4::splat(8.0));
+        let each = Vec4::select(
+            is_known,
+            (xy / xx.max(Vec4::splat(LEAST))).max(Vec4::ZERO),
+            Vec4::ZERO,
+        );
+        // What the fit leaves, not its noise alone: the monitors share the error of the halo's shape.
+        let left = ((yy - each * xy).max(Vec4::ZERO) / count.max(1.0)).map_lanes(f32::sqrt);
+        let mean = (xx / count.max(1.0)).map_lanes(f32::sqrt).max(Vec4::splat(LEAST));
+        let uncertain = Vec4::select(is_known, left / mean, Vec4::splat(f32::INFINITY));
+        for ((stray, doubt), spread) in room.stray.iter_mut().zip(&mut room.doubt).zip(&room.once) {
+            let added = *spread * each;
+            *stray += added;
+            let unknown = Vec4::select(spread.cmpgt(Vec4::ZERO), *spread * uncertain, Vec4::ZERO);
+            *doubt = hypot(hypot(*doubt, added * self.halo_uncertainty), unknown);
+        }
+    }
+
+    /// Direct light of a pattern, digital numbers of each term over the camera's image.
+    fn direct_coefficients(&self, lit: &[f64; PROJECTOR_TERMS], exposure_s: f64) -> [Vec4; CAMERA_TERMS] {
+        std::array::from_fn(|term| {
+            let mut lanes = [0.0; 4];
+            for (lane, coefficients) in lanes.iter_mut().zip(&self.direct) {
+                let row = &coefficients[term * PROJECTOR_TERMS..][..PROJECTOR_TERMS];
+                let sum: f64 = row.iter().zip(lit).map(|(c, lit)| c * lit).sum();
+                *lane = (sum * exposure_s) as f32;
+            }
+            Vec4::from_array(lanes)
+        })
+    }
+
+    /// A·`image` into `out`.
+    fn spread(&self, image: &[Vec4], out: &mut Vec<Vec4>, room: &mut halo::Room) {
+        self.halo.of(image, &self.shares, out, room);
+        if let Some((shifted, share, _)) = &self.ghost {
+            shifted.add(image, *share, out);
+        }
+    }
+}
+
+/// √(a² + b²) of each lane.
+fn hypot(a: Vec4, b: Vec4) -> Vec4 {
+    (a * a + b * b).map_lanes(f32::sqrt)
+}
+
+/// A function of each lane.
+trait MapLanes {
+    fn map_lanes(self, of: fn(f32) -> f32) -> Self;
+}
+
+impl MapLanes for Vec4 {
+    fn map_lanes(self, of: fn(f32) -> f32) -> Self {
+        Self::from_array(self.to_array().map(of))
+    }
+}
+
+#[cfg(test)]
+mod tests;

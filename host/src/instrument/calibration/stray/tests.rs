@@ -1,0 +1,121 @@
+use super::*;
+
+fn found(halo: [f64; WIDTHS.len()], ghost: Option<GhostFound>) -> Stray {
+    Stray {
+        halo: vec![halo.into()],
+        halo_uncertainty: 0.05,
+        ghost,
+        direct: vec![vec![0.0; CAMERA_TERMS * PROJECTOR_TERMS]],
+        direct_uncertainty: 0.0,
+    }
+}
+
+#[test]
+fn a_halo_is_the_sum_of_its_gaussians() {
+    let size = 64;
+    for (place, width) in WIDTHS.into_iter().enumerate() {
+        let halo = Halo::new(size, size);
+        let mut image = vec![Vec4::ZERO; size * size];
+        image[20 * size + 30] = Vec4::splat(1000.0);
+        let mut out = vec![Vec4::ZERO; size * size];
+        halo.add(place, &image, Vec4::ONE, &mut out, &mut halo::Room::default());
+        let sigma_px = width * 32.0;
+        let gauss = |x: f64, y: f64| {
+            let scale = 1000.0 / (std::f64::consts::TAU * sigma_px * sigma_px);
+            scale * (-(x * x + y * y) / (2.0 * sigma_px * sigma_px)).exp()
+        };
+        let peak = gauss(0.0, 0.0);
+        for (pixel, found) in out.iter().enumerate() {
+            let (x, y) = ((pixel % size) as f64 - 30.0, (pixel / size) as f64 - 20.0);
+            // Below two pixels it is averaged over them.
+            let tolerance = if sigma_px < 2.0 { 0.3 } else { 0.06 };
+            let off = (f64::from(found.x) - gauss(x, y)).abs() / peak;
+            assert!(off < tolerance, "{width}: {x} {y}: {off}");
+        }
+        let sum: f64 = out.iter().map(|found| f64::from(found.x)).sum();
+        assert!(width > 0.1 || (sum / 1000.0 - 1.0).abs() < 0.02, "{width}: {sum}");
+    }
+}
+
+#[test]
+fn an_image_loses_what_was_added() {
+    let size = 48;
+    let ghost = GhostFound {
+        share: vec![0.03],
+        standard_uncertainty: 0.001,
+        shift: [0.13, -0.21],
+    };
+    let mut found = found([0.002, 0.001, 0.001, 0.001, 0.002, 0.001, 0.003], Some(ghost));
+    found.direct[0][0] = 2e-3;
+    let removal = Removal::new(&found, size, size, Vec::new());
+    let truth: Vec<Vec4> = (0..size * size)
+        .map(|pixel| {
+            let (x, y) = ((pixel % size) as f32 - 20.0, (pixel / size) as f32 - 25.0);
+            Vec4::splat(5000.0 * (-(x * x + y * y) / 20.0).exp() + 100.0)
+        })
+        .collect();
+    let (mut spread, mut room) = (Vec::new(), Room::default());
+    removal.spread(&truth, &mut spread, &mut room.halo);
+    let mut lit = [0.0; PROJECTOR_TERMS];
+    lit[0] = 500.0;
+    let shown: Vec<Vec4> = truth
+        .iter()
+        .zip(&spread)
+        .map(|(s, a)| *s + *a + Vec4::splat(500.0 * 2e-3 * 0.1))
+        .collect();
+    removal.find(&shown, &lit, 0.1, 65535.0, &mut room);
+    for ((truth, shown), stray) in truth.iter().zip(&shown).zip(&room.stray) {
+        let left = (shown - stray - truth).x;
+        assert!(left.abs() < 0.2, "{left} of {}", truth.x);
+    }
+    // The ghost stands out by some 150.
+    assert!(room.doubt.iter().all(|doubt| doubt.x < 60.0));
+}
+
+#[test]
+fn light_beyond_saturation_is_told_by_what_is_dark() {
+    let size = 48;
+    let found = found([0.0, 0.0, 0.0, 0.002, 0.0, 0.0, 0.004], None);
+    // Dark: the left quarter.
+    let dark: Vec<u32> = (0..size * size)
+        .filter(|pixel| pixel % size < 12)
+        .map(|pixel| pixel as u32)
+        .collect();
+    let removal = Removal::new(&found, size, size, dark);
+    let mut truth = vec![Vec4::ZERO; size * size];
+    for pixel in 0..size * size {
+        truth[pixel] = if pixel % size < 12 {
+            Vec4::ZERO
+        } else {
+            Vec4::splat(200.0)
+        };
+    }
+    let lobe = [24 * size + 30, 24 * size + 31, 25 * size + 30];
+    for pixel in lobe {
+        truth[pixel] = Vec4::splat(400_000.0);
+    }
+    let (mut spread, mut room) = (Vec::new(), Room::default());
+    removal.spread(&truth, &mut spread, &mut room.halo);
+    let shown: Vec<Vec4> = truth
+        .iter()
+        .zip(&spread)
+        .map(|(s, a)| {
+            let all = *s + *a;
+            Vec4::select(all.cmpge(Vec4::splat(65_000.0)), Vec4::NAN, all)
+        })
+        .collect();
+    removal.find(&shown, &[0.0; PROJECTOR_TERMS], 0.1, 65_000.0, &mut room);
+    for pixel in (0..size * size).filter(|pixel| !lobe.contains(pixel)) {
+        let left = (shown[pixel] - room.stray[pixel] - truth[pixel]).x;
+        let doubt = room.doubt[pixel].x;
+        assert!(
+            left.abs() < 0.5 + 2.0 * doubt && doubt < 3.0,
+            "{pixel}: {left} ± {doubt}, {}",
+            spread[pixel].x
+        );
+    }
+    // Without what is dark nobody knows.
+    let blind = Removal::new(&found, size, size, Vec::new());
+    blind.find(&shown, &[0.0; PROJECTOR_TERMS], 0.1, 65_000.0, &mut room);
+    assert!(room.doubt[0].x.is_infinite());
+}
