@@ -38,7 +38,7 @@
 //! | [`plan`] | what is captured and when: schedule, brackets, patterns, stripes, time on the instrument |
 //! | [`capture`] | trigger box, camera, projector, pairing, pilot captures, the measurement's directory |
 //! | [`virtual_rig`] | the simulated side of box, camera and projector, and which instrument a run gets |
-//! | [`judge`] | errors, fits, pictures, charts, scans |
+//! | [`judge`] | errors, fits, pictures, charts, scans, whole worlds drawn by chance |
 //! | [`calibrate`] | how the instrument really is, found with targets in place of the sample |
 //! | [`assemble`] | frames → BRDF with uncertainties, and what fills its gaps |
 //! | [`measure`] | the job from end to end, directions chosen on the way, the report |

@@ -28,6 +28,7 @@ mod study;
 mod truth;
 mod usage;
 mod value;
+mod worlds;
 
 use std::process::ExitCode;
 
@@ -92,6 +93,7 @@ enum Command {
     Paper(paper::Args),
     Multiplex(multiplex::Args),
     Truth(truth::Args),
+    Worlds(worlds::Args),
     /// Talk to the trigger box
     Controller(controller::Args),
 }
@@ -111,6 +113,7 @@ impl Command {
                 | Self::Plot(_)
                 | Self::Study(_)
                 | Self::Paper(_)
+                | Self::Worlds(_)
         )
     }
 }
@@ -160,6 +163,7 @@ fn done(cli: &Cli, output: &Output) -> Done {
         Command::Study(args) => study::run(args, output),
         Command::Multiplex(args) => multiplex::run(args, rig, output),
         Command::Truth(args) => truth::run(args, rig, output),
+        Command::Worlds(args) => worlds::run(args, output),
         Command::Paper(args) => paper::run(args, output),
         Command::Controller(args) => controller::run(args, rig, output),
     }

@@ -1,7 +1,8 @@
-//! Judgement of a result: errors and reciprocity, fits, pictures, charts and scans.
+//! Judgement of a result: errors and reciprocity, fits, pictures, charts, scans, and whole worlds drawn by chance.
 
 pub mod chart;
 pub mod evaluate;
 pub mod fit;
 pub mod render;
 pub mod scan;
+pub mod worlds;

@@ -156,7 +156,7 @@ impl Scene {
                 .to_vec(),
             "controller bench" => vec!["--count 3".to_owned()],
             // Long, and tried elsewhere; nothing that could be stopped.
-            "paper" | "study" | "controller stop" => vec![],
+            "paper" | "study" | "worlds" | "controller stop" => vec![],
             other => panic!("`rcg {other}` has no use here: add a quick one"),
         };
         let stdin = match words[0].as_str() {

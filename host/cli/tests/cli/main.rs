@@ -49,3 +49,4 @@ mod tree;
 mod trigger_box;
 mod values;
 mod virtual_rig;
+mod worlds;

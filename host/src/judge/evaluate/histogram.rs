@@ -66,14 +66,14 @@ const BINS: usize = 2400;
 
 /// Histogram of numbers from 0 on a log scale from 1e-9 to 1e3, with those below and above counted beside it.
 #[derive(Clone, Debug)]
-pub(super) struct LogHistogram {
+pub(in crate::judge) struct LogHistogram {
     bins: Vec<u64>,
     zeros: u64,
     count: u64,
 }
 
 impl LogHistogram {
-    pub(super) fn new() -> Self {
+    pub(in crate::judge) fn new() -> Self {
         Self {
             bins: vec![0; BINS],
             zeros: 0,
@@ -82,7 +82,7 @@ impl LogHistogram {
     }
 
     /// Counts `value`, 0 or more; infinity is beyond the range. What is not a number takes no part.
-    pub(super) fn add(&mut self, value: f64) {
+    pub(in crate::judge) fn add(&mut self, value: f64) {
         if value.is_nan() {
             return;
         }
@@ -105,7 +105,7 @@ impl LogHistogram {
     }
 
     /// Numbers in it.
-    pub(super) const fn count(&self) -> u64 {
+    pub(in crate::judge) const fn count(&self) -> u64 {
         self.count
     }
 
@@ -134,7 +134,7 @@ impl LogHistogram {
         Quantile::Above(LARGEST)
     }
 
-    pub(super) fn median(&self) -> Quantile {
+    pub(in crate::judge) fn median(&self) -> Quantile {
         self.quantile(0.5, 0.5)
     }
 

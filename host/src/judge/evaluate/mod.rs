@@ -30,10 +30,10 @@ use crate::store::StoreError;
 use crate::store::provenance::Provenance;
 
 mod blur;
-mod histogram;
+pub(super) mod histogram;
 mod reciprocity;
 mod repeat;
-mod scoring;
+pub(super) mod scoring;
 mod tally;
 #[cfg(test)]
 mod tests;

@@ -29,14 +29,14 @@ const TURN_DEG: f64 = 137.508;
 
 /// The least f of a reference that is scored.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Floor {
+pub(in crate::judge) struct Floor {
     /// In sr⁻¹, of each channel.
     least: [f64; 3],
 }
 
 impl Floor {
     /// Of `reference`, seen by a camera of `channels` channels.
-    pub(super) fn of(reference: &dyn Sample, channels: usize) -> Self {
+    pub(in crate::judge) fn of(reference: &dyn Sample, channels: usize) -> Self {
         let disk = Disk::new(OUTGOING);
         let highest = JUDGED_THETA_DEG.to_radians().sin();
         let mut values: [Vec<f64>; 3] = Default::default();
@@ -65,14 +65,14 @@ impl Floor {
     }
 
     /// |f − truth| / truth if it is scored in this channel; `None` if not.
-    pub(super) fn error(&self, f: f64, truth: f64, channel: usize) -> Option<f64> {
+    pub(in crate::judge) fn error(&self, f: f64, truth: f64, channel: usize) -> Option<f64> {
         let is_scored = truth.is_finite() && truth > 0.0 && truth >= self.least[channel];
         (is_scored && f.is_finite()).then(|| (f - truth).abs() / truth)
     }
 }
 
 /// What a camera of `channels` channels sees of the three of a sample: all, or their mean.
-pub(super) fn channel_values(f: [f64; 3], channels: usize) -> impl Iterator<Item = f64> {
+pub(in crate::judge) fn channel_values(f: [f64; 3], channels: usize) -> impl Iterator<Item = f64> {
     let f = if channels == 1 {
         [(f[0] + f[1] + f[2]) / 3.0; 3]
     } else {
