@@ -8,6 +8,9 @@
 //!   with what is left of σ² without the common part. |s − 1| may be 3.5 times as much as the stated uncertainty and that of
 //!   s together.
 //!
+//! Light and pixels flatten a lobe, which each σ states and which all samples of the lobe share: no factor of all values, but one
+//! that a fit would find. So only samples count for s around which the truth is flat.
+//!
 //! Samples of one incident direction share errors, and so do those of one cell of the disk. So the uncertainty of s is found from the sums of
 //! what is left over of each row and of each cell (two-way clusters: Cameron, Gelbach, Miller 2011), and is no less than
 //! that of independent samples.
@@ -41,6 +44,8 @@ const RARE_COUNT: u64 = 1;
 const OF_SCALE: f64 = 3.5;
 /// Least part of σ that a sample has for itself: half floats keep three digits.
 const OWN_PART: f64 = 0.1;
+/// Largest relative difference of the truth from a cell to the next, and of that difference from one to the next, where it is flat.
+const FLAT: [f64; 2] = [0.05, 0.01];
 /// Samples that are named.
 const WORST: usize = 6;
 
@@ -153,9 +158,16 @@ struct Compared {
     truth: f64,
     sigma: f64,
     origin: Provenance,
+    /// Whether the truth is flat around it.
+    is_flat: bool,
 }
 
 impl Compared {
+    /// Whether it shows the common factor.
+    const fn is_of_scale(&self) -> bool {
+        self.origin.is_seen() && self.is_flat
+    }
+
     fn z(&self) -> f64 {
         (self.f - self.truth) / self.sigma
     }
@@ -179,13 +191,13 @@ impl Compared {
 /// bright.
 fn weights(row: &[Compared], common: f64) -> Vec<f64> {
     let mut sums: BTreeMap<i32, (f64, f64)> = BTreeMap::new();
-    for one in row.iter().filter(|one| one.origin.is_seen()) {
+    for one in row.iter().filter(|one| one.is_of_scale()) {
         let (sum, count) = sums.entry(one.octave()).or_default();
         *sum += one.own_variance(common);
         *count += 1.0;
     }
     let weight = |one: &Compared| match sums.get(&one.octave()) {
-        Some((sum, count)) if one.origin.is_seen() => count / sum,
+        Some((sum, count)) if one.is_of_scale() => count / sum,
         _ => 0.0,
     };
     row.iter().map(weight).collect()
@@ -316,6 +328,12 @@ fn each(brdf: &Brdf, sample: &dyn Sample, visit: &mut dyn FnMut(&[Compared])) ->
                 continue;
             }
             let lobe = sample.incident(wi);
+            let whole: Vec<f64> = (0..disk.len())
+                .map(|cell| {
+                    disk.direction(cell)
+                        .map_or(f64::NAN, |wo| lobe.f(wo).iter().sum())
+                })
+                .collect();
             let mut found = Vec::new();
             for &(cell, wo) in &cells {
                 let at = place * disk.len() + cell;
@@ -323,6 +341,7 @@ fn each(brdf: &Brdf, sample: &dyn Sample, visit: &mut dyn FnMut(&[Compared])) ->
                 let Some(origin) = origin.filter(|origin| *origin != Provenance::Missing) else {
                     continue;
                 };
+                let is_flat = is_flat(&whole, cell, disk.size());
                 for (channel, truth) in channel_values(lobe.f(wo), channels).enumerate() {
                     found.push(Compared {
                         row,
@@ -333,6 +352,7 @@ fn each(brdf: &Brdf, sample: &dyn Sample, visit: &mut dyn FnMut(&[Compared])) ->
                         truth,
                         sigma: values.sigma[at * channels + channel].to_f64(),
                         origin,
+                        is_flat,
                     });
                 }
             }
@@ -340,6 +360,17 @@ fn each(brdf: &Brdf, sample: &dyn Sample, visit: &mut dyn FnMut(&[Compared])) ->
         }
     }
     Ok(())
+}
+
+/// Whether `values` over a disk of `size` cells a side are flat around `cell`, along both its axes.
+fn is_flat(values: &[f64], cell: usize, size: usize) -> bool {
+    let [first, second] = FLAT.map(|share| share * values[cell]);
+    [1, size].into_iter().all(|stride| {
+        let beside = [cell.checked_sub(stride), cell.checked_add(stride)];
+        let beside = beside.map(|at| at.and_then(|at| values.get(at)).copied().unwrap_or(f64::NAN));
+        let [before, after] = beside.map(|value| value - values[cell]);
+        before.abs() <= first && after.abs() <= first && (before + after).abs() <= second
+    })
 }
 
 /// Keeps `one` among the `worst` if it is.

@@ -173,6 +173,17 @@ fn a_common_factor_may_be_as_wrong_as_it_is_stated_to_be() {
         uneven.standard_uncertainty > 3.0 * even.standard_uncertainty,
         "{even:?} {uneven:?}"
     );
+    // A lobe that is flattened as its σ states is no factor of all.
+    let flattened = judged(&path, &|_, _, truth| {
+        let f = if truth > 0.2 { 0.9 * truth } else { truth };
+        (f, 0.1 * truth, Provenance::Measured)
+    });
+    assert!(flattened.measured.coverage() == Some(1.0) && flattened.wrong.is_empty());
+    assert!(flattened.median_error.unwrap() < 1e-6 && flattened.worst[0].z < -0.9);
+    assert!(
+        (flattened.scale.unwrap().value - 1.0).abs() < 1e-5,
+        "{flattened:?}"
+    );
     // Whose σ is found from a value that noise makes too small is not believed more than others.
     let noisy = judged(&path, &|index, cell, truth| {
         let f = truth * if (index + cell) % 2 == 0 { 0.7 } else { 1.3 };
