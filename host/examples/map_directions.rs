@@ -1,6 +1,6 @@
 //! Tells which pixels of camera and projector belong to a direction at the sample, and which direction to a pixel.
 //!
-//! `cargo run --release --example map_directions [RIG]`, where RIG is rcg-1 (as if nothing is given), rcg-2, dmd or the
+//! `cargo run --release --example map_directions [RIG]`, where RIG is rcg-1 (as if nothing is given), rcg-2, rcg-3, dmd or the
 //! path of a rig file.
 
 use std::error::Error;

@@ -37,6 +37,7 @@ fn strayed(preset: &str, millimetres: [f64; 3], seed: u64) -> (Truth, Rig) {
         glare: None,
         ghost: None,
         direct: None,
+        standard: 0.0,
     };
     let mut truth = Truth::drawn(&coarse(preset), still, seed).unwrap();
     let offset_m = |mm: f64, turn: u64| {

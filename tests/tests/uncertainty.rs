@@ -27,6 +27,7 @@ const TOLERANCES: Tolerances = Tolerances {
     glare: None,
     ghost: None,
     direct: None,
+    standard: 0.0,
 };
 /// A tilt at which a part of the sample is seen beyond the rim of what the untilted one shows.
 const TILT: &str = "51:84:40";
@@ -157,6 +158,7 @@ fn in_drawn_worlds_values_and_fits_hold_the_truth_tilted_or_not() {
             glare: None,
             ghost: None,
             direct: None,
+            standard: 0.0,
         };
         let truth = Truth::drawn(&nominal, tolerances, draw).unwrap();
         let truth = save(&truth, &folder.path().join("truth.toml"));

@@ -38,8 +38,10 @@ use output::Output;
 use rcg::base::progress::Progress as _;
 use rcg::instrument::rig::Rig;
 
-/// The instrument, unless another is named.
-const RIG: &str = "rcg-1";
+/// The instrument, unless another is named …
+const RIG: &str = "rcg-3";
+/// … with the command or in this variable of the environment.
+const RIG_VARIABLE: &str = "RCG_RIG";
 
 /// Measures the four-angle BRDF of flat samples with an ellipsoidal mirror, a camera and a projector.
 ///
@@ -48,7 +50,7 @@ const RIG: &str = "rcg-1";
 #[derive(Debug, Parser)]
 #[command(name = "rcg", version, max_term_width = 100, arg_required_else_help = true)]
 struct Cli {
-    /// The instrument: rcg-1, rcg-2, rcg-3, dmd, or a rig file (TOML) [default: rcg-1]
+    /// The instrument: rcg-1, rcg-2, rcg-3, dmd, or a rig file (TOML) [default: that in RCG_RIG, else rcg-3]
     #[arg(long, global = true, value_name = "FILE|PRESET")]
     rig: Option<String>,
     /// Print one JSON object instead of text
@@ -145,7 +147,8 @@ fn done(cli: &Cli, output: &Output) -> Done {
         Rig::load(rig)?;
         output.remark(&format!("--rig {rig} has no part in this command"));
     }
-    let rig = cli.rig.as_deref().unwrap_or(RIG);
+    let usual = std::env::var(RIG_VARIABLE).unwrap_or_else(|_| RIG.to_owned());
+    let rig = cli.rig.as_deref().unwrap_or(&usual);
     match &cli.command {
         Command::Measure(args) => measure::run(args, rig, output),
         Command::Plan(args) => plan::run(args, rig, output),

@@ -125,6 +125,12 @@ fn begin(
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
+    if args.adaptive && args.request.is_spot_auto() {
+        return Err(Failure::input(
+            "--adaptive: expected a --spot in degrees, or that of the rig, found auto (`rcg plan --spot auto` says which \
+             opening it would be)",
+        ));
+    }
     if args.adaptive && args.replay.is_some() {
         return Err(Failure::input(
             "--adaptive: expected no --replay, which measures the directions of a plan and no others, found one (--grid \

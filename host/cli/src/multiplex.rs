@@ -80,7 +80,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         }
         rig = rig.with_read_noise(read_noise_e)?;
     }
-    let job = Job::with_times(&rig, request, &[rig.camera.exposure_s], &setup)?;
+    let job = Job::with_times(&rig, request, &[rig.camera.exposure_s], &setup, output)?;
     let mut instrument = job.open()?;
     let rig = match &job.calibration {
         Some(found) => found.with_camera(&job.rig),

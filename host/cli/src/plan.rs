@@ -48,7 +48,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         Job::new(&rig, request, &setup, output)?.plan
     } else {
         let exposure_s = request.exposure_s.unwrap_or(rig.camera.exposure_s);
-        Job::with_times(&rig, request, &[exposure_s], &setup)?.plan
+        Job::with_times(&rig, request, &[exposure_s], &setup, output)?.plan
     };
     let rig = plan.request.rig(&rig)?;
     let directions = Directions::new(&rig, &plan.request.grid).map_err(PlanError::from)?;

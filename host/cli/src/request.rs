@@ -68,9 +68,9 @@ pub(crate) struct RequestArgs {
     #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = exposure_ms)]
     exposure_ms: Option<f64>,
     /// Opening of the cone that each pattern lights, degrees: the wider, the more light beside that of the black pixels, and
-    /// the more blur [default: that of the rig, but no wider than the step]
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = spot_deg)]
-    spot: Option<f64>,
+    /// the more blur; auto lets a pilot capture choose it [default: that of the rig, but no wider than the step]
+    #[arg(long, value_name = "DEG|auto", allow_negative_numbers = true, value_parser = spot)]
+    spot: Option<Spot>,
     /// Exposures of each pattern, merged for high dynamic range: as many as a pilot capture proposes (auto), so many of
     /// its choice, or these times in milliseconds [default: 1]
     #[arg(long, value_name = "auto|N|MS,MS,...", allow_hyphen_values = true)]
@@ -189,6 +189,11 @@ impl CalibrationArgs {
 }
 
 impl RequestArgs {
+    /// Whether a pilot capture is to choose the spot.
+    pub(crate) fn is_spot_auto(&self) -> bool {
+        self.spot == Some(Spot::Auto)
+    }
+
     /// The incident directions if any were asked for.
     pub(crate) fn given_grid(&self) -> Result<Option<Grid>, Failure> {
         self.grid.given()
@@ -218,7 +223,12 @@ impl RequestArgs {
                 (None, Some(_)) => Brackets::One,
                 (None, None) => before.brackets,
             },
-            spot_deg: self.spot.or(before.spot_deg),
+            spot_deg: match self.spot {
+                None => before.spot_deg,
+                Some(Spot::Auto) => None,
+                Some(Spot::Deg(deg)) => Some(deg),
+            },
+            spot_auto: self.spot.map_or(before.spot_auto, |spot| spot == Spot::Auto),
             tilt: self.tilt.or(before.tilt),
             sample_name: self.sample_name.clone().or(before.sample_name),
             sample_description: self.sample_description.clone().or(before.sample_description),
@@ -290,6 +300,24 @@ pub(crate) fn exposure_ms(text: &str) -> Result<f64, String> {
             "expected a number of milliseconds from {low_ms} to {high_ms}"
         )),
     }
+}
+
+/// How wide the cone is that each pattern lights.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Spot {
+    /// As a pilot capture says.
+    Auto,
+    /// This opening, degrees.
+    Deg(f64),
+}
+
+fn spot(text: &str) -> Result<Spot, String> {
+    if text == "auto" {
+        return Ok(Spot::Auto);
+    }
+    spot_deg(text)
+        .map(Spot::Deg)
+        .map_err(|expected| format!("{expected}, or auto"))
 }
 
 /// The opening of a cone of light in degrees.

@@ -43,6 +43,14 @@ pub(crate) struct Args {
     /// Light of the beam splitter's ghost over that of the image, percent [default: drawn between 0.5 and 4; 1 or 4]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     ghost_percent: Option<f64>,
+    /// Standard deviation of the reflectance of each standard from what is stated, percent
+    #[arg(
+        long,
+        value_name = "PERCENT",
+        default_value_t = 0.25,
+        allow_negative_numbers = true
+    )]
+    standard_percent: f64,
     /// Flaws that are left out, to see what each of them does
     #[arg(long, value_name = "FLAW,...", value_delimiter = ',')]
     without: Vec<Flaw>,
@@ -87,6 +95,8 @@ enum Flaw {
     Nonlinearity,
     /// No light returns onto the sample
     Interreflection,
+    /// The standards reflect what is stated
+    Standards,
     /// No light is thrown aside
     Glare,
     /// The beam splitter shows no second image
@@ -115,6 +125,7 @@ impl Flaw {
             Self::Gamma => flaws.gamma = none.gamma,
             Self::Nonlinearity => flaws.nonlinearity = none.nonlinearity,
             Self::Interreflection => flaws.interreflection = none.interreflection,
+            Self::Standards => flaws.standards = none.standards,
             Self::Glare => flaws.glare = none.glare,
             Self::Ghost => flaws.ghost = none.ghost,
             Self::DirectLight => flaws.direct = none.direct,
@@ -140,6 +151,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     in_range("position-mm", position_mm, 0.0, 10.0)?;
     in_range("angle-deg", angle_deg, 0.0, 10.0)?;
     in_range("field-percent", args.field_percent, 0.0, 90.0)?;
+    in_range("standard-percent", args.standard_percent, 0.0, 10.0)?;
     if let Some(contrast) = args.contrast {
         in_range("contrast", contrast, 10.0, 1e9)?;
     }
@@ -165,6 +177,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             .ghost_percent
             .map(|percent| percent / 100.0)
             .or(args.flaws.pick(1e-2, 4e-2)),
+        standard: args.standard_percent / 100.0,
         direct: args.flaws.pick(7e-4, 3e-3),
     };
     to_write(&args.out, TRUTH)?;

@@ -9,9 +9,10 @@
 //!    seen, ρ being the sample's directional albedo. It is subtracted with the image's own albedo in both places, what was
 //!    not seen of the hemisphere taken to be like the rest;
 //! 3. the standard uncertainty: to the noise come, as independent contributions,
-//!    - standard and fields: the relative uncertainties that photometry states, those of the fields by their covariance at
-//!      the pixels that see and light, which grows where the standard was not seen;
-//!    - interreflection: that of r, and a quarter of the correction for its simple model;
+//!    - standards: what their reflectances make of light and of r together;
+//!    - fields: the relative uncertainties that photometry states, by their covariance at the pixels that see and light,
+//!      which grows where the standard was not seen;
+//!    - interreflection: that of r by noise, and a quarter of the correction for its simple model;
 //!    - directions (as they are known, and as far as whole projector pixels light beside them), interpolation and blur: what they make of an image that is not even (`shape`).
 //!
 //! # Tradeoffs
@@ -45,8 +46,9 @@ pub(super) struct Correction {
     cells: Vec<f32>,
     /// Factor of f of each incident direction.
     rows: Vec<f32>,
-    /// Relative variance of all f by the standard and by what the fields leave.
-    relative2: f32,
+    /// Relative standard uncertainty of the standards' reflectance, and relative variance of all f by what the fields leave.
+    standard: f64,
+    residual2: f32,
     /// Relative variance of f by the throughput of each cell, and by the light of each incident direction.
     cell_relative2: Vec<f32>,
     row_relative2: Vec<f32>,
@@ -74,7 +76,7 @@ impl Correction {
         let channels = rig.camera.channels as usize;
         let mut cells = vec![1.0; disk.len() * channels];
         let mut cell_relative2 = vec![0.0; disk.len()];
-        let mut relative = 0.0_f64;
+        let (mut standard, mut residual) = (0.0_f64, 0.0_f64);
         if let Some(photometry) = &applied.photometry {
             if photometry.sensitivity.len() != channels {
                 return Err(format!(
@@ -83,7 +85,7 @@ impl Correction {
                 ));
             }
             (cells, cell_relative2) = throughput(rig, photometry, disk);
-            relative = photometry.common_uncertainty();
+            (standard, residual) = (photometry.standard_uncertainty, photometry.field_residual);
         }
         let (rows, (row_relative2, row_beside2)) = light(rig, plan, directions, applied.photometry.as_ref());
         let [camera_deg, projector_deg] = applied.direction_deg;
@@ -99,7 +101,8 @@ impl Correction {
             channels,
             cells,
             rows,
-            relative2: relative.powi(2) as f32,
+            standard,
+            residual2: residual.powi(2) as f32,
             cell_relative2,
             row_relative2,
             row_beside2,
@@ -160,29 +163,34 @@ impl Correction {
             for channel in 0..self.channels {
                 let back = self.interreflected(f, &measured, channel);
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
-                    f[cell * self.channels + channel] -= back.0;
+                    f[cell * self.channels + channel] -= back.f;
                 }
                 let beside2 = self.row_beside2[index];
                 self.shape
                     .uncertainties(f, &sigma, &measured, channel, beside2, &mut room);
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
                     let at = cell * self.channels + channel;
-                    let relative2 = self.relative2 + self.row_relative2[index] + self.cell_relative2[cell];
-                    let systematic = relative2.sqrt() * f[at];
+                    let relative2 = self.residual2 + self.row_relative2[index] + self.cell_relative2[cell];
+                    let standards2 = self.standards_variance(f[at], back.per_share);
+                    let systematic = (relative2 * f[at] * f[at] + standards2).sqrt();
                     let by_shape = room.total[cell];
-                    let total = sigma[at].hypot(by_shape).hypot(systematic).hypot(back.1);
+                    let total = sigma[at]
+                        .hypot(by_shape)
+                        .hypot(systematic)
+                        .hypot(back.uncertainty);
                     half_sigma[at] = stored_sigma(total);
                     if let (Some(row), Some(column)) = (self.row_bands[index], self.cell_bands[cell]) {
                         let (f, stray2) = (f[at], (stray[at] * self.cells[at] * scale).powi(2));
                         let directed2 = room.directed[cell].powi(2);
+                        let standard2 = (self.standard as f32 * f).powi(2).min(standards2);
                         let variances = [
                             (sigma[at].powi(2) - stray2).max(0.0),
                             stray2,
-                            self.relative2 * f * f,
-                            (relative2 - self.relative2) * f * f,
+                            standard2,
+                            relative2 * f * f,
                             directed2,
                             (by_shape.powi(2) - directed2).max(0.0),
-                            back.1.powi(2),
+                            back.uncertainty.powi(2) + standards2 - standard2,
                         ];
                         budget.add(row * BANDS_DEG.len() + column, f, variances);
                     }
@@ -192,10 +200,18 @@ impl Correction {
         budget
     }
 
-    /// What interreflection adds to every f of an image, in sr⁻¹, and its standard uncertainty.
-    fn interreflected(&self, f: &[f32], measured: &dyn Fn(usize) -> bool, channel: usize) -> (f32, f32) {
+    /// Variance of f in sr⁻² by the reflectances of the standards; interreflection of share 1 adds `per_share`.
+    fn standards_variance(&self, f: f32, per_share: f32) -> f32 {
+        match &self.interreflection {
+            Some(found) if found.by_standards > 0.0 => found.standards_variance(self.standard, f, per_share),
+            _ => (self.standard as f32 * f).powi(2),
+        }
+    }
+
+    /// What interreflection adds to every f of an image.
+    fn interreflected(&self, f: &[f32], measured: &dyn Fn(usize) -> bool, channel: usize) -> Back {
         let Some(found) = self.interreflection else {
-            return (0.0, 0.0);
+            return Back::default();
         };
         let (mut sum, mut seen) = (0.0_f64, 0.0_f64);
         for (cell, cosine_sr) in self
@@ -208,14 +224,28 @@ impl Correction {
             seen += f64::from(*cosine_sr);
         }
         if seen <= 0.0 {
-            return (0.0, 0.0);
+            return Back::default();
         }
         let albedo = (sum / seen * std::f64::consts::PI).clamp(0.0, 1.0);
         let per_share = albedo * albedo / std::f64::consts::PI;
         let back = found.share * per_share;
         let uncertainty = (found.standard_uncertainty * per_share).hypot(INTERREFLECTION_MODEL * back);
-        (back as f32, uncertainty as f32)
+        Back {
+            f: back as f32,
+            uncertainty: uncertainty as f32,
+            per_share: per_share as f32,
+        }
     }
+}
+
+/// What interreflection adds to f, sr⁻¹.
+#[derive(Clone, Copy, Debug, Default)]
+struct Back {
+    f: f32,
+    /// Standard uncertainty (k = 1) by noise and model.
+    uncertainty: f32,
+    /// What a share of 1 would add.
+    per_share: f32,
 }
 
 /// What f is to be multiplied with for the throughput of the pixel that sees each cell, and for the sensitivity, and the

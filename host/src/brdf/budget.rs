@@ -142,6 +142,22 @@ pub(crate) fn read(reader: &BrdfReader) -> Result<Vec<RegionBudget>, StoreError>
     Ok(regions(&array(SHARES)?, &array(RELATIVE)?))
 }
 
+/// The arrays of a file that takes this `budget` over from another.
+pub(crate) fn arrays_of(budget: &[RegionBudget]) -> [SmallArray<'static>; 2] {
+    let [mut shares, mut relative] = BudgetSums::arrays(None);
+    let (mut all, mut sizes) = (vec![f64::NAN; REGIONS * CAUSES.len()], vec![f64::NAN; REGIONS]);
+    for one in budget {
+        let at = [one.incident_deg, one.outgoing_deg].map(|[_, end]| band(end));
+        if let [Some(row), Some(column)] = at {
+            let region = row * BANDS_DEG.len() + column;
+            all[region * CAUSES.len()..][..CAUSES.len()].copy_from_slice(&one.shares);
+            sizes[region] = one.relative;
+        }
+    }
+    (shares.data, relative.data) = (SmallData::F64(all), SmallData::F64(sizes));
+    [shares, relative]
+}
+
 /// The budgets of all regions that have samples, from what [`BudgetSums::arrays`] wrote.
 pub(crate) fn regions(shares: &[f64], relative: &[f64]) -> Vec<RegionBudget> {
     let span = |band: usize| {
@@ -186,6 +202,11 @@ mod tests {
         assert!((one.shares.iter().sum::<f64>() - 1.0).abs() < 1e-6);
         assert!((one.relative - 0.02).abs() < 1e-6, "{}", one.relative);
         assert_eq!((band(30.0), band(30.1), band(80.1)), (Some(0), Some(1), None));
+        let [shares, relative] = arrays_of(&found);
+        assert_eq!(
+            regions(shares.data.as_f64().unwrap(), relative.data.as_f64().unwrap()),
+            found
+        );
     }
 
     #[test]

@@ -248,6 +248,25 @@ impl Brdf {
         &self.budget
     }
 
+    /// Relative standard uncertainty (k = 1) that all values have in common by the reflectances of the standards and by light
+    /// that returns onto the sample: root mean square over the regions of the [`budget`](Self::budget). `None` without one.
+    #[must_use]
+    pub fn standards_uncertainty(&self) -> Option<f64> {
+        let causes =
+            ["standard", "interreflection"].map(|name| CAUSES.iter().position(|cause| *cause == name));
+        let of = |region: &RegionBudget| {
+            let share: f64 = causes.iter().flatten().map(|cause| region.shares[*cause]).sum();
+            region.relative * region.relative * share
+        };
+        let squares: Vec<f64> = self
+            .budget
+            .iter()
+            .map(of)
+            .filter(|square| square.is_finite())
+            .collect();
+        (!squares.is_empty()).then(|| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
+    }
+
     /// Why incident direction `index` of the grid has no data; `None` if it has.
     #[must_use]
     pub fn incident_reason(&self, index: usize) -> Option<Unmeasurable> {

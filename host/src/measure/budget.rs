@@ -82,11 +82,11 @@ pub(super) fn budget_html(budget: &[RegionBudget]) -> String {
         return String::new();
     }
     let row = |cells: Vec<String>, tag: &str| {
-        let cells: String = cells
+        let cells: Vec<String> = cells
             .into_iter()
             .map(|cell| format!("<{tag}>{cell}</{tag}>"))
             .collect();
-        format!("<tr>{cells}</tr>\n")
+        format!("<tr>{}</tr>\n", cells.concat())
     };
     let rows: String = budget.iter().map(|region| row(cells(region), "td")).collect();
     format!(

@@ -7,7 +7,7 @@ use crate::base::progress::Progress;
 use crate::brdf::sample::{Sample, parse};
 use crate::capture::Instrument;
 use crate::capture::directory::{Measurement, MeasurementError};
-use crate::capture::pilot::{auto_exposure_s, propose};
+use crate::capture::pilot::{auto_exposure_s, choose_spot, propose};
 use crate::instrument::calibration::Calibration;
 use crate::instrument::rig::Rig;
 use crate::measure::MeasureError;
@@ -70,7 +70,15 @@ impl Job {
             .or_else(|| request.brackets.times_s())
             .or_else(|| request.exposure_s.map(|exposure_s| vec![exposure_s]));
         let any_s = given_s.clone().unwrap_or_else(|| vec![rig.camera.exposure_s]);
-        let mut job = Self::with_times(rig, request, &any_s, setup)?;
+        let request = Request {
+            // What a pilot capture chose stays.
+            spot_deg: like
+                .filter(|_| request.spot_auto)
+                .map(|plan| plan.spot_deg)
+                .or(request.spot_deg),
+            ..request
+        };
+        let mut job = Self::with_times(rig, request, &any_s, setup, progress)?;
         match given_s {
             // What does not answer is named before anything is written.
             Some(_) if setup.trigger_box.is_some() => drop(job.open()?),
@@ -83,7 +91,8 @@ impl Job {
         Ok(job)
     }
 
-    /// As [`new`](Self::new), with exposures of `exposures_s` seconds of each pattern, ascending; nothing is captured.
+    /// As [`new`](Self::new), with exposures of `exposures_s` seconds of each pattern, ascending; nothing is captured, but what
+    /// chooses the spot if that is asked for.
     ///
     /// # Errors
     /// [`MeasureError`].
@@ -92,6 +101,7 @@ impl Job {
         request: Request,
         exposures_s: &[f64],
         setup: &Setup,
+        progress: &dyn Progress,
     ) -> Result<Self, MeasureError> {
         if let Some(calibration) = &setup.calibration {
             calibration.check_tilt(request.tilt).map_err(Box::new)?;
@@ -99,14 +109,19 @@ impl Job {
         let world = setup.world()?;
         let reference = reference(&request, Some((&setup.virtual_rig.sample, &world)))?;
         let rig = request.rig(rig).map_err(MeasurementError::from)?;
+        let chooses = request.spot_auto && request.spot_deg.is_none();
         let plan = Plan::bracketed(request, &rig, exposures_s).map_err(MeasurementError::from)?;
-        Ok(Self {
+        let mut job = Self {
             plan: plan.on(setup.virtual_rig.clone()),
             rig,
             world: Some(world),
             reference,
             calibration: setup.calibration.clone(),
-        })
+        };
+        if chooses {
+            job.find_spot(exposures_s, progress)?;
+        }
+        Ok(job)
     }
 
     /// The rest of the job of a `measurement` that was begun, with the `trigger_box` that drives its virtual rig, or the
@@ -149,6 +164,30 @@ impl Job {
         world.open(&self.rig, self.plan.request.tilt)
     }
 
+    /// Plans with the spot that a pilot capture chooses, and exposures of `exposures_s` seconds.
+    fn find_spot(&mut self, exposures_s: &[f64], progress: &dyn Progress) -> Result<(), MeasureError> {
+        progress.begin("pilot capture", 1, "runs");
+        let mut instrument = self.open()?;
+        let choice = choose_spot(&self.rig, &self.plan.request, &mut instrument)?;
+        progress.remark(&choice.to_string());
+        progress.end();
+        let request = Request {
+            spot_deg: Some(choice.spot_deg),
+            ..self.plan.request.clone()
+        };
+        self.plan_anew(request, exposures_s)
+    }
+
+    /// Plans `request` with exposures of `exposures_s` seconds.
+    fn plan_anew(&mut self, request: Request, exposures_s: &[f64]) -> Result<(), MeasureError> {
+        let plan = Plan::bracketed(request, &self.rig, exposures_s);
+        self.plan = Plan {
+            virtual_rig: self.plan.virtual_rig.take(),
+            ..plan.map_err(MeasurementError::from)?
+        };
+        Ok(())
+    }
+
     /// Plans with the exposure times that a pilot capture finds.
     fn find_times(&mut self, progress: &dyn Progress) -> Result<(), MeasureError> {
         progress.begin("pilot capture", 1, "runs");
@@ -162,12 +201,7 @@ impl Job {
             proposal.exposures_s
         };
         progress.end();
-        let plan = Plan::bracketed(self.plan.request.clone(), &self.rig, &exposures_s);
-        self.plan = Plan {
-            virtual_rig: self.plan.virtual_rig.take(),
-            ..plan.map_err(MeasurementError::from)?
-        };
-        Ok(())
+        self.plan_anew(self.plan.request.clone(), &exposures_s)
     }
 }
 

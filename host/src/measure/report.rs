@@ -320,11 +320,12 @@ fn reference_lines(against: &Comparison) -> [(&'static str, String); 2] {
         (
             "error",
             format!(
-                "median {}, {}, {}; PSNR {psnr}; {} of the pairs are scored{}",
+                "median {}, {}, {}; PSNR {psnr}; {} of the pairs are scored, {} of them within k = 2{}",
                 quantile(error.median),
                 bound("90 %", error.p90),
                 bound("99 %", error.p99),
                 or_none(against.scored_share, percent),
+                or_none(against.within_k2, percent),
                 match against.samples - against.scored_samples {
                     0 => String::new(),
                     dark => format!(", {dark} samples of a dark reference are not"),

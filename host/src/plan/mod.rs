@@ -62,6 +62,9 @@ pub struct Request {
     /// grid, which it would blur.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub spot_deg: Option<f64>,
+    /// Whether a pilot capture chooses that opening.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub spot_auto: bool,
     /// Exposures of each pattern; a pilot capture chooses their times unless they are given here.
     #[serde(default, skip_serializing_if = "Brackets::is_one")]
     pub brackets: Brackets,
@@ -88,6 +91,7 @@ impl Default for Request {
             image_size: 96,
             exposure_s: None,
             spot_deg: None,
+            spot_auto: false,
             brackets: Brackets::One,
             tilt: None,
             sample_name: None,

@@ -296,6 +296,7 @@ mod tests {
             glare: None,
             ghost: None,
             direct: None,
+            standard: 0.0,
         };
         for seed in 0..4 {
             let rig = Truth::drawn(&nominal, tolerances, seed).unwrap().rig;

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-use crate::brdf::sample::Sample;
+use crate::brdf::sample::{Outgoing, Sample};
 use crate::instrument::optics::{View, reflect};
 use crate::instrument::rig::Rig;
 
@@ -37,6 +37,32 @@ impl FlatMirror {
     #[must_use]
     pub fn mirrored(&self, w: DVec3) -> DVec3 {
         -reflect(w, self.normal)
+    }
+}
+
+/// A standard that reflects another share than is stated.
+#[derive(Debug)]
+pub(super) struct Off {
+    pub(super) stated: Arc<dyn Sample>,
+    pub(super) factor: f64,
+}
+
+/// The same under one incident direction.
+struct OffOutgoing<'a>(Box<dyn Outgoing + 'a>, f64);
+
+impl Sample for Off {
+    fn incident(&self, wi: DVec3) -> Box<dyn Outgoing + '_> {
+        Box::new(OffOutgoing(self.stated.incident(wi), self.factor))
+    }
+
+    fn is_isotropic(&self) -> bool {
+        self.stated.is_isotropic()
+    }
+}
+
+impl Outgoing for OffOutgoing<'_> {
+    fn f(&self, wo: DVec3) -> [f64; 3] {
+        self.0.f(wo).map(|f| f * self.1)
     }
 }
 

@@ -11,6 +11,7 @@
 //! - `scene`: light and sample → charge of every camera pixel
 //! - `stray`: light that goes other ways: glare, ghost and direct light
 //! - `held`: what stands in the holder: a sample or, for calibration, a flat mirror
+//! - `flaws`: imperfections that no rig file has
 //! - `truth`: how the rig really is, if that is not what its rig file says
 //! - `sensor`: charge → digital numbers, with noise
 //! - `controller`: the firmware's own library in virtual time
@@ -20,6 +21,7 @@
 //! interrupted and resumed, gives the same bits.
 
 mod controller;
+mod flaws;
 mod held;
 mod light;
 mod scene;
@@ -43,9 +45,10 @@ use crate::plan::Faults;
 use crate::plan::pattern::BitPattern;
 
 pub use controller::{CLOCK_HZ, VirtualController};
+pub use flaws::{CONTRASTS, Direct, Field, Flaws, GHOSTS, GLARES, Ghost, Glare};
 pub use held::{FlatMirror, Held};
 pub use sensor::Noise;
-pub use truth::{CONTRASTS, Direct, Field, Flaws, GHOSTS, GLARES, Ghost, Glare, Tolerances, Truth};
+pub use truth::{Tolerances, Truth};
 pub use wires::{Wires, WiresError};
 
 use scene::Scene;

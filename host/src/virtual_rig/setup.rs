@@ -147,6 +147,15 @@ impl World {
         })
     }
 
+    /// What stands in the holder when the standard of this number, 0 or 1, does, which is said to be `stated`.
+    #[must_use]
+    pub fn standard(&self, number: usize, stated: Arc<dyn Sample>) -> Arc<dyn Sample> {
+        match &self.truth {
+            Some(truth) => truth.standard(number, stated),
+            None => stated,
+        }
+    }
+
     /// The instrument; `rig` has its sample tilted by `tilt` and its camera image scaled. A run that the trigger box may
     /// still be busy with is aborted.
     ///

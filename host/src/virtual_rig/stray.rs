@@ -16,7 +16,7 @@ use std::sync::Arc;
 use rustfft::num_complex::Complex32;
 use rustfft::{Fft, FftPlanner};
 
-use super::truth::{Flaws, Ghost, Glare};
+use super::flaws::{Flaws, Ghost, Glare};
 use crate::instrument::frame_format::FrameFormat;
 
 /// How far the tails reach, half widths of the image; farther out there is the veil alone.
@@ -183,15 +183,15 @@ fn fast_length(least: usize) -> usize {
     let is_fast = |length: &usize| {
         let mut rest = *length;
         for factor in [2, 3] {
-            while rest % factor == 0 {
+            while rest.is_multiple_of(factor) {
                 rest /= factor;
             }
         }
         rest == 1
     };
-    (least..)
+    (least..=least.next_power_of_two())
         .find(is_fast)
-        .expect("invariant: powers of 2 have no end")
+        .expect("invariant: a power of 2 is")
 }
 
 /// The kernel, not normalised, over the pixel (`x`, `y`) pixels from the middle.
@@ -261,7 +261,7 @@ fn catmull_rom(offset: f64) -> (isize, [f32; 4]) {
     let (whole, t) = (offset.floor(), offset - offset.floor());
     let weights = [
         ((2.0 - t) * t - 1.0) * t / 2.0,
-        ((3.0 * t - 5.0) * t * t + 2.0) / 2.0,
+        1.0 + (1.5 * t - 2.5) * t * t,
         ((4.0 - 3.0 * t) * t + 1.0) * t / 2.0,
         (t - 1.0) * t * t / 2.0,
     ];
@@ -271,7 +271,7 @@ fn catmull_rom(offset: f64) -> (isize, [f32; 4]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::virtual_rig::truth::{Direct, Flaws};
+    use crate::virtual_rig::flaws::{Direct, Flaws};
 
     const FORMAT: FrameFormat = FrameFormat {
         width_px: 24,

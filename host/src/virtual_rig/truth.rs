@@ -7,15 +7,19 @@
 //!
 //! The fields are sums of Gaussian bumps and the calibration's are not, so that it cannot be right by construction.
 
-use std::ops::RangeInclusive;
 use std::path::Path;
+use std::sync::Arc;
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_distr::StandardNormal;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
 
+use crate::brdf::sample::Sample;
 use crate::instrument::rig::{Lens, Rig, RigError, explain};
+
+use super::flaws::{BLACK_FIELD, CONTRASTS, Direct, Field, Flaws, Ghost, Glare, log_uniform};
+use super::held::Off;
 
 /// Version of a truth's file: 2 has glare, ghost and direct light, 1 (which does not say so) has not.
 const VERSION: u32 = 2;
@@ -34,171 +38,6 @@ pub struct Truth {
     pub flaws: Flaws,
 }
 
-/// Imperfections of light, mirror and camera; none by default.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Flaws {
-    /// `T_o`, throughput over the camera's image, relative.
-    pub throughput: Field,
-    /// `E_p`, intensity over the projector's image, relative.
-    pub intensity: Field,
-    /// Intensity of a black projector pixel, as a share of that of a lit one: one over the contrast.
-    pub black_level: f64,
-    /// How that share varies over the projector's image, relative.
-    pub black: Field,
-    /// Exponent of the projector's response: intensity = (level/255)^gamma; 0 stands for 1.
-    pub gamma: f64,
-    /// Share of a signal at saturation that the camera does not show: g = s·(1 − nonlinearity·s/full scale).
-    pub nonlinearity: f64,
-    /// Share of the light from the sample that mirror and optics throw back onto it, from all directions alike.
-    pub interreflection: f64,
-    /// Light that dust, roughness and coatings throw aside on the way to the camera.
-    pub glare: Glare,
-    /// The image that the second surface of the beam splitter makes.
-    pub ghost: Ghost,
-    /// Light of the projector that reaches the camera without the sample.
-    pub direct: Direct,
-}
-
-/// Light thrown aside: a round core with long tails, and a veil over the whole image.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Glare {
-    /// Share of all light that is thrown aside.
-    pub share: f64,
-    /// Radius of the core, half widths of the image.
-    pub core: f64,
-    /// Exponent s of the tails: (1 + (r/core)²)^−s.
-    pub slope: f64,
-    /// Share of that light which is spread over the whole image.
-    pub veil: f64,
-    /// By which share the tails are brighter along one line than across it.
-    pub stretch: f64,
-    /// The direction of that line in the image, degrees.
-    pub azimuth_deg: f64,
-}
-
-/// A second, dimmer image.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Ghost {
-    /// Its light over that of the first.
-    pub share: f64,
-    /// Where it is, half widths of the image.
-    pub shift: [f64; 2],
-}
-
-/// Light that goes from the projector over the beam splitter into the camera.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Direct {
-    /// Its radiance over that of a white sample that has the same light of the projector.
-    pub share: f64,
-    /// How it varies over the camera's image, relative.
-    pub camera: Field,
-    /// How it varies over the projector's image, relative.
-    pub projector: Field,
-}
-
-impl Glare {
-    fn drawn(rng: &mut Xoshiro256PlusPlus) -> Self {
-        Self {
-            share: log_uniform(GLARES, rng),
-            core: log_uniform(0.01..=0.05, rng),
-            slope: rng.random_range(1.1..1.5),
-            veil: rng.random_range(0.1..0.3),
-            stretch: rng.random_range(0.0..0.4),
-            azimuth_deg: rng.random_range(0.0..180.0),
-        }
-    }
-}
-
-impl Ghost {
-    fn drawn(rng: &mut Xoshiro256PlusPlus) -> Self {
-        let (shift, turn) = (
-            log_uniform(0.005..=0.05, rng),
-            rng.random_range(0.0..std::f64::consts::TAU),
-        );
-        Self {
-            share: log_uniform(GHOSTS, rng),
-            shift: [shift * turn.cos(), shift * turn.sin()],
-        }
-    }
-}
-
-impl Direct {
-    fn drawn(rng: &mut Xoshiro256PlusPlus) -> Self {
-        Self {
-            share: log_uniform(DIRECTS, rng),
-            camera: Field::drawn(0.5, rng),
-            projector: Field::drawn(0.5, rng),
-        }
-    }
-}
-
-/// A number whose logarithm is drawn uniformly.
-fn log_uniform(range: RangeInclusive<f64>, rng: &mut Xoshiro256PlusPlus) -> f64 {
-    range.start() * (range.end() / range.start()).powf(rng.random_range(0.0..1.0))
-}
-
-/// 1 + a sum of Gaussian bumps over an image.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct Field {
-    /// Of each: centre x and y in half widths of the image from its middle, standard width in half widths, amplitude.
-    pub bumps: Vec<[f64; 4]>,
-}
-
-impl Field {
-    /// The field at (`x`, `y`), each −1 to 1 over the image.
-    #[must_use]
-    pub fn at(&self, x: f64, y: f64) -> f64 {
-        let bump = |&[cx, cy, width, amplitude]: &[f64; 4]| {
-            amplitude * (-((x - cx).powi(2) + (y - cy).powi(2)) / (2.0 * width * width)).exp()
-        };
-        1.0 + self.bumps.iter().map(bump).sum::<f64>()
-    }
-
-    /// The field at every pixel centre of an image, row by row.
-    pub(super) fn over(&self, width_px: usize, height_px: usize) -> Vec<f64> {
-        let half = |index: usize, size: usize| 2.0 * (index as f64 + 0.5) / size as f64 - 1.0;
-        (0..width_px * height_px)
-            .map(|index| {
-                self.at(
-                    half(index % width_px, width_px),
-                    half(index / width_px, height_px),
-                )
-            })
-            .collect()
-    }
-
-    /// Bumps that make a field of ±`amplitude`, drawn from `rng`.
-    fn drawn(amplitude: f64, rng: &mut Xoshiro256PlusPlus) -> Self {
-        // One broad fall-off to the border and two wide bumps: what vignetting and lamps do.
-        let mut bumps = vec![[0.0, 0.0, 0.9, 1.0]];
-        for _ in 0..2 {
-            let (x, y) = (rng.random_range(-0.8..0.8), rng.random_range(-0.8..0.8));
-            bumps.push([x, y, rng.random_range(0.4..0.7), rng.random_range(-0.8..0.8)]);
-        }
-        // Scaled so that the field spans just what was asked for.
-        let mut field = Self { bumps };
-        let values = field.over(64, 64);
-        let (low, high) = values
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
-                (low.min(*v), high.max(*v))
-            });
-        let scale = 2.0 * amplitude / (high - low);
-        for bump in &mut field.bumps {
-            bump[3] *= scale;
-        }
-        // A very wide bump is a constant: it brings the middle of the range to 1.
-        let middle = 1.0 + scale * (f64::midpoint(low, high) - 1.0);
-        field.bumps.push([0.0, 0.0, 1e6, 1.0 - middle]);
-        field
-    }
-}
-
 /// How far a drawn truth strays from the nominal rig, as standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerances {
@@ -210,27 +49,16 @@ pub struct Tolerances {
     pub field: f64,
     /// Light of a lit projector pixel over that of a black one; `None` draws it from [`CONTRASTS`], log-uniformly.
     pub contrast: Option<f64>,
-    /// Share of light that is thrown aside; `None` draws it from [`GLARES`], log-uniformly.
+    /// Share of light that is thrown aside; `None` draws it from [`GLARES`](super::GLARES), log-uniformly.
     pub glare: Option<f64>,
-    /// Light of the ghost over that of the image; `None` draws it from [`GHOSTS`], log-uniformly.
+    /// Light of the ghost over that of the image; `None` draws it from [`GHOSTS`](super::GHOSTS), log-uniformly.
     pub ghost: Option<f64>,
     /// Radiance of direct light over that of a white sample; `None` draws it between 10⁻⁴ and 3·10⁻³, log-uniformly.
     pub direct: Option<f64>,
+    /// Standard uncertainty of the reflectance of each standard, relative: a certificate of a pressed or sintered PTFE standard
+    /// says 0.25 to 0.5 %.
+    pub standard: f64,
 }
-
-/// Contrasts of projectors, full on over full off: 400 is the LCD projector of the first instrument of this kind (2007), DMD
-/// and LCoS projectors without a dynamic iris reach 1,000 to 3,000 (data sheets).
-pub const CONTRASTS: RangeInclusive<f64> = 400.0..=3000.0;
-/// Shares of glare: a clean lens has 0.1 % with a long tail, a good one about 0.3 % and a dusty one of many elements 1 % and
-/// more (veiling glare index, ISO 9358).
-pub const GLARES: RangeInclusive<f64> = 1e-3..=1e-2;
-/// Shares of the splitter's ghost: the second surface reflects 0.5 % (V coating) to 4 % (bare glass, Fresnel's equations).
-pub const GHOSTS: RangeInclusive<f64> = 5e-3..=4e-2;
-/// Shares of direct light: black velvet and light traps behind a splitter return 10⁻⁴ to 3·10⁻³ of a white sample's light.
-pub(super) const DIRECTS: RangeInclusive<f64> = 1e-4..=3e-3;
-/// Half the range by which the light of black pixels varies over the image beside that of lit ones: black depends on the angle
-/// at which light meets the modulator.
-const BLACK_FIELD: f64 = 0.2;
 
 impl Truth {
     /// A rig that is truly as `rig` says.
@@ -258,6 +86,7 @@ impl Truth {
             glare,
             ghost,
             direct,
+            standard,
         } = tolerances;
         // Shapes and lenses are made better than they are mounted: a tenth of the way in the same proportion.
         let relative = position_m / nominal.mirror.a_m;
@@ -301,10 +130,15 @@ impl Truth {
             gamma: 2.2,
             nonlinearity: 0.01,
             interreflection: 0.005,
+            standards: [0.0; 2],
             glare: Glare::drawn(&mut rng),
             ghost: Ghost::drawn(&mut rng),
             direct: Direct::drawn(&mut rng),
         };
+        flaws.standards = std::array::from_fn(|_| {
+            let normal: f64 = rng.sample(StandardNormal);
+            standard * normal
+        });
         flaws.glare.share = glare.unwrap_or(flaws.glare.share);
         flaws.ghost.share = ghost.unwrap_or(flaws.ghost.share);
         flaws.direct.share = direct.unwrap_or(flaws.direct.share);
@@ -358,6 +192,8 @@ impl Truth {
             ("flaws.gamma", self.flaws.gamma, 0.0, 10.0),
             ("flaws.nonlinearity", self.flaws.nonlinearity, -0.49, 0.49),
             ("flaws.interreflection", self.flaws.interreflection, 0.0, 0.5),
+            ("flaws.standards[0]", self.flaws.standards[0], -0.5, 0.5),
+            ("flaws.standards[1]", self.flaws.standards[1], -0.5, 0.5),
             ("flaws.glare.share", glare.share, 0.0, 0.5),
             ("flaws.glare.core", glare.core, of_glare(1e-4), 1.0),
             ("flaws.glare.slope", glare.slope, of_glare(0.1), 10.0),
@@ -379,6 +215,19 @@ impl Truth {
         Ok(())
     }
 
+    /// What stands in the holder when the standard of this number, 0 or 1, does, which is said to be `stated`.
+    pub(super) fn standard(&self, number: usize, stated: Arc<dyn Sample>) -> Arc<dyn Sample> {
+        let off = self.flaws.standards[number];
+        if off == 0.0 {
+            stated
+        } else {
+            Arc::new(Off {
+                stated,
+                factor: 1.0 + off,
+            })
+        }
+    }
+
     /// The truth as TOML that [`Truth::load`] reads back to the same numbers.
     #[must_use]
     pub fn to_toml(&self) -> String {
@@ -388,6 +237,9 @@ impl Truth {
 
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
+    use super::super::flaws::{GHOSTS, GLARES};
     use super::*;
 
     #[test]
@@ -401,6 +253,7 @@ mod tests {
             glare: None,
             ghost: None,
             direct: None,
+            standard: 0.0025,
         };
         let mut squares = 0.0;
         for seed in 0..50 {
@@ -423,5 +276,49 @@ mod tests {
         let truth = Truth::drawn(&nominal, tolerances, 7).unwrap();
         std::fs::write(&path, truth.to_toml()).unwrap();
         assert_eq!(Truth::load(&path).unwrap(), truth);
+    }
+
+    #[test]
+    fn another_version_and_flaws_that_nothing_real_has_are_refused() {
+        let truth = Truth::of(&Rig::load("rcg-1").unwrap());
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("truth.toml");
+        let refusal = |text: String| {
+            std::fs::write(&path, text).unwrap();
+            Truth::load(&path).unwrap_err().to_string()
+        };
+        let older = refusal(truth.to_toml().replacen("version = 2\n", "", 1));
+        assert!(
+            older.contains("version: expected 2, which also has glare") && older.ends_with("found none"),
+            "{older}"
+        );
+        for (field, spoil) in [
+            (
+                "flaws.glare.share",
+                (|flaws| flaws.glare.share = 0.7) as fn(&mut Flaws),
+            ),
+            ("flaws.glare.core", |flaws| flaws.glare.share = 0.01),
+            ("flaws.ghost.shift[1]", |flaws| flaws.ghost.shift[1] = -1.5),
+            ("flaws.standards[0]", |flaws| flaws.standards[0] = -0.9),
+            ("flaws.black_level", |flaws| flaws.black_level = f64::NAN),
+        ] {
+            let mut wrong = truth.clone();
+            spoil(&mut wrong.flaws);
+            let sentence = refusal(wrong.to_toml());
+            assert!(
+                sentence.contains(field) && sentence.contains("expected a number from"),
+                "{sentence}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_standard_reflects_what_it_does_and_not_what_is_stated() {
+        let mut truth = Truth::of(&Rig::load("rcg-1").unwrap());
+        truth.flaws.standards = [0.004, 0.0];
+        let stated: Arc<dyn Sample> = Arc::from(crate::brdf::sample::parse("lambert:0.5").unwrap());
+        let [first, second] =
+            [0, 1].map(|number| truth.standard(number, stated.clone()).f(DVec3::Z, DVec3::Z)[0]);
+        assert!((first / second - 1.004).abs() < 1e-12, "{first} {second}");
     }
 }

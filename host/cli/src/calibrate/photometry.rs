@@ -165,9 +165,10 @@ fn text(found: &Photometry) -> String {
                 || "not found: there was no second standard".to_owned(),
                 |back| {
                     format!(
-                        "{} ± {} (k = 1)",
+                        "{} ± {} by noise, ± {} by the standards (k = 1)",
                         percent(back.share),
-                        percent(back.standard_uncertainty)
+                        percent(back.standard_uncertainty),
+                        percent(back.by_standards)
                     )
                 },
             ),

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use crate::command::{quick, refuses, run, text};
+use crate::command::{quick, rcg, refuses, run, text};
 
 const RCG_1: &str = include_str!("../../../src/instrument/rig/presets/rcg-1.toml");
 
@@ -109,4 +109,27 @@ fn what_is_not_toml_is_refused_with_its_line() {
 fn a_rig_that_does_not_exist_is_refused() {
     let parts = ["no-such-rig", "expected", "rcg-1, rcg-2, rcg-3, dmd", "found"];
     refuses(&["map", "--rig", "no-such-rig"], "45 0\n", 2, &parts);
+}
+
+#[test]
+fn the_usual_rig_is_rcg_3_or_what_the_environment_names() {
+    let plan = |variable: Option<&str>| {
+        let mut command = rcg(&["plan", "--step", "30", "--exposure-ms", "5"]);
+        match variable {
+            Some(rig) => command.env("RCG_RIG", rig),
+            None => command.env_remove("RCG_RIG"),
+        };
+        let output = command.output().unwrap();
+        let said = [output.stdout, output.stderr].concat();
+        (output.status.code(), String::from_utf8(said).unwrap())
+    };
+    for (variable, named) in [(None, "on rcg-3"), (Some("dmd"), "on dmd")] {
+        let (code, said) = plan(variable);
+        assert!(code == Some(0) && said.contains(named), "{said}");
+    }
+    let (code, said) = plan(Some("no-such-rig"));
+    assert!(
+        code == Some(2) && said.starts_with("rcg: no-such-rig: expected"),
+        "{said}"
+    );
 }

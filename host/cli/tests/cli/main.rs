@@ -42,6 +42,7 @@ mod no_data;
 mod outputs;
 mod pictures;
 mod pipes;
+mod spots;
 mod studies;
 mod tensor_file;
 mod texts;

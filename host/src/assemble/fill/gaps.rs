@@ -18,8 +18,11 @@ use crate::store::{BrdfRows, StoreError, stored_sigma};
 const REACH: usize = 8;
 /// Incident directions beyond an occluded one, degrees, where its neighbours are looked for.
 const REACH_DEG: f64 = 12.0;
-/// Relative uncertainty of the model where the fit says nothing.
+/// Relative uncertainty of the model where the fit says nothing, and at least.
 const MODEL: f32 = 0.3;
+const LEAST_MODEL: f32 = 0.1;
+/// Half vectors so near tell how well the model holds, degrees.
+const NEAR_DEG: f64 = 15.0;
 
 /// Fills what `brdf`, which holds these `captures`, lacks into the file at `path`; the model, if one was needed and found.
 pub(super) fn fill(
@@ -165,17 +168,33 @@ impl Chunk {
                     let inside = (0..size as i64).contains(&x) && (0..size as i64).contains(&y);
                     let there = inside.then(|| row + (y * size as i64 + x) as usize)?;
                     let far = step as f32 * if dx != 0 && dy != 0 { 2_f32.sqrt() } else { 1.0 };
-                    (before[there] != Provenance::Missing.code()).then_some((there, far))
+                    let beyond = (x + dx, y + dy);
+                    (before[there] != Provenance::Missing.code()).then_some((there, far, beyond))
                 })
+            };
+            let value_at = |(x, y): (i64, i64)| {
+                let inside = (0..size as i64).contains(&x) && (0..size as i64).contains(&y);
+                let there = inside.then(|| row + (y * size as i64 + x) as usize)?;
+                (before[there] != Provenance::Missing.code()).then(|| self.get(there).0)
             };
             let lines = [(1, 0), (0, 1), (1, 1), (1, -1)];
             let sides = lines
                 .into_iter()
                 .filter_map(|(dx, dy)| Some((nearest(dx, dy)?, nearest(-dx, -dy)?)));
             let best = sides.min_by(|a, b| (a.0.1 + a.1.1).total_cmp(&(b.0.1 + b.1.1)));
-            if let Some(((a, da), (b, db))) = best {
-                let ((fa, sa), (fb, sb)) = (self.get(a), self.get(b));
-                let (f, sigma) = between((fa, sa, da), (fb, sb, db));
+            if let Some(((a, da, beyond_a), (b, db, beyond_b))) = best {
+                let side = |at: usize, far: f32, beyond: (i64, i64)| {
+                    let (f, sigma) = self.get(at);
+                    let diagonal = beyond.0 != x && beyond.1 != y;
+                    Side {
+                        f,
+                        sigma,
+                        far,
+                        beyond: value_at(beyond),
+                        farther: if diagonal { 2_f32.sqrt() } else { 1.0 },
+                    }
+                };
+                let (f, sigma) = between(&side(a, da, beyond_a), &side(b, db, beyond_b));
                 self.put(sample, f, sigma, Provenance::Interpolated);
             }
         }
@@ -197,11 +216,24 @@ impl Chunk {
                 .filter(|&cell| self.is_missing(row + cell))
                 .filter_map(|cell| Some((row + cell, self.directions[cell]?)))
                 .collect();
-            let pairs: Vec<(DVec3, DVec3)> = missing.iter().flat_map(|&(_, wo)| [(a, wo), (b, wo)]).collect();
+            // As far again beyond either side.
+            let beyond = |there: DVec3| (2.0 * there - w).normalize();
+            let lights = [a, b, beyond(a), beyond(b)];
+            let pairs: Vec<(DVec3, DVec3)> = missing
+                .iter()
+                .flat_map(|&(_, wo)| lights.map(|light| (light, wo)))
+                .collect();
             let found = brdf.with_sigma(&pairs)?;
-            for ((sample, _), found) in missing.iter().zip(found.chunks_exact(2)) {
-                if let [Some([fa, sa]), Some([fb, sb])] = *found {
-                    let (f, sigma) = between((fa, sa, da as f32), (fb, sb, db as f32));
+            for ((sample, _), found) in missing.iter().zip(found.chunks_exact(lights.len())) {
+                if let [Some([fa, sa]), Some([fb, sb]), beyond_a, beyond_b] = *found {
+                    let side = |f, sigma, far: f64, beyond: Option<[[f32; 3]; 2]>| Side {
+                        f,
+                        sigma,
+                        far: far as f32,
+                        beyond: beyond.map(|[f, _]| f),
+                        farther: far as f32,
+                    };
+                    let (f, sigma) = between(&side(fa, sa, da, beyond_a), &side(fb, sb, db, beyond_b));
                     self.put(*sample, f, sigma, Provenance::Interpolated);
                 }
             }
@@ -219,17 +251,36 @@ impl Chunk {
     }
 }
 
-/// Linear interpolation between two values with their uncertainties, at these distances; the uncertainty takes in half of
-/// what the two disagree by.
-fn between(
-    (fa, sa, da): ([f32; 3], [f32; 3], f32),
-    (fb, sb, db): ([f32; 3], [f32; 3], f32),
-) -> ([f32; 3], [f32; 3]) {
-    let share = da / (da + db);
-    let f = std::array::from_fn(|c| fa[c] + share * (fb[c] - fa[c]));
+/// One side of a gap.
+struct Side {
+    f: [f32; 3],
+    sigma: [f32; 3],
+    /// Distance from the place in the gap.
+    far: f32,
+    /// f so much farther away.
+    beyond: Option<[f32; 3]>,
+    farther: f32,
+}
+
+impl Side {
+    /// By how much f rises towards the gap, per distance; if nobody knows what is beyond, as it would from nothing.
+    fn rise(&self, channel: usize) -> f32 {
+        let beyond = self.beyond.map_or(0.0, |beyond| beyond[channel]);
+        (self.f[channel] - beyond) / self.farther
+    }
+}
+
+/// Linear interpolation between both sides of a gap; the uncertainty takes in half of what the two disagree by, and what
+/// lies between if f bends there as its slopes on both sides say: a lobe may have its peak in the gap.
+fn between(a: &Side, b: &Side) -> ([f32; 3], [f32; 3]) {
+    let width = a.far + b.far;
+    let share = a.far / width;
+    let f = std::array::from_fn(|c| a.f[c] + share * (b.f[c] - a.f[c]));
     let sigma = std::array::from_fn(|c| {
-        let own = ((1.0 - share) * sa[c]).hypot(share * sb[c]);
-        own.hypot(0.5 * (fa[c] - fb[c]))
+        let own = ((1.0 - share) * a.sigma[c]).hypot(share * b.sigma[c]);
+        // Slopes are those between the sides and what is beyond them.
+        let bend = (a.rise(c) + b.rise(c)) / (width + 0.5 * (a.farther + b.farther));
+        own.hypot(0.5 * (a.f[c] - b.f[c])).hypot(bend * a.far * b.far)
     });
     (f, sigma)
 }
@@ -320,19 +371,16 @@ impl Modelled {
         })
     }
 
-    /// Standard uncertainty of the value `f`: what the residuals of the fit are at that half vector; without a lobe the
-    /// scatter of the samples too.
+    /// Standard uncertainty of the value `f`: the most that the residuals of the fit are within [`NEAR_DEG`] of that half vector,
+    /// a tenth at least, because nobody saw whether the model goes on; without a lobe the scatter of the samples too.
     fn sigma(&self, wi: DVec3, wo: DVec3, f: [f32; 3]) -> [f32; 3] {
         let theta_deg = (wi + wo).normalize().z.clamp(-1.0, 1.0).acos().to_degrees();
         let residuals = self.fit.as_ref().map_or(&[][..], |fit| &fit.residuals);
-        let relative = residuals
+        let near = residuals
             .iter()
-            .min_by(|a, b| {
-                (a.half_theta_deg - theta_deg)
-                    .abs()
-                    .total_cmp(&(b.half_theta_deg - theta_deg).abs())
-            })
-            .map_or(MODEL, |residual| (residual.rms_percent / 100.0) as f32);
+            .filter(|residual| (residual.half_theta_deg - theta_deg).abs() <= NEAR_DEG)
+            .map(|residual| (residual.rms_percent / 100.0) as f32);
+        let relative = near.reduce(f32::max).unwrap_or(MODEL).max(LEAST_MODEL);
         std::array::from_fn(|channel| (relative * f[channel]).hypot(self.scatter[channel]))
     }
 }
@@ -365,4 +413,46 @@ fn mean(brdf: &Brdf) -> Result<([f32; 3], [f32; 3]), FillError> {
     let scatter =
         std::array::from_fn(|c| (squares[c] / count as f64 - mean[c] * mean[c]).max(0.0).sqrt() as f32);
     Ok((mean.map(|f| f as f32), scatter))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A Gaussian lobe of this standard width about 0, seen from −3 and 3 on.
+    fn across(width: f32) -> (f32, f32) {
+        let f = |x: f32| 1.0 + 10.0 * (-0.5 * (x / width).powi(2)).exp();
+        let side = || Side {
+            f: [f(3.0); 3],
+            sigma: [0.001; 3],
+            far: 3.0,
+            beyond: Some([f(4.0); 3]),
+            farther: 1.0,
+        };
+        let (found, sigma) = between(&side(), &side());
+        ((found[0] - f(0.0)).abs(), sigma[0])
+    }
+
+    #[test]
+    fn a_lobe_with_its_peak_in_the_gap_is_uncertain_by_its_height() {
+        for width in [2.0, 3.0, 5.0, 20.0] {
+            let (error, sigma) = across(width);
+            assert!(
+                error < 3.0 * sigma && sigma < 3.0 * error + 0.01,
+                "{width}: {error} ± {sigma}"
+            );
+        }
+        let alone = |beyond| Side {
+            f: [1.0; 3],
+            sigma: [0.0; 3],
+            far: 1.0,
+            beyond,
+            farther: 1.0,
+        };
+        let flat = between(&alone(Some([1.0; 3])), &alone(Some([1.0; 3])));
+        assert_eq!(flat, ([1.0; 3], [0.0; 3]));
+        // What nobody knows of what is beyond is no certainty.
+        let (_, sigma) = between(&alone(None), &alone(None));
+        assert!(sigma[0] > 0.3, "{sigma:?}");
+    }
 }

@@ -1,8 +1,8 @@
 //! The mean of what several captures say of the same sample.
 //!
 //! # Design
-//! Every sample is the mean of what the captures say, weighted by inverse variance; a turn is applied by looking up
-//! the turned pair. Noise averages out; the standard, the fields and blur do not, because all captures share them. The files
+//! Every sample is the mean of what the captures say, weighted by inverse variance; that of a further capture includes the
+//! variance of its scale. A turn is applied by looking up the turned pair. Noise averages out; the standard, the fields and blur do not, because all captures share them. The files
 //! have one number for both, so [`COMMON`] of each variance is taken to be shared: with weights w = 1/σ² the variance is
 //! (1 − common)/Σw + common·(Σwσ/Σw)².
 
@@ -52,14 +52,16 @@ impl<'a> Sums<'a> {
         }
     }
 
-    /// Adds what one capture says of `sample`; `f` and `sigma`, one per channel, are multiplied by `scale`.
-    fn add(&mut self, sample: usize, f: &[f32], sigma: &[f32], scale: f64, code: u8) {
+    /// Adds what one capture says of `sample`; `f` and `sigma`, one per channel, are multiplied by the scale, which has a
+    /// standard uncertainty of its own.
+    fn add(&mut self, sample: usize, f: &[f32], sigma: &[f32], (scale, uncertainty): (f64, f64), code: u8) {
         if !(self.is_open)(sample) {
             return;
         }
         let channels = self.channels;
         for channel in 0..channels {
             let weight = (f64::from(sigma[channel]) * scale)
+                .hypot(f64::from(f[channel]) * uncertainty)
                 .max(LEAST_SIGMA.into())
                 .powi(-2);
             self.values[sample * channels + channel] += weight * scale * f64::from(f[channel]);
@@ -81,7 +83,7 @@ impl<'a> Sums<'a> {
         brdf: &Brdf,
         places: &[Option<usize>],
         is_first: bool,
-        scale: f64,
+        scale: (f64, f64),
     ) -> Result<(), StoreError> {
         let (cells, channels) = (self.cells, self.channels);
         // The rows of a chunk mostly come from one of the capture.
@@ -161,10 +163,11 @@ pub(super) fn merged_chunk(
     let is_open = |sample: usize| is_open(range.start + sample / cells, sample % cells);
     let mut sums = Sums::new(range.len(), cells, base.channels(), &is_open);
     let rows = |capture: usize| &union.rows[capture][range.clone()];
-    sums.add_rows(base, rows(0), true, 1.0)?;
+    sums.add_rows(base, rows(0), true, (1.0, 0.0))?;
     for (capture, alignment) in (1..).zip(alignments) {
         if alignment.turn == DQuat::IDENTITY {
-            sums.add_rows(captures[capture], rows(capture), false, alignment.scale)?;
+            let scale = (alignment.scale, alignment.scale_uncertainty);
+            sums.add_rows(captures[capture], rows(capture), false, scale)?;
         }
     }
     for (capture, alignment) in (1..).zip(alignments) {
@@ -183,7 +186,8 @@ pub(super) fn merged_chunk(
         let pairs: Vec<(DVec3, DVec3)> = places.iter().map(|place| place.1).collect();
         for ((sample, _), found) in places.iter().zip(captures[capture].with_sigma(&pairs)?) {
             if let Some([f, sigma]) = found {
-                sums.add(*sample, &f, &sigma, alignment.scale, Provenance::Merged.code());
+                let scale = (alignment.scale, alignment.scale_uncertainty);
+                sums.add(*sample, &f, &sigma, scale, Provenance::Merged.code());
             }
         }
     }

@@ -5,7 +5,11 @@
 //! against the first one, in pairs of directions that both have measured: the logarithm of the ratio is ln scale plus the
 //! slope of ln f over a turn of both directions, linear least squares in four unknowns, solved again with the turn found
 //! until it stands. The turn has a prior of [`TURN_DEG`] about zero: a Lambertian sample cannot show it. Residuals beyond
-//! three times the usual take no part.
+//! three times the usual take no part. Light comes from directions of the first capture's grid: mostly the other has them too,
+//! and nothing has to be interpolated over steps of many degrees.
+//!
+//! Errors of one incident direction are alike. So the uncertainties are those of a jackknife that leaves out a
+//! [`GROUPS`]th of the incident directions at a time (Efron, *The Jackknife, the Bootstrap and Other Resampling Plans*, 1982).
 //!
 //! Then every sample is the mean of what the captures say (`mean`).
 
@@ -41,7 +45,9 @@ const LEAST: f64 = 5e-3;
 /// Rounds of turning and solving.
 const ROUNDS: usize = 4;
 /// Turns below this many times their uncertainty are not applied.
-const CLEAR: f64 = 2.0;
+const CLEAR: f64 = 3.0;
+/// Groups of incident directions of the jackknife.
+const GROUPS: usize = 16;
 
 /// How a further capture stands to the first.
 #[derive(Clone, Debug, Serialize)]
@@ -127,7 +133,9 @@ pub(super) fn merge(
 /// f and σ at a pair of directions, as [`Brdf::with_sigma`] has them.
 type Found = Option<[[f32; 3]; 2]>;
 /// One equation of least squares: coefficients of ln scale and of the turn about each axis, right side, weight.
-type Row = (Vec<f64>, f64, f64);
+type Equation = (Vec<f64>, f64, f64);
+/// An equation, and the group of its incident direction.
+type Row = (Equation, usize);
 
 /// What `brdf` has at `pairs` of directions that are turned by `turn`.
 fn turned(brdf: &Brdf, pairs: &[(DVec3, DVec3)], turn: DQuat) -> Result<Vec<Found>, StoreError> {
@@ -164,7 +172,7 @@ fn slopes(brdf: &Brdf, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Vec<Option<f64>>>
 }
 
 /// The equations of the pairs that both captures have: of the first there is `there`, of the other `here` with its `slopes`.
-fn overlapping(there: &[Found], here: &[Found], slopes: &[Vec<Option<f64>>]) -> Vec<Row> {
+fn overlapping(there: &[Found], here: &[Found], slopes: &[Vec<Option<f64>>], groups: &[usize]) -> Vec<Row> {
     (0..there.len())
         .filter_map(|at| {
             let ((a, va), (b, vb)) = (log(there[at])?, log(here[at])?);
@@ -172,7 +180,7 @@ fn overlapping(there: &[Found], here: &[Found], slopes: &[Vec<Option<f64>>]) -> 
             // ln base = ln scale + ln other(turned further).
             let row = vec![1.0, slopes[0], slopes[1], slopes[2]];
             let weight = (va + vb + LEAST * LEAST).recip();
-            Some((row, a - b, weight))
+            Some(((row, a - b, weight), groups[at]))
         })
         .collect()
 }
@@ -180,11 +188,18 @@ fn overlapping(there: &[Found], here: &[Found], slopes: &[Vec<Option<f64>>]) -> 
 /// Scale and turn of `other` against `base`.
 fn align(base: &Brdf, other: &Brdf) -> Result<Alignment, FillError> {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(0);
-    let mut draw = || {
-        let z: f64 = rng.random_range(75_f64.to_radians().cos()..1.0);
-        from_angles(z.acos(), rng.random_range(0.0..std::f64::consts::TAU))
-    };
-    let pairs: Vec<(DVec3, DVec3)> = (0..PAIRS).map(|_| (draw(), draw())).collect();
+    let least = 75_f64.to_radians().cos();
+    let lit: Vec<usize> = (0..base.grid().len())
+        .filter(|&index| base.incident_reason(index).is_none() && base.grid().direction(index).z >= least)
+        .collect();
+    let (mut pairs, mut groups) = (Vec::new(), Vec::new());
+    for _ in 0..if lit.is_empty() { 0 } else { PAIRS } {
+        let place = rng.random_range(0..lit.len());
+        let z: f64 = rng.random_range(least..1.0);
+        let wo = from_angles(z.acos(), rng.random_range(0.0..std::f64::consts::TAU));
+        pairs.push((base.grid().direction(lit[place]), wo));
+        groups.push(place % GROUPS);
+    }
     let there = base.with_sigma(&pairs)?;
     let slopes = slopes(other, &pairs)?;
     let no_overlap = |found: usize| FillError::NoOverlap {
@@ -199,24 +214,28 @@ fn align(base: &Brdf, other: &Brdf) -> Result<Alignment, FillError> {
     let mut usual = f64::INFINITY;
     for _ in 0..ROUNDS {
         let here = turned(other, &pairs, turn)?;
-        let rows = overlapping(&there, &here, &slopes);
+        let rows = overlapping(&there, &here, &slopes, &groups);
         overlap = rows.len();
         if overlap < FEWEST {
             return Err(no_overlap(overlap));
         }
         let so_far = turn.to_scaled_axis();
-        let priors = (0..3).map(|axis| {
-            let mut row = vec![0.0; 4];
-            row[axis + 1] = 1.0;
-            (row, -so_far[axis], prior)
-        });
-        let kept = rows
+        let kept: Vec<Row> = rows
             .iter()
-            .filter(|(_, target, weight)| (target - found[0]).abs() * weight.sqrt() <= 3.0 * usual)
-            .cloned();
-        let (solved, covariance) =
-            least_squares(4, &kept.chain(priors)).ok_or_else(|| no_overlap(overlap))?;
-        let residual = |(row, target, weight): &Row| {
+            .filter(|((_, target, weight), _)| (target - found[0]).abs() * weight.sqrt() <= 3.0 * usual)
+            .cloned()
+            .collect();
+        let solve = |left_out: Option<usize>| {
+            let priors = (0..3).map(|axis| {
+                let mut row = vec![0.0; 4];
+                row[axis + 1] = 1.0;
+                (row, -so_far[axis], prior)
+            });
+            let some = kept.iter().filter(|(_, group)| Some(*group) != left_out);
+            least_squares(4, &some.map(|(equation, _)| equation.clone()).chain(priors))
+        };
+        let (solved, covariance) = solve(None).ok_or_else(|| no_overlap(overlap))?;
+        let residual = |((row, target, weight), _): &Row| {
             let model: f64 = row.iter().zip(solved.iter()).map(|(a, b)| a * b).sum();
             (target - model).abs() * weight.sqrt()
         };
@@ -226,8 +245,15 @@ fn align(base: &Brdf, other: &Brdf) -> Result<Alignment, FillError> {
         turn = DQuat::from_scaled_axis(DVec3::new(solved[1], solved[2], solved[3])) * turn;
         let total = turn.to_scaled_axis();
         found = [solved[0], total.x, total.y, total.z];
-        // Residuals say how good the weights are.
-        uncertainty = std::array::from_fn(|at| covariance[(at, at)].sqrt() * usual.max(1.0));
+        let without: Vec<_> = (0..GROUPS)
+            .filter_map(|group| Some(solve(Some(group))?.0))
+            .collect();
+        // Residuals say how good the weights are, the groups how much of it they share.
+        uncertainty = std::array::from_fn(|at| {
+            let squares: f64 = without.iter().map(|one| (one[at] - solved[at]).powi(2)).sum();
+            let jackknife = (squares * (GROUPS - 1) as f64 / GROUPS as f64).sqrt();
+            jackknife.max(covariance[(at, at)].sqrt() * usual.max(1.0))
+        });
     }
     let is_clear = (1..4).any(|at| found[at].abs() > CLEAR * uncertainty[at]);
     let degrees = |of: [f64; 4]| [of[1], of[2], of[3]].map(f64::to_degrees);

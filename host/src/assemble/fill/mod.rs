@@ -36,6 +36,7 @@ pub use merge::Alignment;
 use crate::assemble::{coordinates, interpolation_errors, list_attributes};
 use crate::base::blame::Blame;
 use crate::base::progress::Progress;
+use crate::brdf::budget::arrays_of;
 use crate::brdf::{Brdf, BrdfError, evidence};
 use crate::hemisphere::direction::from_angles;
 use crate::hemisphere::incident::IncidentSet;
@@ -281,13 +282,17 @@ fn writer_like(
         attributes.remove("step_deg");
     }
     attributes.extend(facts);
-    BrdfWriter::create(
+    let writer = BrdfWriter::create(
         path,
         layout,
         &coordinates(grid, incident, disk, outgoing, &pixel_sr),
         attributes,
         true,
-    )
+    )?;
+    for array in arrays_of(brdf.budget()) {
+        writer.rewrite(&array)?;
+    }
+    Ok(writer)
 }
 
 /// Gives the file of `writer` its name, with the errors of interpolation that it has.

@@ -21,6 +21,7 @@ fn calibrated(
         glare: None,
         ghost: None,
         direct: None,
+        standard: 0.0,
     };
     let truth = Truth::drawn(nominal, tolerances, seed).unwrap();
     let folder = tempfile::tempdir().unwrap();

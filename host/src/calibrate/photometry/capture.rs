@@ -229,7 +229,7 @@ pub fn capture(
     progress: &dyn Progress,
 ) -> Result<(), CalibrateError> {
     let full = Rig::load(&dir.join(RIG).display().to_string())?;
-    let standards = Standards::of(request)?;
+    let standards = Standards::of(request, world)?;
     check_tilts(&request.tilts)?;
     let tilts: Vec<Option<Tilt>> = std::iter::once(None)
         .chain(request.tilts.iter().copied().map(Some))

@@ -8,7 +8,7 @@ use crate::brdf::sample::Sample;
 use crate::calibrate::CalibrateError;
 use crate::hemisphere::direction::from_degrees;
 use crate::virtual_rig::Held;
-use crate::virtual_rig::setup::SetupError;
+use crate::virtual_rig::setup::{SetupError, World};
 
 /// What is in the holder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,8 +38,8 @@ pub(super) struct Standards {
 }
 
 impl Standards {
-    /// Those of `request`, as far as they can serve.
-    pub(super) fn of(request: &Request) -> Result<Self, CalibrateError> {
+    /// Those of `request`, as far as they can serve, as they are in `world`.
+    pub(super) fn of(request: &Request, world: &World) -> Result<Self, CalibrateError> {
         let parse = |spec: &str| -> Result<Held, CalibrateError> {
             let sample = crate::brdf::sample::parse(spec).map_err(SetupError::from)?;
             Ok(Held::Sample(Arc::from(sample)))
@@ -59,9 +59,13 @@ impl Standards {
             )?;
         }
         let trap = parse("lambert:0")?;
+        let real = |number: usize, held: Held| match held {
+            Held::Sample(stated) => Held::Sample(world.standard(number, stated)),
+            mirror @ Held::Mirror(_) => mirror,
+        };
         Ok(Self {
-            first: standard,
-            second,
+            first: real(0, standard),
+            second: second.map(|held| real(1, held)),
             trap,
         })
     }

@@ -92,12 +92,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     let stray_light = stray::stray(dir, &views.rig, &views.stray, &linear)?;
     let black = linear.mean(&captured.frames(Shows::Black(0)));
     let dark = linear.mean(&series[series.len() - 1].dark);
-    let stray = black
-        .iter()
-        .zip(&dark)
-        .map(|(black, dark)| black - dark)
-        .sum::<f64>()
-        / captured.length as f64;
+    let black_light = black.iter().sum::<f64>() - dark.iter().sum::<f64>();
     let projector_response = linear.levels(&captured.frames(Shows::Levels), &black);
 
     let standard =
@@ -120,9 +115,14 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     let own = interreflected(standard.as_ref());
     let interreflection = match &views.second_standard {
         None => None,
-        Some(spec) => Some(captured.interreflection(spec, &linear, &stray_light, &all[0], own)?),
+        Some(spec) => Some(captured.interreflection(
+            spec,
+            &linear,
+            &stray_light,
+            &all[0],
+            (own, standard_uncertainty),
+        )?),
     };
-    let exposure_s = views.exposure_s;
     let photometry = Photometry {
         version: PHOTOMETRY_VERSION,
         sights: all.iter().map(Seen::sight).collect(),
@@ -130,7 +130,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         standard: views.standard.clone(),
         standard_uncertainty,
         camera,
-        stray_dn_per_s: stray / exposure_s,
+        stray_dn_per_s: black_light / captured.length as f64 / views.exposure_s,
         gamma: gamma(&projector_response),
         projector_response,
         // The standard's own interreflection is no property of the instrument.
@@ -267,14 +267,14 @@ impl<'a> Captured<'a> {
     }
 
     /// The interreflection from the second standard, named `spec`, beside the `first`, which has its `own` (see
-    /// [`interreflected`]).
+    /// [`interreflected`]); both are known to a relative standard uncertainty.
     fn interreflection(
         &self,
         spec: &str,
         linear: &Linear,
         stray: &Stray,
         first: &Seen,
-        own: f64,
+        (own, standard_uncertainty): (f64, f64),
     ) -> Result<Interreflection, CalibrateError> {
         let second = crate::brdf::sample::parse(spec).map_err(crate::virtual_rig::setup::SetupError::from)?;
         let black = linear.mean(&self.frames(Shows::SecondBlack));
@@ -287,7 +287,12 @@ impl<'a> Captured<'a> {
                 other.add(place, &frames, linear, &black, second.as_ref(), spec)?;
             }
         }
-        interreflection(first, &other, own, interreflected(second.as_ref()))
+        interreflection(
+            first,
+            &other,
+            (own, interreflected(second.as_ref())),
+            standard_uncertainty,
+        )
     }
 }
 
@@ -370,8 +375,13 @@ fn interreflected(standard: &dyn Sample) -> f64 {
 }
 
 /// The share that returns, from what the standards show of their own reflectance: `first` adds share·`a`, `second`
-/// share·`b`.
-fn interreflection(first: &Seen, second: &Seen, a: f64, b: f64) -> Result<Interreflection, CalibrateError> {
+/// share·`b`; each reflectance is known to `standard_uncertainty`, relative.
+fn interreflection(
+    first: &Seen,
+    second: &Seen,
+    (a, b): (f64, f64),
+    standard_uncertainty: f64,
+) -> Result<Interreflection, CalibrateError> {
     check_apart(a, b)?;
     let (ratio, uncertainty) = first.ratio_to(second).ok_or_else(|| CalibrateError::Views {
         expected: "frames of the second standard that are as bright as their noise is small".to_owned(),
@@ -382,6 +392,8 @@ fn interreflection(first: &Seen, second: &Seen, a: f64, b: f64) -> Result<Interr
     Ok(Interreflection {
         share: (ratio - 1.0) / (a - ratio * b),
         standard_uncertainty: uncertainty / (a - b).abs(),
+        by_standards: standard_uncertainty * std::f64::consts::SQRT_2 / (a - b).abs(),
+        own: a,
     })
 }
 

@@ -256,7 +256,7 @@ impl<'a> Seen<'a> {
                 saturation,
                 room,
             );
-            let lanes = room.stray.iter().map(|stray| stray.to_array());
+            let lanes = room.stray.iter().map(Vec4::to_array);
             Lit {
                 dn,
                 stray: lanes.flat_map(|lanes| lanes.into_iter().take(channels)).collect(),

@@ -24,6 +24,7 @@ fn calibrated(
         glare: None,
         ghost: None,
         direct: None,
+        standard: 0.0,
     };
     let truth = Truth::drawn(&rig, tolerances, 4).unwrap();
     let mut aligned = truth.rig.clone();

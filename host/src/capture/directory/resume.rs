@@ -62,6 +62,9 @@ impl Measurement {
             )
         };
         let spot = |request: &Request| {
+            if request.spot_auto {
+                return "that of a pilot capture".to_owned();
+            }
             let given = request.spot_deg.map(|deg| format!("{deg}°"));
             given.unwrap_or_else(|| "that of the rig".to_owned())
         };

@@ -1,4 +1,4 @@
-//! The pilot capture, which chooses the exposure time, or those of several exposures.
+//! The pilot capture, which chooses the exposure time, or those of several exposures, and how wide spots of light are.
 
 use crate::capture::directory::MeasurementError;
 use crate::capture::{Captured, Instrument, Tally};
@@ -10,8 +10,10 @@ use crate::plan::schedule::{LONGEST_EXPOSURE_S, SHORTEST_EXPOSURE_S, Timing};
 use crate::plan::{Directions, PlanError, Request};
 
 mod brackets;
+mod spot;
 
 pub use brackets::{Proposal, propose};
+pub use spot::{SpotChoice, choose_spot};
 
 /// Incident directions of the pilot capture that chooses the exposure time.
 const PILOT_DIRECTIONS: usize = 48;

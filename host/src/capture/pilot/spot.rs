@@ -117,9 +117,12 @@ pub fn choose_spot(
 
 /// Some judged pixels of the lit frames, of all channels together.
 fn pixels(rig: &Rig, tests: &TestExposures) -> Vec<Pixel> {
-    let map = DirectionMap::of(&View::camera(rig));
+    let camera = View::camera(rig);
+    let (map, cut) = (DirectionMap::of(&camera), camera.cut_pixels(0.0));
     let channels = rig.camera.channels as usize;
-    let judged: Vec<bool> = judged(rig).step_by(channels).collect();
+    // An edge is no shape of a lobe.
+    let whole = judged(rig).step_by(channels).zip(&cut);
+    let judged: Vec<bool> = whole.map(|(judged, cut)| judged && cut.is_none()).collect();
     let light_e = |dn: &[u16]| -> Vec<f64> {
         let of = |pixel: &[u16]| {
             let sum: f64 = pixel
@@ -130,7 +133,10 @@ fn pixels(rig: &Rig, tests: &TestExposures) -> Vec<Pixel> {
         };
         dn.chunks_exact(channels).map(of).collect()
     };
-    let dark: Vec<Vec<f64>> = tests.shots[..BLACK].iter().map(|shot| light_e(&shot.dn)).collect();
+    let dark: Vec<Vec<f64>> = tests.shots[..BLACK]
+        .iter()
+        .map(|shot| light_e(&shot.dn))
+        .collect();
     let black: Vec<f64> = (0..judged.len())
         .map(|pixel| dark.iter().map(|frame| frame[pixel]).sum::<f64>() / BLACK as f64)
         .collect();
@@ -147,7 +153,11 @@ fn pixels(rig: &Rig, tests: &TestExposures) -> Vec<Pixel> {
             let (x, y) = (pixel % width, pixel / width);
             let inside = (1..width - 1).contains(&x) && (1..map.height_px - 1).contains(&y);
             let is_seen = |at: usize| judged[at];
-            if !inside || ![pixel, pixel - 1, pixel + 1, pixel - width, pixel + width].into_iter().all(is_seen) {
+            if !inside
+                || ![pixel, pixel - 1, pixel + 1, pixel - width, pixel + width]
+                    .into_iter()
+                    .all(is_seen)
+            {
                 continue;
             }
             let value = signal[pixel];
@@ -210,10 +220,18 @@ impl Light<'_> {
         let noise = self.noise(pixels);
         let blur: Vec<f64> = pixels.iter().map(|pixel| pixel.bent * variance).collect();
         let weighted = |of: &[f64]| {
-            let sum: f64 = of.iter().zip(pixels).map(|(value, pixel)| value * pixel.signal_e).sum();
+            let sum: f64 = of
+                .iter()
+                .zip(pixels)
+                .map(|(value, pixel)| value * pixel.signal_e)
+                .sum();
             sum / pixels.iter().map(|pixel| pixel.signal_e).sum::<f64>()
         };
-        let both: Vec<f64> = noise.iter().zip(&blur).map(|(noise, blur)| noise.hypot(*blur)).collect();
+        let both: Vec<f64> = noise
+            .iter()
+            .zip(&blur)
+            .map(|(noise, blur)| noise.hypot(*blur))
+            .collect();
         let cost = median(both.clone())? + weighted(&both);
         let better = Self {
             contrast: 2.0,
@@ -223,7 +241,12 @@ impl Light<'_> {
             spot_deg,
             noise: median(noise)?,
             blur: weighted(&blur),
-            black: median(pixels.iter().map(|pixel| pixel.black_e / (self.wider * pixel.signal_e)).collect())?,
+            black: median(
+                pixels
+                    .iter()
+                    .map(|pixel| pixel.black_e / (self.wider * pixel.signal_e))
+                    .collect(),
+            )?,
             noise_at_twice_the_contrast: median(better.noise(pixels))?,
         };
         Some((cost, choice))
@@ -261,13 +284,21 @@ mod tests {
 
     #[test]
     fn the_smoother_the_material_the_wider_the_spot() {
-        let [flat, wide, sharp] = [0.0, 3.0, 300.0].map(best);
+        let [flat, wide, sharp] = [0.0, 30.0, 30_000.0].map(best);
         assert!(flat.spot_deg > 10.0, "{flat:?}");
         assert!((1.0..10.0).contains(&wide.spot_deg), "{wide:?}");
         assert!(sharp.spot_deg < 1.0, "{sharp:?}");
         // Nine times the light of a spot of 1° is black light.
-        assert!((sharp.black * sharp.spot_deg.powi(2) / 8.6 - 1.0).abs() < 0.1, "{sharp:?}");
+        assert!(
+            (sharp.black * sharp.spot_deg.powi(2) / 8.6 - 1.0).abs() < 0.1,
+            "{sharp:?}"
+        );
         assert!(sharp.noise_at_twice_the_contrast < 0.8 * sharp.noise, "{sharp:?}");
-        assert!(sharp.to_string().contains("with a projector of twice the contrast"), "{sharp}");
+        assert!(
+            sharp
+                .to_string()
+                .contains("with a projector of twice the contrast"),
+            "{sharp}"
+        );
     }
 }

@@ -64,8 +64,30 @@ pub struct Photometry {
 pub struct Interreflection {
     /// The share.
     pub share: f64,
-    /// Its standard uncertainty (k = 1).
+    /// Its standard uncertainty (k = 1) by noise.
     pub standard_uncertainty: f64,
+    /// That by the reflectances of both standards, which the sensitivity shares: see `standards_variance`.
+    #[serde(default)]
+    pub by_standards: f64,
+    /// What a share of 1 would add to the signal of the first standard, relative.
+    #[serde(default)]
+    pub own: f64,
+}
+
+impl Interreflection {
+    /// Variance of f in sr⁻² by the reflectances of the standards, each known to `standard_uncertainty` (relative, k = 1), where
+    /// a share of 1 would add `per_share` sr⁻¹.
+    ///
+    /// Of the standards a and b, of which the first is off by δ₁ and the second by δ₂, the share comes out wrong by
+    /// (δ₁ − δ₂)/(a − b), and the sensitivity by δ₁ and by a times as much. So a Lambertian sample as dark as the second
+    /// standard is as uncertain as that, and one as bright as the first as the first is; others show more of it.
+    #[must_use]
+    pub(crate) fn standards_variance(&self, standard_uncertainty: f64, f: f32, per_share: f32) -> f32 {
+        let apart = standard_uncertainty * std::f64::consts::SQRT_2 / self.by_standards;
+        let by_share = (self.own as f32 * f - per_share) / apart as f32;
+        let variance = (f - by_share).powi(2) + by_share.powi(2);
+        (standard_uncertainty * standard_uncertainty) as f32 * variance
+    }
 }
 
 impl Photometry {

@@ -44,6 +44,9 @@ fn hemisphere() -> Vec<DVec3> {
         .collect()
 }
 
+/// Presets whose sample leans out of the way of the hole and of the wire.
+const LEANING: [&str; 2] = ["rcg-2", "rcg-3"];
+
 #[test]
 fn there_and_back_is_the_identity_in_every_preset() {
     for name in PRESETS {
@@ -62,8 +65,8 @@ fn there_and_back_is_the_identity_in_every_preset() {
                 );
                 measured += 1;
             }
-            // All of the hemisphere in rcg-2; θ from 30° on, less the wire at 270°, elsewhere.
-            let expected = if name == "rcg-2" { 31 * 72 } else { 21 * 71 };
+            // All of the hemisphere where the sample leans; θ from 30° on, less the wire at 270°, elsewhere.
+            let expected = if LEANING.contains(&name) { 31 * 72 } else { 21 * 71 };
             assert_eq!(measured, expected, "{name} {device}");
         }
     }
@@ -202,7 +205,7 @@ fn solid_angles_sum_to_that_of_the_region() {
     // A strip of constant width ±0.6° from θ = 27° to 90°: 2 sin(0.6°) × 63°.
     let wire_sr = 2.0 * 0.6_f64.to_radians().sin() * 63_f64.to_radians();
     for name in PRESETS {
-        let expected_sr = if name == "rcg-2" {
+        let expected_sr = if LEANING.contains(&name) {
             TAU
         } else {
             outside_hole_sr - wire_sr

@@ -56,7 +56,7 @@ impl Rig {
             "degrees",
         )?;
         check.range("sample.tilt_deg", sample.tilt_deg, -90.0, 90.0, "degrees")?;
-        check.range("sample.roll_deg", sample.roll_deg, -90.0, 90.0, "degrees")?;
+        check.range("sample.roll_deg", sample.roll_deg, -180.0, 180.0, "degrees")?;
         check.each("sample.offset_m", &sample.offset_m, 1.0, "metres")?;
         check.range("sample.azimuth_deg", sample.azimuth_deg, -360.0, 360.0, "degrees")?;
         check.range("sample.radius_m", sample.radius_m, 1e-6, 1.0, "metres")?;

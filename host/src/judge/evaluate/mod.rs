@@ -133,6 +133,8 @@ pub struct Comparison {
     pub scored_share: Option<f64>,
     /// |f − reference| / reference over the scored samples.
     pub relative_error: Quantiles,
+    /// Share of the scored samples whose interval of k = 2 holds the reference; `None` if there are none.
+    pub within_k2: Option<f64>,
     /// Peak signal-to-noise ratio in dB of f·cosθi at exposure 1, clipped to 1, over all compared samples; `None` if none of
     /// them is scored, or if there is no difference.
     pub psnr_db: Option<f64>,
@@ -203,6 +205,7 @@ pub fn evaluate(
             scored_samples: scored,
             scored_share: share(scored, pairs * brdf.channels()),
             relative_error: seen.errors.quantiles(),
+            within_k2: (scored > 0).then(|| seen.within as f64 / scored as f64),
             psnr_db: mse.filter(|mse| *mse > 0.0).map(|mse| -10.0 * mse.log10()),
             is_exact: mse == Some(0.0) && seen.errors.is_all_zeros(),
             reciprocity_residual_median: reciprocity.of_reference,

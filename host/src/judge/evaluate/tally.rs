@@ -51,6 +51,8 @@ pub(super) struct OfOrigin {
     pub(super) errors: LogHistogram,
     /// Samples of all channels where the reference has a value.
     pub(super) compared: u64,
+    /// Those that are scored and differ by at most two standard uncertainties.
+    pub(super) within: u64,
     /// Sum over those of the squared difference of f·cosθi, clipped to 1.
     pub(super) squares: f64,
 }
@@ -62,6 +64,7 @@ impl OfOrigin {
             sigma: LogHistogram::new(),
             errors: LogHistogram::new(),
             compared: 0,
+            within: 0,
             squares: 0.0,
         }
     }
@@ -72,6 +75,7 @@ impl OfOrigin {
             sigma: self.sigma.merge(&other.sigma),
             errors: self.errors.merge(&other.errors),
             compared: self.compared + other.compared,
+            within: self.within + other.within,
             squares: self.squares + other.squares,
         }
     }
@@ -241,13 +245,14 @@ impl Judge<'_> {
                 }
                 let Some((lobe, floor)) = &lobe else { continue };
                 let truth = channel_values(lobe.f(wo), channels);
-                for (channel, (&f, truth)) in f.iter().zip(truth).enumerate() {
+                for (channel, ((&f, sigma), truth)) in f.iter().zip(sigma).zip(truth).enumerate() {
                     if !truth.is_finite() {
                         continue;
                     }
                     let f = f64::from(f);
                     if let Some(error) = floor.error(f, truth, channel) {
                         of.errors.add(error);
+                        of.within += u64::from((f - truth).abs() <= 2.0 * sigma.to_f64());
                     }
                     let clipped = |f: f64| (f * wi.z).clamp(0.0, 1.0);
                     of.squares += (clipped(f) - clipped(truth)).powi(2);

@@ -25,6 +25,10 @@ use super::systematic;
 const PHASE: f64 = 0.3;
 /// Difference in ln α for its derivative.
 const STEP: f64 = 1e-4;
+/// A step ends the search that changes χ², or the unknowns, by no more than this share: far less than their uncertainty. A
+/// material without a lobe has no minimum to speak of, and would be searched for long.
+const CHI_SQUARED_STEP: f64 = 1e-9;
+const UNKNOWNS_STEP: f64 = 1e-6;
 /// Roughness from which fits start.
 const STARTS: [f64; 5] = [0.03, 0.07, 0.15, 0.35, 0.8];
 /// Roughness beyond which there is no lobe, or one that no pixel resolves.
@@ -254,7 +258,10 @@ fn minimum<'a>(
     let mut is_converged = true;
     // Once more with the weights that belong to the solution.
     for _ in 0..2 {
-        let (solved, report) = LevenbergMarquardt::new().minimize(problem);
+        let (solved, report) = LevenbergMarquardt::new()
+            .with_ftol(CHI_SQUARED_STEP)
+            .with_xtol(UNKNOWNS_STEP)
+            .minimize(problem);
         problem = solved;
         is_converged = report.termination.was_successful();
         let is_in_range = alpha(&problem.unknowns).iter().all(|alpha| ALPHA.contains(alpha));

@@ -208,7 +208,10 @@ fn weights(row: &[Compared], common: f64) -> Vec<f64> {
 /// # Errors
 /// [`StoreError`] if the file cannot be read or contradicts itself.
 pub fn judge(brdf: &Brdf, sample: &dyn Sample) -> Result<Judgement, StoreError> {
-    let stated = brdf.common_uncertainty();
+    // Light that returns onto the sample is as wrong as the standards are, and more of a dark sample with a bright lobe.
+    let stated = brdf
+        .common_uncertainty()
+        .map(|stated| stated.max(brdf.standards_uncertainty().unwrap_or(0.0)));
     let common = stated.unwrap_or(0.0);
     let (mut up, mut down) = (0.0, 0.0);
     each(brdf, sample, &mut |row| {

@@ -78,7 +78,7 @@ pub fn measure(
         let lock = Lock::folder(out)?;
         let scaled = request.rig(rig).map_err(MeasurementError::from)?;
         let asked = resumed_as(out, &scaled, &request, start, goal, setup)?;
-        let job = Job::with_times(rig, begun, &asked.exposures_s(), setup)?;
+        let job = Job::with_times(rig, begun, &asked.exposures_s(), setup, progress)?;
         (job, asked, lock)
     } else {
         Measurement::check_new(out)?;

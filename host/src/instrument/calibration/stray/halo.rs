@@ -2,7 +2,7 @@
 //!
 //! # Design
 //! Gaussians are products of one along x and one along y, and what they make is smooth: each is computed on a coarser grid on
-//! which it is two pixels wide, and interpolated linearly. An axis of that is a band of weights (`Band`), which averages,
+//! which it is three pixels wide, and interpolated linearly. An axis of that is a band of weights (`Band`), which averages,
 //! spreads and at last interpolates. Outside the image it is dark.
 
 use glam::Vec4;
@@ -10,7 +10,7 @@ use glam::Vec4;
 use super::WIDTHS;
 
 /// Standard width of a Gaussian on its grid, pixels …
-const GRID_PX: f64 = 2.0;
+const GRID_PX: f64 = 3.0;
 /// … and on how many at least.
 const LEAST_PX: usize = 8;
 /// A Gaussian ends here, standard widths.
@@ -110,8 +110,9 @@ impl Axis {
             (first, (first..last).map(weight).collect())
         });
         let interpolate = (0..size_px).map(|pixel| {
-            let at = ((pixel as f64 + 0.5) / pitch - 0.5).clamp(0.0, (grid - 1) as f64);
-            let first = (at as usize).min(grid.saturating_sub(2));
+            // Beyond the middles of the outermost pixels of the grid it goes on as straight.
+            let at = (pixel as f64 + 0.5) / pitch - 0.5;
+            let first = (at.max(0.0) as usize).min(grid.saturating_sub(2));
             let share = (at - first as f64) as f32;
             (
                 first,

@@ -169,6 +169,8 @@ pub(crate) struct Room {
     halo: halo::Room,
 }
 
+/// Groups of pixels that are dark by construction.
+const GROUPS: usize = 8;
 /// A saturated pixel holds at least so much of the light of all of them: what is divided by has to be more than nothing.
 const LEAST: f32 = 1e-12;
 
@@ -269,25 +271,32 @@ impl Removal {
             .map(|shown| Vec4::select(shown.is_nan_mask(), Vec4::ONE, Vec4::ZERO));
         room.beyond.extend(beyond);
         self.spread(&room.beyond, &mut room.once, &mut room.halo);
-        let (mut xy, mut xx, mut yy, mut count) = (Vec4::ZERO, Vec4::ZERO, Vec4::ZERO, 0.0_f32);
-        for &pixel in &self.monitors {
+        // Sums over the monitors, by groups of neighbours: what is wrong with the halo's shape they share.
+        let mut sums = [(Vec4::ZERO, Vec4::ZERO); GROUPS];
+        let mut count = 0.0_f32;
+        for (place, &pixel) in self.monitors.iter().enumerate() {
             let at = pixel as usize;
             if shown[at].is_nan() {
                 continue;
             }
             let (x, y) = (room.once[at], shown[at] - room.stray[at]);
-            (xy, xx, yy, count) = (xy + x * y, xx + x * x, yy + y * y, count + 1.0);
+            let (xy, xx) = &mut sums[place * GROUPS / self.monitors.len()];
+            (*xy, *xx, count) = (*xy + x * y, *xx + x * x, count + 1.0);
         }
-        let is_known = xx.cmpgt(Vec4::splat(LEAST)) & Vec4::splat(count).cmpgt(Vec4::splat(8.0));
-        let each = Vec4::select(
-            is_known,
-            (xy / xx.max(Vec4::splat(LEAST))).max(Vec4::ZERO),
-            Vec4::ZERO,
-        );
-        // What the fit leaves, not its noise alone: the monitors share the error of the halo's shape.
-        let left = ((yy - each * xy).max(Vec4::ZERO) / count.max(1.0)).map_lanes(f32::sqrt);
-        let mean = (xx / count.max(1.0)).map_lanes(f32::sqrt).max(Vec4::splat(LEAST));
-        let uncertain = Vec4::select(is_known, left / mean, Vec4::splat(f32::INFINITY));
+        let (xy, xx) = sums.iter().fold((Vec4::ZERO, Vec4::ZERO), |sum, one| {
+            (sum.0 + one.0, sum.1 + one.1)
+        });
+        let least = Vec4::splat(LEAST);
+        let is_known = xx.cmpgt(least) & Vec4::splat(count).cmpgt(Vec4::splat(8.0));
+        let raw = xy / xx.max(least);
+        let each = Vec4::select(is_known, raw.max(Vec4::ZERO), Vec4::ZERO);
+        // By a jackknife over the groups.
+        let squares = sums.iter().fold(Vec4::ZERO, |sum, (group_xy, group_xx)| {
+            let off = (xy - *group_xy) / (xx - *group_xx).max(least) - raw;
+            sum + off * off
+        });
+        let jackknife = (squares * ((GROUPS - 1) as f32 / GROUPS as f32)).map_lanes(f32::sqrt);
+        let uncertain = Vec4::select(is_known, jackknife, Vec4::splat(f32::INFINITY));
         for ((stray, doubt), spread) in room.stray.iter_mut().zip(&mut room.doubt).zip(&room.once) {
             let added = *spread * each;
             *stray += added;

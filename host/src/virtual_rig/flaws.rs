@@ -1,0 +1,188 @@
+//! Imperfections of the virtual rig that no rig file has, and how large they are drawn.
+
+use std::ops::RangeInclusive;
+
+use rand::RngExt as _;
+use rand_xoshiro::Xoshiro256PlusPlus;
+use serde::{Deserialize, Serialize};
+
+/// Imperfections of light, mirror and camera; none by default.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Flaws {
+    /// `T_o`, throughput over the camera's image, relative.
+    pub throughput: Field,
+    /// `E_p`, intensity over the projector's image, relative.
+    pub intensity: Field,
+    /// Intensity of a black projector pixel, as a share of that of a lit one: one over the contrast.
+    pub black_level: f64,
+    /// How that share varies over the projector's image, relative.
+    pub black: Field,
+    /// Exponent of the projector's response: intensity = (level/255)^gamma; 0 stands for 1.
+    pub gamma: f64,
+    /// Share of a signal at saturation that the camera does not show: g = s·(1 − nonlinearity·s/full scale).
+    pub nonlinearity: f64,
+    /// Share of the light from the sample that mirror and optics throw back onto it, from all directions alike.
+    pub interreflection: f64,
+    /// By how much the reflectance of the first and of the second standard differs from what is stated, relative.
+    pub standards: [f64; 2],
+    /// Light that dust, roughness and coatings throw aside on the way to the camera.
+    pub glare: Glare,
+    /// The image that the second surface of the beam splitter makes.
+    pub ghost: Ghost,
+    /// Light of the projector that reaches the camera without the sample.
+    pub direct: Direct,
+}
+
+/// Light thrown aside: a round core with long tails, and a veil over the whole image.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Glare {
+    /// Share of all light that is thrown aside.
+    pub share: f64,
+    /// Radius of the core, half widths of the image.
+    pub core: f64,
+    /// Exponent s of the tails: (1 + (r/core)²)^−s.
+    pub slope: f64,
+    /// Share of that light which is spread over the whole image.
+    pub veil: f64,
+    /// By which share the tails are brighter along one line than across it.
+    pub stretch: f64,
+    /// The direction of that line in the image, degrees.
+    pub azimuth_deg: f64,
+}
+
+/// A second, dimmer image.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Ghost {
+    /// Its light over that of the first.
+    pub share: f64,
+    /// Where it is, half widths of the image.
+    pub shift: [f64; 2],
+}
+
+/// Light that goes from the projector over the beam splitter into the camera.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Direct {
+    /// Its radiance over that of a white sample that has the same light of the projector.
+    pub share: f64,
+    /// How it varies over the camera's image, relative.
+    pub camera: Field,
+    /// How it varies over the projector's image, relative.
+    pub projector: Field,
+}
+
+impl Glare {
+    pub(super) fn drawn(rng: &mut Xoshiro256PlusPlus) -> Self {
+        Self {
+            share: log_uniform(GLARES, rng),
+            core: log_uniform(0.01..=0.05, rng),
+            slope: rng.random_range(1.1..1.5),
+            veil: rng.random_range(0.1..0.3),
+            stretch: rng.random_range(0.0..0.4),
+            azimuth_deg: rng.random_range(0.0..180.0),
+        }
+    }
+}
+
+impl Ghost {
+    pub(super) fn drawn(rng: &mut Xoshiro256PlusPlus) -> Self {
+        let (shift, turn) = (
+            log_uniform(0.005..=0.05, rng),
+            rng.random_range(0.0..std::f64::consts::TAU),
+        );
+        Self {
+            share: log_uniform(GHOSTS, rng),
+            shift: [shift * turn.cos(), shift * turn.sin()],
+        }
+    }
+}
+
+impl Direct {
+    pub(super) fn drawn(rng: &mut Xoshiro256PlusPlus) -> Self {
+        Self {
+            share: log_uniform(DIRECTS, rng),
+            camera: Field::drawn(0.5, rng),
+            projector: Field::drawn(0.5, rng),
+        }
+    }
+}
+
+/// A number whose logarithm is drawn uniformly.
+pub(super) fn log_uniform(range: RangeInclusive<f64>, rng: &mut Xoshiro256PlusPlus) -> f64 {
+    range.start() * (range.end() / range.start()).powf(rng.random_range(0.0..1.0))
+}
+
+/// 1 + a sum of Gaussian bumps over an image.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Field {
+    /// Of each: centre x and y in half widths of the image from its middle, standard width in half widths, amplitude.
+    pub bumps: Vec<[f64; 4]>,
+}
+
+impl Field {
+    /// The field at (`x`, `y`), each −1 to 1 over the image.
+    #[must_use]
+    pub fn at(&self, x: f64, y: f64) -> f64 {
+        let bump = |&[cx, cy, width, amplitude]: &[f64; 4]| {
+            amplitude * (-((x - cx).powi(2) + (y - cy).powi(2)) / (2.0 * width * width)).exp()
+        };
+        1.0 + self.bumps.iter().map(bump).sum::<f64>()
+    }
+
+    /// The field at every pixel centre of an image, row by row.
+    pub(super) fn over(&self, width_px: usize, height_px: usize) -> Vec<f64> {
+        let half = |index: usize, size: usize| 2.0 * (index as f64 + 0.5) / size as f64 - 1.0;
+        (0..width_px * height_px)
+            .map(|index| {
+                self.at(
+                    half(index % width_px, width_px),
+                    half(index / width_px, height_px),
+                )
+            })
+            .collect()
+    }
+
+    /// Bumps that make a field of ±`amplitude`, drawn from `rng`.
+    pub(super) fn drawn(amplitude: f64, rng: &mut Xoshiro256PlusPlus) -> Self {
+        // One broad fall-off to the border and two wide bumps: what vignetting and lamps do.
+        let mut bumps = vec![[0.0, 0.0, 0.9, 1.0]];
+        for _ in 0..2 {
+            let (x, y) = (rng.random_range(-0.8..0.8), rng.random_range(-0.8..0.8));
+            bumps.push([x, y, rng.random_range(0.4..0.7), rng.random_range(-0.8..0.8)]);
+        }
+        // Scaled so that the field spans just what was asked for.
+        let mut field = Self { bumps };
+        let values = field.over(64, 64);
+        let (low, high) = values
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
+                (low.min(*v), high.max(*v))
+            });
+        let scale = 2.0 * amplitude / (high - low);
+        for bump in &mut field.bumps {
+            bump[3] *= scale;
+        }
+        // A very wide bump is a constant: it brings the middle of the range to 1.
+        let middle = 1.0 + scale * (f64::midpoint(low, high) - 1.0);
+        field.bumps.push([0.0, 0.0, 1e6, 1.0 - middle]);
+        field
+    }
+}
+
+/// Contrasts of projectors, full on over full off: 400 is the LCD projector of the first instrument of this kind (2007), DMD
+/// and LCoS projectors without a dynamic iris reach 1,000 to 3,000 (data sheets).
+pub const CONTRASTS: RangeInclusive<f64> = 400.0..=3000.0;
+/// Shares of glare: a clean lens has 0.1 % with a long tail, a good one about 0.3 % and a dusty one of many elements 1 % and
+/// more (veiling glare index, ISO 9358).
+pub const GLARES: RangeInclusive<f64> = 1e-3..=1e-2;
+/// Shares of the splitter's ghost: the second surface reflects 0.5 % (V coating) to 4 % (bare glass, Fresnel's equations).
+pub const GHOSTS: RangeInclusive<f64> = 5e-3..=4e-2;
+/// Shares of direct light: black velvet and light traps behind a splitter return 10⁻⁴ to 3·10⁻³ of a white sample's light.
+pub(super) const DIRECTS: RangeInclusive<f64> = 1e-4..=3e-3;
+/// Half the range by which the light of black pixels varies over the image beside that of lit ones: black depends on the angle
+/// at which light meets the modulator.
+pub(super) const BLACK_FIELD: f64 = 0.2;
