@@ -18,7 +18,7 @@ use crate::store::{BrdfRows, StoreError, stored_sigma};
 const REACH: usize = 8;
 /// Incident directions beyond an occluded one, degrees, where its neighbours are looked for.
 const REACH_DEG: f64 = 12.0;
-/// Relative uncertainty of the model where the fit says nothing, and at least.
+/// Relative uncertainty of the model where the fit says nothing or is not acceptable, and at least.
 const MODEL: f32 = 0.3;
 const LEAST_MODEL: f32 = 0.1;
 /// Half vectors so near tell how well the model holds, degrees.
@@ -372,7 +372,8 @@ impl Modelled {
     }
 
     /// Standard uncertainty of the value `f`: the most that the residuals of the fit are within [`NEAR_DEG`] of that half vector,
-    /// a tenth at least, because nobody saw whether the model goes on; without a lobe the scatter of the samples too.
+    /// a tenth at least, because nobody saw whether the model goes on, and more of a fit that does not describe what was seen;
+    /// without a lobe the scatter of the samples too.
     fn sigma(&self, wi: DVec3, wo: DVec3, f: [f32; 3]) -> [f32; 3] {
         let theta_deg = (wi + wo).normalize().z.clamp(-1.0, 1.0).acos().to_degrees();
         let residuals = self.fit.as_ref().map_or(&[][..], |fit| &fit.residuals);
@@ -380,7 +381,11 @@ impl Modelled {
             .iter()
             .filter(|residual| (residual.half_theta_deg - theta_deg).abs() <= NEAR_DEG)
             .map(|residual| (residual.rms_percent / 100.0) as f32);
-        let relative = near.reduce(f32::max).unwrap_or(MODEL).max(LEAST_MODEL);
+        let least = match &self.fit {
+            Some(fit) if !fit.acceptable => MODEL,
+            _ => LEAST_MODEL,
+        };
+        let relative = near.reduce(f32::max).unwrap_or(MODEL).max(least);
         std::array::from_fn(|channel| (relative * f[channel]).hypot(self.scatter[channel]))
     }
 }
