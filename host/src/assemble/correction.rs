@@ -27,6 +27,7 @@ use crate::brdf::budget::{BudgetSums, band};
 use crate::brdf::quadrature::spot_rad;
 use crate::hemisphere::disk::Disk;
 use crate::instrument::calibration::AppliedCalibration;
+use crate::instrument::calibration::stray::{PROJECTOR_TERMS, lit_terms};
 use crate::instrument::calibration::{Interreflection, Photometry};
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
@@ -44,16 +45,13 @@ pub(super) struct Correction {
     channels: usize,
     /// Factor of f, [cell, channel].
     cells: Vec<f32>,
-    /// Factor of f of each incident direction.
-    rows: Vec<f32>,
+    /// What lights each incident direction.
+    rows: Vec<Lit>,
     /// Relative standard uncertainty of the standards' reflectance, and relative variance of all f by what the fields leave.
     standard: f64,
     residual2: f32,
-    /// Relative variance of f by the throughput of each cell, and by the light of each incident direction.
+    /// Relative variance of f by the throughput of each cell.
     cell_relative2: Vec<f32>,
-    row_relative2: Vec<f32>,
-    /// Square of the angle by which the light of each incident direction comes from beside it, radians².
-    row_beside2: Vec<f32>,
     interreflection: Option<Interreflection>,
     /// cosθ times solid angle of each cell, 0 beyond the horizon.
     cosine_sr: Vec<f32>,
@@ -87,7 +85,6 @@ impl Correction {
             (cells, cell_relative2) = throughput(rig, photometry, disk);
             (standard, residual) = (photometry.standard_uncertainty, photometry.field_residual);
         }
-        let (rows, (row_relative2, row_beside2)) = light(rig, plan, directions, applied.photometry.as_ref());
         let [camera_deg, projector_deg] = applied.direction_deg;
         let band_of = |w: DVec3| band(w.z.clamp(-1.0, 1.0).acos().to_degrees());
         Ok(Self {
@@ -100,12 +97,10 @@ impl Correction {
             size: disk.size(),
             channels,
             cells,
-            rows,
+            rows: lit(rig, plan, directions, applied.photometry.as_ref()),
             standard,
             residual2: residual.powi(2) as f32,
             cell_relative2,
-            row_relative2,
-            row_beside2,
             interreflection: applied
                 .photometry
                 .as_ref()
@@ -131,9 +126,14 @@ impl Correction {
         })
     }
 
+    /// Terms for direct light (see [`lit_terms`]) of the pixels that light each incident direction.
+    pub(super) fn lit_terms(&self) -> Vec<[f64; PROJECTOR_TERMS]> {
+        self.rows.iter().map(|lit| lit.terms).collect()
+    }
+
     /// What light and throughput make of the value at `cell` (with its channel) of the incident direction `row`.
     pub(super) fn factor(&self, row: usize, cell: usize) -> f32 {
-        self.cells[cell] * self.rows[row]
+        self.cells[cell] * self.rows[row].factor
     }
 
     /// Corrects the rows of the incident directions from `first` on, of whose uncertainties stray light makes `stray`. What is
@@ -150,7 +150,8 @@ impl Correction {
             .zip(rows.provenance.chunks_exact(cells))
             .zip(stray.chunks_exact(values));
         for (index, (((f, half_sigma), provenance), stray)) in (first..).zip(images) {
-            let scale = self.rows[index];
+            let lit = &self.rows[index];
+            let scale = lit.factor;
             for ((f, (sigma, half)), cell) in f
                 .iter_mut()
                 .zip(sigma.iter_mut().zip(half_sigma.iter()))
@@ -165,12 +166,11 @@ impl Correction {
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
                     f[cell * self.channels + channel] -= back.f;
                 }
-                let beside2 = self.row_beside2[index];
                 self.shape
-                    .uncertainties(f, &sigma, &measured, channel, beside2, &mut room);
+                    .uncertainties(f, &sigma, &measured, channel, lit.beside2, &mut room);
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
                     let at = cell * self.channels + channel;
-                    let relative2 = self.residual2 + self.row_relative2[index] + self.cell_relative2[cell];
+                    let relative2 = self.residual2 + lit.relative2 + self.cell_relative2[cell];
                     let standards2 = self.standards_variance(f[at], back.per_share);
                     let systematic = (relative2 * f[at] * f[at] + standards2).sqrt();
                     let by_shape = room.total[cell];
@@ -274,14 +274,19 @@ fn throughput(rig: &Rig, photometry: &Photometry, disk: Disk) -> (Vec<f32>, Vec<
     (factors, variances)
 }
 
-/// What f is to be multiplied with for the intensity of the lit pixels of each incident direction, the relative variance of
-/// that, and the square of the angle from the direction to their middle in radians².
-fn light(
-    rig: &Rig,
-    plan: &Plan,
-    directions: &Directions,
-    photometry: Option<&Photometry>,
-) -> (Vec<f32>, (Vec<f32>, Vec<f32>)) {
+/// What the lit pixels of one incident direction are to its images.
+struct Lit {
+    /// Factor of f for their intensity, and its relative variance.
+    factor: f32,
+    relative2: f32,
+    /// Square of the angle from the direction to their middle, radians².
+    beside2: f32,
+    /// Their terms for direct light, see [`lit_terms`].
+    terms: [f64; PROJECTOR_TERMS],
+}
+
+/// The lit pixels of each incident direction; nothing of those that are not lit.
+fn lit(rig: &Rig, plan: &Plan, directions: &Directions, photometry: Option<&Photometry>) -> Vec<Lit> {
     use rayon::prelude::*;
     let projector = View::projector(rig);
     let maker = PatternMaker::new(projector.clone(), plan.spot_deg, rig.projector.irradiance);
@@ -290,21 +295,28 @@ fn light(
     (0..directions.grid.len())
         .into_par_iter()
         .map(|index| {
+            let mut of = Lit {
+                factor: 1.0,
+                relative2: 0.0,
+                beside2: 0.0,
+                terms: [0.0; PROJECTOR_TERMS],
+            };
             let w: DVec3 = directions.grid.direction(index);
             let lit = directions.reasons[index].is_none().then(|| maker.lit_set(w).ok());
             let Some((lit, at)) = lit.flatten().zip(projector.pixel(w).ok()) else {
-                return (1.0, (0.0, 0.0));
+                return of;
             };
-            let beside2 = lit.centroid.angle_between(w).powi(2) as f32;
+            of.beside2 = lit.centroid.angle_between(w).powi(2) as f32;
             let Some((found, field)) = photometry.zip(field.as_ref()) else {
-                return (1.0, (0.0, beside2));
+                return of;
             };
             let [x, y] = place(&projector, at);
-            let relative = found.intensity.relative_uncertainty_at(x, y);
-            let factor = lit.irradiance / maker.irradiance_of(&lit, field);
-            (factor as f32, ((relative * relative) as f32, beside2))
+            of.relative2 = (found.intensity.relative_uncertainty_at(x, y).powi(2)) as f32;
+            of.factor = (lit.irradiance / maker.irradiance_of(&lit, field)) as f32;
+            of.terms = lit_terms(&lit.pixels, width_px, height_px);
+            of
         })
-        .unzip()
+        .collect()
 }
 
 /// The image position `at` (pixels) as fields take it, −1 to 1 over the image.

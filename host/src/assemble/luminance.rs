@@ -98,8 +98,8 @@ impl<'a> FrameAssembler<'a> {
                 self.projection.disk,
                 &self.projection.resampling,
             )?;
+            self.projection.stray = StrayLight::new(self.rig, self.applied, &correction);
             self.correction = Some(correction);
-            self.projection.stray = StrayLight::new(self.rig, plan, directions, self.applied);
         }
         Ok(())
     }

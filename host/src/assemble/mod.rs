@@ -196,7 +196,7 @@ pub fn assemble(
             channels: format.channels,
             disk,
             radiometry,
-            stray: StrayLight::new(rig, plan, directions, applied),
+            stray: StrayLight::new(rig, applied, &correction),
             resampling,
         },
         correction,

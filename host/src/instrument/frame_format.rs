@@ -13,6 +13,15 @@ pub struct FrameFormat {
     pub bits: u8,
 }
 
+/// Where the centre of the pixel of this `index` (row-major) is in an image of this size: x and y, −1 to 1 over the image.
+pub(crate) fn place_of_pixel(index: usize, width_px: usize, height_px: usize) -> [f64; 2] {
+    let half = |at: usize, size: usize| 2.0 * (at as f64 + 0.5) / size as f64 - 1.0;
+    [
+        half(index % width_px, width_px),
+        half(index / width_px, height_px),
+    ]
+}
+
 impl FrameFormat {
     /// Digital numbers of a frame.
     #[must_use]

@@ -6,6 +6,8 @@ use rand::RngExt as _;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
 
+use crate::instrument::frame_format::place_of_pixel;
+
 /// Imperfections of light, mirror and camera; none by default.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -135,13 +137,10 @@ impl Field {
 
     /// The field at every pixel centre of an image, row by row.
     pub(super) fn over(&self, width_px: usize, height_px: usize) -> Vec<f64> {
-        let half = |index: usize, size: usize| 2.0 * (index as f64 + 0.5) / size as f64 - 1.0;
         (0..width_px * height_px)
             .map(|index| {
-                self.at(
-                    half(index % width_px, width_px),
-                    half(index / width_px, height_px),
-                )
+                let [x, y] = place_of_pixel(index, width_px, height_px);
+                self.at(x, y)
             })
             .collect()
     }

@@ -162,20 +162,19 @@ impl Chunk {
                 continue;
             }
             let (x, y, row) = ((cell % size) as i64, (cell / size) as i64, sample - cell);
+            let sample_at = |(x, y): (i64, i64)| {
+                let inside = (0..size as i64).contains(&x) && (0..size as i64).contains(&y);
+                let there = inside.then(|| row + (y * size as i64 + x) as usize)?;
+                (before[there] != Provenance::Missing.code()).then_some(there)
+            };
             let nearest = |dx: i64, dy: i64| {
                 (1..=REACH as i64).find_map(|step| {
                     let (x, y) = (x + dx * step, y + dy * step);
-                    let inside = (0..size as i64).contains(&x) && (0..size as i64).contains(&y);
-                    let there = inside.then(|| row + (y * size as i64 + x) as usize)?;
+                    let there = sample_at((x, y))?;
                     let far = step as f32 * if dx != 0 && dy != 0 { 2_f32.sqrt() } else { 1.0 };
                     let beyond = (x + dx, y + dy);
-                    (before[there] != Provenance::Missing.code()).then_some((there, far, beyond))
+                    Some((there, far, beyond))
                 })
-            };
-            let value_at = |(x, y): (i64, i64)| {
-                let inside = (0..size as i64).contains(&x) && (0..size as i64).contains(&y);
-                let there = inside.then(|| row + (y * size as i64 + x) as usize)?;
-                (before[there] != Provenance::Missing.code()).then(|| self.get(there).0)
             };
             let lines = [(1, 0), (0, 1), (1, 1), (1, -1)];
             let sides = lines
@@ -190,7 +189,7 @@ impl Chunk {
                         f,
                         sigma,
                         far,
-                        beyond: value_at(beyond),
+                        beyond: sample_at(beyond).map(|there| self.get(there).0),
                         farther: if diagonal { 2_f32.sqrt() } else { 1.0 },
                     }
                 };

@@ -185,8 +185,8 @@ fn overlapping(there: &[Found], here: &[Found], slopes: &[Vec<Option<f64>>], gro
         .collect()
 }
 
-/// Scale and turn of `other` against `base`.
-fn align(base: &Brdf, other: &Brdf) -> Result<Alignment, FillError> {
+/// Pairs of directions at which others are compared with `base`, and the groups of their incident directions.
+fn drawn_pairs(base: &Brdf) -> (Vec<(DVec3, DVec3)>, Vec<usize>) {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(0);
     let least = 75_f64.to_radians().cos();
     let lit: Vec<usize> = (0..base.grid().len())
@@ -200,6 +200,12 @@ fn align(base: &Brdf, other: &Brdf) -> Result<Alignment, FillError> {
         pairs.push((base.grid().direction(lit[place]), wo));
         groups.push(place % GROUPS);
     }
+    (pairs, groups)
+}
+
+/// Scale and turn of `other` against `base`.
+fn align(base: &Brdf, other: &Brdf) -> Result<Alignment, FillError> {
+    let (pairs, groups) = drawn_pairs(base);
     let there = base.with_sigma(&pairs)?;
     let slopes = slopes(other, &pairs)?;
     let no_overlap = |found: usize| FillError::NoOverlap {
@@ -212,7 +218,7 @@ fn align(base: &Brdf, other: &Brdf) -> Result<Alignment, FillError> {
     let mut turn = DQuat::IDENTITY;
     let (mut found, mut uncertainty, mut overlap) = ([0.0; 4], [0.0; 4], 0);
     let mut usual = f64::INFINITY;
-    for _ in 0..ROUNDS {
+    for round in 1..=ROUNDS {
         let here = turned(other, &pairs, turn)?;
         let rows = overlapping(&there, &here, &slopes, &groups);
         overlap = rows.len();
@@ -245,6 +251,9 @@ fn align(base: &Brdf, other: &Brdf) -> Result<Alignment, FillError> {
         turn = DQuat::from_scaled_axis(DVec3::new(solved[1], solved[2], solved[3])) * turn;
         let total = turn.to_scaled_axis();
         found = [solved[0], total.x, total.y, total.z];
+        if round < ROUNDS {
+            continue;
+        }
         let without: Vec<_> = (0..GROUPS)
             .filter_map(|group| Some(solve(Some(group))?.0))
             .collect();

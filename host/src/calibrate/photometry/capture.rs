@@ -308,7 +308,7 @@ fn holders(full: &Rig, request: &Request, tilts: &[Option<Tilt>]) -> Result<Vec<
 }
 
 /// The raw frames of so many `segments`, the clock left open.
-fn layout(segments: usize, format: FrameFormat) -> RawLayout {
+pub(super) fn layout(segments: usize, format: FrameFormat) -> RawLayout {
     RawLayout {
         exposures: segments * SEGMENT,
         segment: SEGMENT,

@@ -47,12 +47,11 @@ use super::{CalibrateError, RIG};
 use crate::base::text::by;
 use crate::brdf::sample::{Sample, albedo};
 use crate::hemisphere::direction::from_degrees;
-use crate::instrument::calibration::stray::{Removal, dark_pixels};
+use crate::instrument::calibration::stray::Removal;
 use crate::instrument::calibration::{
     CalibrationError, CameraFound, Interreflection, PHOTOMETRY, PHOTOMETRY_VERSION, Photometry, Stray,
     check_rig, file, rig_hash,
 };
-use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
 use crate::store::{RawStore, Segment};
 
@@ -259,11 +258,7 @@ impl<'a> Captured<'a> {
 
     /// How frames of the standard at the stand of this index lose `stray` light.
     fn removal(&self, stand: usize, stray: &Stray) -> Result<Removal, CalibrateError> {
-        let rig = self.views.rig_of(stand)?;
-        let format = rig.frame_format();
-        let cut = View::camera(&rig).cut_pixels(0.0);
-        let dark = dark_pixels(&cut, format.width_px);
-        Ok(Removal::new(stray, format.width_px, format.height_px, dark))
+        Ok(Removal::of(stray, &self.views.rig_of(stand)?))
     }
 
     /// The interreflection from the second standard, named `spec`, beside the `first`, which has its `own` (see

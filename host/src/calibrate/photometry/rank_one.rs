@@ -9,9 +9,8 @@
 //!
 //! Channels share both fields and have a K each.
 
-use glam::{DVec3, Vec4};
+use glam::DVec3;
 use nalgebra::{DMatrix, DVector};
-use rayon::prelude::*;
 
 use super::Linear;
 use super::capture::{Stand, Views, maker};
@@ -19,7 +18,7 @@ use super::share::{Judged, Lit};
 use crate::base::linear_fit::least_squares;
 use crate::brdf::sample::Sample;
 use crate::calibrate::CalibrateError;
-use crate::instrument::calibration::stray::{PROJECTOR_TERMS, Removal, Room, lit_terms};
+use crate::instrument::calibration::stray::{PROJECTOR_TERMS, lit_terms};
 use crate::instrument::calibration::{CalibrationError, HIGHEST, SmoothField, TERMS, degree, lights, terms};
 use crate::instrument::optics::{DirectionMap, Unmeasurable, View};
 use crate::instrument::rig::Rig;
@@ -79,8 +78,8 @@ pub(super) struct Seen<'a> {
     lit: Vec<Option<Spot>>,
     /// The same of all that no edge cuts.
     pub(super) all_lit: Vec<Option<Spot>>,
-    /// Of each place, the terms of direct light (see [`lit_terms`]) of the lit pixels.
-    lit_terms: Vec<[f64; PROJECTOR_TERMS]>,
+    /// Of each place, the terms of direct light (see [`lit_terms`]) of the lit pixels; zero where no spot counts.
+    pub(super) lit_terms: Vec<[f64; PROJECTOR_TERMS]>,
     /// What of it the standard truly filled.
     pub(super) judged: Judged,
     pairs: Vec<Pair>,
@@ -129,8 +128,9 @@ fn seen_pixels(camera: &View, map: &DirectionMap) -> Vec<SeenPixel> {
         .collect()
 }
 
-/// The spot of `spot_deg` degrees that lights each direction of `stand`, if no edge cuts it.
-fn lit_spots(rig: &Rig, stand: &Stand, spot_deg: f64) -> Vec<Option<Spot>> {
+/// The spot of `spot_deg` degrees that lights each direction of `stand`, and the terms of direct light (see [`lit_terms`]) of
+/// its pixels, if no edge cuts it.
+fn lit_spots(rig: &Rig, stand: &Stand, spot_deg: f64) -> Vec<Option<(Spot, [f64; PROJECTOR_TERMS])>> {
     let maker = maker(rig, spot_deg);
     let projector = View::projector(rig);
     let clearance_rad = (spot_deg / 2.0 + EDGE_DEG).to_radians();
@@ -157,22 +157,9 @@ fn lit_spots(rig: &Rig, stand: &Stand, spot_deg: f64) -> Vec<Option<Spot>> {
             half(mean(&|pixel| pixel % width), width),
             half(mean(&|pixel| pixel / width), height),
         ];
-        Some((at, lit.irradiance))
+        Some(((at, lit.irradiance), lit_terms(&lit.pixels, width, height)))
     };
     stand.directions.iter().enumerate().map(spot).collect()
-}
-
-/// The terms of direct light of the pixels that light each direction of `stand`.
-fn terms_of_spots(rig: &Rig, stand: &Stand, spot_deg: f64) -> Vec<[f64; PROJECTOR_TERMS]> {
-    let maker = maker(rig, spot_deg);
-    let (width, height) = maker.size_px();
-    let of = |index: &usize| {
-        let lit = maker.lit_set(lights::direction(*index)).ok();
-        lit.map_or([0.0; PROJECTOR_TERMS], |lit| {
-            lit_terms(&lit.pixels, width, height)
-        })
-    };
-    stand.directions.iter().map(of).collect()
 }
 
 impl<'a> Seen<'a> {
@@ -195,7 +182,8 @@ impl<'a> Seen<'a> {
             .filter(|(index, _, w, _)| w.z > LEAST_COS && is_inner(*index))
             .map(|&(index, at, w, _)| (index, at, w))
             .collect();
-        let all_lit = lit_spots(rig, stand, views.spot_deg());
+        let spots = lit_spots(rig, stand, views.spot_deg());
+        let all_lit: Vec<Option<Spot>> = spots.iter().map(|spot| spot.map(|(spot, _)| spot)).collect();
         let lit = all_lit
             .iter()
             .zip(&stand.directions)
@@ -212,61 +200,14 @@ impl<'a> Seen<'a> {
             all_pixels,
             lit,
             all_lit,
-            lit_terms: terms_of_spots(rig, stand, views.spot_deg()),
+            lit_terms: spots
+                .iter()
+                .map(|spot| spot.map_or([0.0; PROJECTOR_TERMS], |(_, terms)| terms))
+                .collect(),
             pairs: Vec::new(),
             saturated: 0,
             values: 0,
         })
-    }
-
-    /// The `frames` of the directions from the place `first` on, with the stray light that `removal` finds in them; `black` is
-    /// the black frame, linear.
-    pub(super) fn lit<'b>(
-        &self,
-        first: usize,
-        frames: &[&'b [u16]],
-        linear: &Linear,
-        black: &[f64],
-        removal: &Removal,
-    ) -> Vec<Lit<'b>> {
-        let channels = self.channels;
-        let saturation = linear.of(self.saturation_dn) as f32;
-        let one = |room: &mut Room, (place, dn): (usize, &&'b [u16])| {
-            let shown: Vec<Vec4> = dn
-                .chunks_exact(channels)
-                .zip(black.chunks_exact(channels))
-                .map(|(dn, black)| {
-                    let mut lanes = [0.0; 4];
-                    for ((lane, dn), black) in lanes.iter_mut().zip(dn).zip(black) {
-                        let dn = f64::from(*dn);
-                        let is_saturated = dn >= self.saturation_dn;
-                        *lane = if is_saturated {
-                            f32::NAN
-                        } else {
-                            (linear.of(dn) - black) as f32
-                        };
-                    }
-                    Vec4::from_array(lanes)
-                })
-                .collect();
-            removal.find(
-                &shown,
-                &self.lit_terms[first + place],
-                self.exposure_s,
-                saturation,
-                room,
-            );
-            let lanes = room.stray.iter().map(Vec4::to_array);
-            Lit {
-                dn,
-                stray: lanes.flat_map(|lanes| lanes.into_iter().take(channels)).collect(),
-            }
-        };
-        frames
-            .par_iter()
-            .enumerate()
-            .map_init(Room::default, one)
-            .collect()
     }
 
     /// Takes the frames of the directions from the place `first` on. `black` is the black frame, linear; `standard` is what

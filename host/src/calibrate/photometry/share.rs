@@ -9,12 +9,14 @@
 //! judged by them, in turns until nothing changes. The first turns grow outwards from the normal, where every sample is
 //! seen, with fields that are held smooth: what falls away from how they go on is not whole.
 
-use glam::DVec3;
+use glam::{DVec3, Vec4};
+use rayon::prelude::*;
 
 use super::Linear;
 use super::rank_one::{Fields, Held, Seen, fit};
 use crate::brdf::sample::Sample;
 use crate::instrument::calibration::lights;
+use crate::instrument::calibration::stray::{Removal, Room};
 use crate::instrument::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
 
 /// Turns of fitting and judging, at most.
@@ -96,6 +98,56 @@ impl Share {
 }
 
 impl Seen<'_> {
+    /// The `frames` of the directions from the place `first` on, with the stray light that `removal` finds in them; `black` is
+    /// the black frame, linear.
+    pub(super) fn lit<'b>(
+        &self,
+        first: usize,
+        frames: &[&'b [u16]],
+        linear: &Linear,
+        black: &[f64],
+        removal: &Removal,
+    ) -> Vec<Lit<'b>> {
+        let channels = self.channels;
+        let saturation = linear.of(self.saturation_dn) as f32;
+        let one = |room: &mut Room, (place, dn): (usize, &&'b [u16])| {
+            let shown: Vec<Vec4> = dn
+                .chunks_exact(channels)
+                .zip(black.chunks_exact(channels))
+                .map(|(dn, black)| {
+                    let mut lanes = [0.0; 4];
+                    for ((lane, dn), black) in lanes.iter_mut().zip(dn).zip(black) {
+                        let dn = f64::from(*dn);
+                        let is_saturated = dn >= self.saturation_dn;
+                        *lane = if is_saturated {
+                            f32::NAN
+                        } else {
+                            (linear.of(dn) - black) as f32
+                        };
+                    }
+                    Vec4::from_array(lanes)
+                })
+                .collect();
+            removal.find(
+                &shown,
+                &self.lit_terms[first + place],
+                self.exposure_s,
+                saturation,
+                room,
+            );
+            let lanes = room.stray.iter().map(Vec4::to_array);
+            Lit {
+                dn,
+                stray: lanes.flat_map(|lanes| lanes.into_iter().take(channels)).collect(),
+            }
+        };
+        frames
+            .par_iter()
+            .enumerate()
+            .map_init(Room::default, one)
+            .collect()
+    }
+
     /// Signal and its variance by noise, in linear digital numbers, of one number of a frame; `None` if it saturated.
     fn signal(&self, frames: &Frames, place: usize, at: usize) -> Option<(f64, f64)> {
         let lit = &frames.lit[place];

@@ -10,6 +10,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::instrument::frame_format::place_of_pixel;
+
 /// Largest sum of the degrees in x and y.
 pub(crate) const DEGREE: usize = 9;
 /// Coefficients of a field.
@@ -77,13 +79,10 @@ impl SmoothField {
     /// The field at every pixel centre of an image, row by row.
     #[must_use]
     pub fn over(&self, width_px: usize, height_px: usize) -> Vec<f64> {
-        let half = |index: usize, size: usize| 2.0 * (index as f64 + 0.5) / size as f64 - 1.0;
         (0..width_px * height_px)
             .map(|index| {
-                self.at(
-                    half(index % width_px, width_px),
-                    half(index / width_px, height_px),
-                )
+                let [x, y] = place_of_pixel(index, width_px, height_px);
+                self.at(x, y)
             })
             .collect()
     }

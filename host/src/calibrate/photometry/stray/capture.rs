@@ -15,7 +15,7 @@ use std::path::Path;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::super::capture::{SEGMENT, VIEWS};
+use super::super::capture::{SEGMENT, VIEWS, layout};
 use crate::base::progress::Progress;
 use crate::calibrate::{CalibrateError, create_raw, segment_of};
 use crate::capture::pilot::TestExposures;
@@ -23,7 +23,7 @@ use crate::capture::{Instrument, Tally};
 use crate::instrument::rig::Rig;
 use crate::plan;
 use crate::plan::schedule::{SHORTEST_EXPOSURE_S, Timing};
-use crate::store::{RawLayout, RawStore};
+use crate::store::RawStore;
 use crate::virtual_rig::setup::World;
 use crate::virtual_rig::{FlatMirror, Held};
 
@@ -40,6 +40,8 @@ pub(super) const DISCS: usize = 2;
 const PARTED: usize = 1;
 /// The first segment of parts.
 pub(super) const FIRST_PARTED: usize = 2 * DISCS;
+/// All of them.
+pub(super) const SEGMENTS: usize = FIRST_PARTED + PARTED;
 /// Reflectance of the flat mirror: a surface of black glass.
 const REFLECTANCE: f64 = 0.04;
 /// Share of the longest exposure that does not saturate: glare is told by what is not saturated.
@@ -151,13 +153,13 @@ impl StrayViews {
         progress: &dyn Progress,
     ) -> Result<(), CalibrateError> {
         let rig = self.rig(full)?;
-        let layout = layout(&rig);
+        let layout = layout(SEGMENTS, rig.frame_format());
         progress.begin("stray light", layout.exposures, "exposures");
         let mut raw: Option<RawStore> = None;
         for (segments, held, exposure_s) in [
             (0..DISCS, &mirror(), self.discs_s),
             (DISCS..FIRST_PARTED, trap, self.discs_s),
-            (FIRST_PARTED..FIRST_PARTED + PARTED, trap, self.parts_s),
+            (FIRST_PARTED..SEGMENTS, trap, self.parts_s),
         ] {
             let mut instrument = world.open_held(&rig, held.clone(), None)?;
             for segment in segments {
@@ -208,19 +210,5 @@ pub(super) fn lit(segment: usize, exposure: usize, size: (usize, usize)) -> Vec<
         disc(segment % DISCS * PATTERNS + exposure, size)
     } else {
         part((segment - FIRST_PARTED) * PATTERNS + exposure, size)
-    }
-}
-
-/// The raw frames, the clock left open.
-pub(super) fn layout(rig: &Rig) -> RawLayout {
-    let format = rig.frame_format();
-    RawLayout {
-        exposures: (FIRST_PARTED + PARTED) * SEGMENT,
-        segment: SEGMENT,
-        height: format.height_px,
-        width: format.width_px,
-        channels: format.channels,
-        bits: format.bits,
-        clock_hz: 0,
     }
 }

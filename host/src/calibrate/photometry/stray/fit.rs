@@ -13,13 +13,14 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 use super::super::Linear;
-use super::super::capture::VIEWS;
-use super::capture::{BLACK, DISCS, FIRST_PARTED, PATTERNS, RAW, StrayViews, layout, lit};
+use super::super::capture::{VIEWS, layout};
+use super::capture::{BLACK, DISCS, FIRST_PARTED, PATTERNS, RAW, SEGMENTS, StrayViews, lit};
 use super::glare::{Mirrored, luminance, sources};
 use crate::base::text::by;
 use crate::calibrate::{CalibrateError, open_raw};
 use crate::instrument::calibration::stray::{CAMERA_TERMS, PROJECTOR_TERMS, camera_terms, lit_terms};
 use crate::instrument::calibration::{CalibrationError, Stray};
+use crate::instrument::frame_format::place_of_pixel;
 use crate::instrument::rig::Rig;
 
 /// A frame whose brightest pixel is dimmer than this share of that of all frames shows nothing.
@@ -75,7 +76,7 @@ impl Frames {
     fn read(dir: &Path, full: &Rig, views: &StrayViews, linear: &Linear) -> Result<Self, CalibrateError> {
         let rig = views.rig(full)?;
         let raw = open_raw(dir, RAW, VIEWS)?;
-        let (expected, found) = (layout(&rig), raw.layout());
+        let (expected, found) = (layout(SEGMENTS, rig.frame_format()), raw.layout());
         let of = |layout: &crate::store::RawLayout| {
             [
                 layout.exposures,
@@ -138,12 +139,13 @@ impl Frames {
     /// projector pixel.
     fn direct(&self) -> (Vec<Vec<f64>>, f64) {
         let (width, height) = self.size_px;
-        let half = |at: usize, size: usize| 2.0 * (at as f64 + 0.5) / size as f64 - 1.0;
         let camera = DMatrix::from_row_iterator(
             width * height,
             CAMERA_TERMS,
-            (0..width * height)
-                .flat_map(|pixel| camera_terms(half(pixel % width, width), half(pixel / width, height))),
+            (0..width * height).flat_map(|pixel| {
+                let [x, y] = place_of_pixel(pixel, width, height);
+                camera_terms(x, y)
+            }),
         );
         let shown: Vec<&Vec<Vec4>> = self.segments[FIRST_PARTED..].iter().flatten().collect();
         let exposure_s = self.parts_s;

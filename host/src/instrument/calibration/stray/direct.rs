@@ -1,5 +1,7 @@
 //! Direct light as a polynomial over both images: products of Legendre polynomials.
 
+use crate::instrument::frame_format::place_of_pixel;
+
 /// Largest degree over the camera's image, and how many terms those are.
 const CAMERA_DEGREE: usize = 4;
 pub(crate) const CAMERA_TERMS: usize = (CAMERA_DEGREE + 1) * (CAMERA_DEGREE + 2) / 2;
@@ -14,14 +16,9 @@ pub(crate) fn camera_terms(x: f64, y: f64) -> [f64; CAMERA_TERMS] {
 
 /// Sums of the terms over the pixels `lit` (row-major indices) of a projector's image of this size. The first is their number.
 pub(crate) fn lit_terms(lit: &[u32], width_px: usize, height_px: usize) -> [f64; PROJECTOR_TERMS] {
-    let half = |at: usize, size: usize| 2.0 * (at as f64 + 0.5) / size as f64 - 1.0;
     let mut sum = [0.0; PROJECTOR_TERMS];
     for &pixel in lit {
-        let pixel = pixel as usize;
-        let (x, y) = (
-            half(pixel % width_px, width_px),
-            half(pixel / width_px, height_px),
-        );
+        let [x, y] = place_of_pixel(pixel as usize, width_px, height_px);
         let terms = terms::<PROJECTOR_DEGREE, PROJECTOR_TERMS>(x, y);
         for (sum, term) in sum.iter_mut().zip(terms) {
             *sum += term;

@@ -17,7 +17,9 @@ mod halo;
 use glam::Vec4;
 use serde::{Deserialize, Serialize};
 
-use crate::instrument::optics::Unmeasurable;
+use crate::instrument::frame_format::place_of_pixel;
+use crate::instrument::optics::{Unmeasurable, View};
+use crate::instrument::rig::Rig;
 
 pub(crate) use direct::{CAMERA_TERMS, PROJECTOR_TERMS, camera_terms, lit_terms};
 pub(crate) use ghost::Shifted;
@@ -127,7 +129,7 @@ impl Stray {
 
 /// Pixels of an image `width_px` wide that no light of the sample reaches by its own way: those for which `cut` has a reason,
 /// as all those have that are near.
-pub(crate) fn dark_pixels(cut: &[Option<Unmeasurable>], width_px: usize) -> Vec<u32> {
+fn dark_pixels(cut: &[Option<Unmeasurable>], width_px: usize) -> Vec<u32> {
     let height_px = cut.len() / width_px;
     let around = |at: usize, size: usize| at.saturating_sub(NEAR_PX)..(at + NEAR_PX + 1).min(size);
     (0..cut.len())
@@ -175,8 +177,15 @@ const GROUPS: usize = 8;
 const LEAST: f32 = 1e-12;
 
 impl Removal {
+    /// As `found`, for images of `rig`.
+    pub(crate) fn of(found: &Stray, rig: &Rig) -> Self {
+        let format = rig.frame_format();
+        let dark = dark_pixels(&View::camera(rig).cut_pixels(0.0), format.width_px);
+        Self::new(found, format.width_px, format.height_px, dark)
+    }
+
     /// As `found`, for images of this size; `dark` are the pixels that no light of the sample reaches.
-    pub(crate) fn new(found: &Stray, width_px: usize, height_px: usize, dark: Vec<u32>) -> Self {
+    fn new(found: &Stray, width_px: usize, height_px: usize, dark: Vec<u32>) -> Self {
         let lanes = |of: &dyn Fn(usize) -> f64| {
             let mut lanes = [0.0; 4];
             for (channel, lane) in lanes.iter_mut().enumerate().take(found.halo.len()) {
@@ -199,12 +208,8 @@ impl Removal {
             }),
             camera_terms: (0..width_px * height_px)
                 .map(|pixel| {
-                    let half = |at: usize, size: usize| 2.0 * (at as f64 + 0.5) / size as f64 - 1.0;
-                    let terms = camera_terms(
-                        half(pixel % width_px, width_px),
-                        half(pixel / width_px, height_px),
-                    );
-                    terms.map(|term| term as f32)
+                    let [x, y] = place_of_pixel(pixel, width_px, height_px);
+                    camera_terms(x, y).map(|term| term as f32)
                 })
                 .collect(),
             direct: found.direct.clone(),
@@ -295,7 +300,7 @@ impl Removal {
             let off = (xy - *group_xy) / (xx - *group_xx).max(least) - raw;
             sum + off * off
         });
-        let jackknife = (squares * ((GROUPS - 1) as f32 / GROUPS as f32)).map_lanes(f32::sqrt);
+        let jackknife = sqrt(squares * ((GROUPS - 1) as f32 / GROUPS as f32));
         let uncertain = Vec4::select(is_known, jackknife, Vec4::splat(f32::INFINITY));
         for ((stray, doubt), spread) in room.stray.iter_mut().zip(&mut room.doubt).zip(&room.once) {
             let added = *spread * each;
@@ -329,18 +334,12 @@ impl Removal {
 
 /// √(a² + b²) of each lane.
 fn hypot(a: Vec4, b: Vec4) -> Vec4 {
-    (a * a + b * b).map_lanes(f32::sqrt)
+    sqrt(a * a + b * b)
 }
 
-/// A function of each lane.
-trait MapLanes {
-    fn map_lanes(self, of: fn(f32) -> f32) -> Self;
-}
-
-impl MapLanes for Vec4 {
-    fn map_lanes(self, of: fn(f32) -> f32) -> Self {
-        Self::from_array(self.to_array().map(of))
-    }
+/// √ of each lane.
+fn sqrt(of: Vec4) -> Vec4 {
+    Vec4::from_array(of.to_array().map(f32::sqrt))
 }
 
 #[cfg(test)]
