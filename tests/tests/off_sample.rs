@@ -33,11 +33,8 @@ fn strayed(preset: &str, millimetres: [f64; 3], seed: u64) -> (Truth, Rig) {
         position_m: 0.0,
         angle_deg: 0.0,
         field: 0.3,
-        contrast: None,
-        glare: None,
-        ghost: None,
-        direct: None,
         standard: 0.0,
+        ..Tolerances::DRAWN
     };
     let mut truth = Truth::drawn(&coarse(preset), still, seed).unwrap();
     let offset_m = |mm: f64, turn: u64| {

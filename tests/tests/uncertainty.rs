@@ -23,11 +23,8 @@ const TOLERANCES: Tolerances = Tolerances {
     position_m: 5e-4,
     angle_deg: 0.3,
     field: 0.3,
-    contrast: None,
-    glare: None,
-    ghost: None,
-    direct: None,
     standard: 0.0,
+    ..Tolerances::DRAWN
 };
 /// A tilt at which a part of the sample is seen beyond the rim of what the untilted one shows.
 const TILT: &str = "51:84:40";
@@ -154,11 +151,8 @@ fn in_drawn_worlds_values_and_fits_hold_the_truth_tilted_or_not() {
             position_m: 1e-3,
             angle_deg: 0.6,
             field: 0.6 * uniform(0),
-            contrast: None,
-            glare: None,
-            ghost: None,
-            direct: None,
             standard: 0.0,
+            ..Tolerances::DRAWN
         };
         let truth = Truth::drawn(&nominal, tolerances, draw).unwrap();
         let truth = save(&truth, &folder.path().join("truth.toml"));

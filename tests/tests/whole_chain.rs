@@ -417,6 +417,7 @@ fn a_real_sample_is_compared_with_nothing_unless_that_is_asked_for() {
             noise: Noise::On,
             seed: 1,
             faults: Faults::default(),
+            lamp_h: 0.0,
         };
         let held = Held::Sample(Arc::from(rcg::brdf::sample::parse("lambert:0.3").unwrap()));
         let mut instrument = Instrument::simulated(&Truth::of(&rig), held, behaviour).unwrap();

@@ -110,6 +110,7 @@ fn expose(instrument: &mut Instrument, timing: &Timing, program: &Program) -> Ve
         device,
         camera,
         projector,
+        ..
     } = instrument;
     let (width_px, height_px) = projector.size_px();
     projector.clear().unwrap();

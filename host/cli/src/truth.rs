@@ -15,8 +15,8 @@ use crate::output::{Output, to_write};
 /// Draw by chance how a virtual rig really is, where it differs from its rig file.
 ///
 /// Camera, projector, sample and mirror are displaced and turned, lenses distorted; light and throughput are not uniform;
-/// black is not black, the camera not quite linear; glare, the beam splitter's ghost and direct light come on top. Measurements and calibrations with `--truth FILE` are taken on
-/// that rig and are not told.
+/// black is not black, the camera not quite linear, the light not steady; glare, the beam splitter's ghost and direct light
+/// come on top. Measurements and calibrations with `--truth FILE` are taken on that rig and are not told.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// The file to write (TOML)
@@ -43,6 +43,12 @@ pub(crate) struct Args {
     /// Light of the beam splitter's ghost over that of the image, percent [default: drawn between 0.5 and 4; 1 or 4]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     ghost_percent: Option<f64>,
+    /// Change of the light in an hour, percent [default: drawn between 0.2 and 2; 0.5 or 2]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
+    drift_percent: Option<f64>,
+    /// Standard deviation of the light from exposure to exposure, percent [default: drawn between 0.05 and 0.5; 0.1 or 0.5]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
+    flicker_percent: Option<f64>,
     /// Standard deviation of the reflectance of each standard from what is stated, percent
     #[arg(
         long,
@@ -103,6 +109,10 @@ enum Flaw {
     Ghost,
     /// No light goes from the projector to the camera without the sample
     DirectLight,
+    /// The light does not change over time
+    Drift,
+    /// The light is the same in every exposure
+    Flicker,
 }
 
 impl Flaw {
@@ -129,6 +139,8 @@ impl Flaw {
             Self::Glare => flaws.glare = none.glare,
             Self::Ghost => flaws.ghost = none.ghost,
             Self::DirectLight => flaws.direct = none.direct,
+            Self::Drift => flaws.lamp.drift_per_h = none.lamp.drift_per_h,
+            Self::Flicker => flaws.lamp.flicker = none.lamp.flicker,
         }
     }
 }
@@ -156,27 +168,30 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         in_range("contrast", contrast, 10.0, 1e9)?;
     }
     let percents = [
-        ("glare-percent", args.glare_percent),
-        ("ghost-percent", args.ghost_percent),
+        ("glare-percent", args.glare_percent, 50.0),
+        ("ghost-percent", args.ghost_percent, 50.0),
+        ("drift-percent", args.drift_percent, 20.0),
+        ("flicker-percent", args.flicker_percent, 10.0),
     ];
-    for (name, percent) in percents {
+    for (name, percent, most) in percents {
         if let Some(percent) = percent {
-            in_range(name, percent, 0.0, 50.0)?;
+            in_range(name, percent, 0.0, most)?;
         }
     }
+    let share = |percent: Option<f64>, typical: f64, bad: f64| {
+        percent
+            .map(|percent| percent / 100.0)
+            .or(args.flaws.pick(typical, bad))
+    };
     let tolerances = Tolerances {
         position_m: position_mm * 1e-3,
         angle_deg,
         field: args.field_percent / 100.0,
         contrast: args.contrast.or(args.flaws.pick(1500.0, 400.0)),
-        glare: args
-            .glare_percent
-            .map(|percent| percent / 100.0)
-            .or(args.flaws.pick(3e-3, 1e-2)),
-        ghost: args
-            .ghost_percent
-            .map(|percent| percent / 100.0)
-            .or(args.flaws.pick(1e-2, 4e-2)),
+        glare: share(args.glare_percent, 3e-3, 1e-2),
+        ghost: share(args.ghost_percent, 1e-2, 4e-2),
+        drift: share(args.drift_percent, 5e-3, 2e-2),
+        flicker: share(args.flicker_percent, 1e-3, 5e-3),
         standard: args.standard_percent / 100.0,
         direct: args.flaws.pick(7e-4, 3e-3),
     };

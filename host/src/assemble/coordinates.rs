@@ -4,11 +4,11 @@ use serde_json::{Map, Value, json};
 
 use crate::brdf::budget::BudgetSums;
 use crate::brdf::interpolation::{BRANCHES, BranchErrors, REGIONS};
-use crate::brdf::{COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, ERRORS, UNCALIBRATED};
+use crate::brdf::{COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, ERRORS, LAMP_LIGHT, UNCALIBRATED};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
 use crate::instrument::calibration::AppliedCalibration;
-use crate::instrument::calibration::Photometry;
+use crate::instrument::calibration::stray::Level;
 use crate::instrument::optics::Unmeasurable;
 use crate::instrument::rig::Rig;
 use crate::plan::Plan;
@@ -136,7 +136,13 @@ pub(crate) fn list_attributes() -> Map<String, Value> {
 }
 
 /// The attributes of `brdf.zarr`.
-pub(super) fn attributes(rig: &Rig, plan: &Plan, applied: &AppliedCalibration) -> Map<String, Value> {
+pub(super) fn attributes(
+    rig: &Rig,
+    plan: &Plan,
+    applied: &AppliedCalibration,
+    lamp: Option<Level>,
+) -> Map<String, Value> {
+    let by_lamp = lamp.map_or(0.0, |level| f64::from(level.uncertainty));
     let is_known = applied.direction_deg.iter().all(|deg| *deg > 0.0);
     let unknown = [
         (!is_known).then_some("directions"),
@@ -162,7 +168,8 @@ pub(super) fn attributes(rig: &Rig, plan: &Plan, applied: &AppliedCalibration) -
         "exposure_s": plan.exposure_s,
         UNCALIBRATED: unknown.iter().flatten().collect::<Vec<_>>(),
         DIRECTION_UNCERTAINTY: is_known.then_some(applied.direction_deg),
-        COMMON_UNCERTAINTY: applied.photometry.as_ref().map(Photometry::common_uncertainty),
+        COMMON_UNCERTAINTY: applied.photometry.as_ref().map(|found| found.common_uncertainty().hypot(by_lamp)),
+        LAMP_LIGHT: lamp.map(|level| f64::from(level.light)),
         "source": concat!("rcg ", env!("CARGO_PKG_VERSION")),
     });
     match attributes {

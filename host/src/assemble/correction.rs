@@ -20,6 +20,7 @@
 
 use glam::{DVec2, DVec3};
 
+use super::radiometry::Common;
 use super::shape::{ByShape, Shape};
 use crate::assemble::resample::Resampling;
 use crate::brdf::BANDS_DEG;
@@ -27,7 +28,7 @@ use crate::brdf::budget::{BudgetSums, band};
 use crate::brdf::quadrature::spot_rad;
 use crate::hemisphere::disk::Disk;
 use crate::instrument::calibration::AppliedCalibration;
-use crate::instrument::calibration::stray::{PROJECTOR_TERMS, lit_terms};
+use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, lit_terms};
 use crate::instrument::calibration::{Interreflection, Photometry};
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
@@ -50,6 +51,8 @@ pub(super) struct Correction {
     /// Relative standard uncertainty of the standards' reflectance, and relative variance of all f by what the fields leave.
     standard: f64,
     residual2: f32,
+    /// Relative variance of all f by the lamp since the calibration.
+    lamp2: f32,
     /// Relative variance of f by the throughput of each cell.
     cell_relative2: Vec<f32>,
     interreflection: Option<Interreflection>,
@@ -100,6 +103,7 @@ impl Correction {
             rows: lit(rig, plan, directions, applied.photometry.as_ref()),
             standard,
             residual2: residual.powi(2) as f32,
+            lamp2: 0.0,
             cell_relative2,
             interreflection: applied
                 .photometry
@@ -126,6 +130,14 @@ impl Correction {
         })
     }
 
+    /// The lamp was as in `level`, compared with the calibration.
+    pub(super) fn set_lamp(&mut self, level: Level) {
+        for cell in &mut self.cells {
+            *cell /= level.light;
+        }
+        self.lamp2 = (level.uncertainty / level.light).powi(2);
+    }
+
     /// Terms for direct light (see [`lit_terms`]) of the pixels that light each incident direction.
     pub(super) fn lit_terms(&self) -> Vec<[f64; PROJECTOR_TERMS]> {
         self.rows.iter().map(|lit| lit.terms).collect()
@@ -136,9 +148,10 @@ impl Correction {
         self.cells[cell] * self.rows[row].factor
     }
 
-    /// Corrects the rows of the incident directions from `first` on, of whose uncertainties stray light makes `stray`. What is
+    /// Corrects the rows of the incident directions from `first` on, of whose uncertainties stray light and lamp make
+    /// what is in `common`. What is
     /// missing stays NaN. Returns what makes the uncertainties.
-    pub(super) fn apply(&self, first: usize, rows: &mut BrdfRows, stray: &[f32]) -> BudgetSums {
+    pub(super) fn apply(&self, first: usize, rows: &mut BrdfRows, common: &Common) -> BudgetSums {
         let (cells, values) = (self.size * self.size, self.cells.len());
         let mut budget = BudgetSums::default();
         let mut sigma = vec![0.0; values];
@@ -148,8 +161,9 @@ impl Correction {
             .chunks_exact_mut(values)
             .zip(rows.sigma.chunks_exact_mut(values))
             .zip(rows.provenance.chunks_exact(cells))
-            .zip(stray.chunks_exact(values));
-        for (index, (((f, half_sigma), provenance), stray)) in (first..).zip(images) {
+            .zip(common.stray.chunks_exact(values))
+            .zip(common.lamp.chunks_exact(values));
+        for (index, ((((f, half_sigma), provenance), stray), lamp)) in (first..).zip(images) {
             let lit = &self.rows[index];
             let scale = lit.factor;
             for ((f, (sigma, half)), cell) in f
@@ -171,8 +185,9 @@ impl Correction {
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
                     let at = cell * self.channels + channel;
                     let relative2 = self.residual2 + lit.relative2 + self.cell_relative2[cell];
+                    let lamp_common2 = self.lamp2 * f[at] * f[at];
                     let standards2 = self.standards_variance(f[at], back.per_share);
-                    let systematic = (relative2 * f[at] * f[at] + standards2).sqrt();
+                    let systematic = (relative2 * f[at] * f[at] + lamp_common2 + standards2).sqrt();
                     let by_shape = room.total[cell];
                     let total = sigma[at]
                         .hypot(by_shape)
@@ -180,12 +195,15 @@ impl Correction {
                         .hypot(back.uncertainty);
                     half_sigma[at] = stored_sigma(total);
                     if let (Some(row), Some(column)) = (self.row_bands[index], self.cell_bands[cell]) {
-                        let (f, stray2) = (f[at], (stray[at] * self.cells[at] * scale).powi(2));
+                        let [stray2, lamp2] =
+                            [stray, lamp].map(|of| (of[at] * self.cells[at] * scale).powi(2));
+                        let f = f[at];
                         let directed2 = room.directed[cell].powi(2);
                         let standard2 = (self.standard as f32 * f).powi(2).min(standards2);
                         let variances = [
-                            (sigma[at].powi(2) - stray2).max(0.0),
+                            (sigma[at].powi(2) - stray2 - lamp2).max(0.0),
                             stray2,
+                            lamp2 + lamp_common2,
                             standard2,
                             relative2 * f * f,
                             directed2,

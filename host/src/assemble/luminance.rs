@@ -98,7 +98,7 @@ impl<'a> FrameAssembler<'a> {
                 self.projection.disk,
                 &self.projection.resampling,
             )?;
-            self.projection.stray = StrayLight::new(self.rig, self.applied, &correction);
+            self.projection.stray = StrayLight::new(self.rig, plan, self.applied, &correction);
             self.correction = Some(correction);
         }
         Ok(())
@@ -156,7 +156,7 @@ impl<'a> FrameAssembler<'a> {
             count += 1;
         }
         if let Some(correction) = &self.correction {
-            correction.apply(index, rows, &work.stray_sigma);
+            correction.apply(index, rows, &work.common);
         }
         let f = (0..disk.len())
             .map(|cell| {

@@ -164,24 +164,15 @@ pub fn assemble(
         channels: format.channels,
         chunk: CHUNK,
     };
-    let correction =
-        Correction::new(rig, plan, directions, applied, disk, &resampling).map_err(|reason| {
-            AssembleError::Mismatch {
-                path: raw_path
-                    .with_file_name(AppliedCalibration::FILE)
-                    .display()
-                    .to_string(),
-                reason,
-            }
-        })?;
-    let writer = BrdfWriter::create(
-        target,
-        brdf_layout,
-        &coordinates(grid, &reasons, disk, &resampling.reasons, &resampling.pixel_sr),
-        attributes(rig, plan, applied),
-        true,
-    )?;
-
+    let of_calibration = |reason: String| AssembleError::Mismatch {
+        path: raw_path
+            .with_file_name(AppliedCalibration::FILE)
+            .display()
+            .to_string(),
+        reason,
+    };
+    let mut correction =
+        Correction::new(rig, plan, directions, applied, disk, &resampling).map_err(of_calibration)?;
     let exposures_s = plan.exposures_s();
     let agree = |number: usize, segment: &Segment| {
         let first = raw.segment_range(number).start;
@@ -190,13 +181,29 @@ pub fn assemble(
     let black = black_segments(&raw, BLACK_EXPOSURES * plan.brackets(), &agree)?;
     let radiometry = radiometries(rig, applied, &black, &exposures_s).map_err(mismatch)?;
     drop(black);
+    let stray = StrayLight::new(rig, plan, applied, &correction);
+    let lamp = stray
+        .as_ref()
+        .map(|stray| stray.lamp(&radiometry, format.channels))
+        .transpose()
+        .map_err(of_calibration)?;
+    if let Some(level) = lamp {
+        correction.set_lamp(level);
+    }
+    let writer = BrdfWriter::create(
+        target,
+        brdf_layout,
+        &coordinates(grid, &reasons, disk, &resampling.reasons, &resampling.pixel_sr),
+        attributes(rig, plan, applied, lamp),
+        true,
+    )?;
     let chunks = Chunks {
         places: places(&raw, &patterns, plan.brackets(), &reasons),
         projection: Projection {
             channels: format.channels,
             disk,
             radiometry,
-            stray: StrayLight::new(rig, applied, &correction),
+            stray,
             resampling,
         },
         correction,
@@ -388,9 +395,7 @@ impl Chunks<'_> {
         let mut counts = self
             .projection
             .rows(chunk * CHUNK, &self.places[range], window, work);
-        let budget = self
-            .correction
-            .apply(chunk * CHUNK, &mut work.rows, &work.stray_sigma);
+        let budget = self.correction.apply(chunk * CHUNK, &mut work.rows, &work.common);
         counts.measured -= work.rows.seal();
         self.writer.write_chunk(chunk, &work.rows)?;
         Ok((counts, budget))

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use half::f16;
 
 use super::Assembled;
-use super::radiometry::{Out, Radiometry, Way, Work, project, project_merged};
+use super::radiometry::{Bench, Out, Radiometry, Way, Work, project, project_merged};
 use super::stray::StrayLight;
 use crate::assemble::resample::Resampling;
 use crate::hemisphere::disk::Disk;
@@ -47,12 +47,20 @@ impl Projection {
             merged,
             room,
             sigma,
-            stray_sigma,
+            common,
+            levels,
             rows,
         } = work;
+        let bench = &mut Bench {
+            signal,
+            merged,
+            room,
+            levels,
+        };
         // Cells without taps are never written, so what the last chunk left there is NaN.
         sigma.resize(row, f32::NAN);
-        stray_sigma.resize(places.len() * row, 0.0);
+        common.stray.resize(places.len() * row, 0.0);
+        common.lamp.resize(places.len() * row, 0.0);
         rows.f.resize(places.len() * row, f32::NAN);
         rows.sigma.resize(places.len() * row, f16::NAN);
         rows.provenance
@@ -63,10 +71,11 @@ impl Projection {
             .chunks_exact_mut(row)
             .zip(rows.sigma.chunks_exact_mut(row))
             .zip(rows.provenance.chunks_exact_mut(disk.len()))
-            .zip(stray_sigma.chunks_exact_mut(row));
+            .zip(common.stray.chunks_exact_mut(row))
+            .zip(common.lamp.chunks_exact_mut(row));
         // A frame that nothing lit says nothing.
         let lit = |(segment, at): &(usize, usize)| window[segment].records[*at].lit_irradiance > 0.0;
-        for (index, (place, (((f, row_sigma), provenance), stray_sigma))) in
+        for (index, (place, ((((f, row_sigma), provenance), stray_sigma), lamp_sigma))) in
             (first..).zip(places.iter().zip(outs))
         {
             let Some((segment, at)) = place.filter(lit) else {
@@ -89,12 +98,13 @@ impl Projection {
                 provenance,
                 wide_sigma: sigma.as_mut_slice(),
                 stray_sigma,
+                lamp_sigma,
             };
             let (measured, saturated) = match (channels, radiometry.as_slice()) {
-                (1, [one]) => project::<1>(frames, way, one, signal, room, out),
-                (_, [one]) => project::<3>(frames, way, one, signal, room, out),
-                (1, several) => project_merged::<1>(frames, way, several, merged, room, out),
-                (_, several) => project_merged::<3>(frames, way, several, merged, room, out),
+                (1, [one]) => project::<1>(frames, way, one, bench, out),
+                (_, [one]) => project::<3>(frames, way, one, bench, out),
+                (1, several) => project_merged::<1>(frames, way, several, bench, out),
+                (_, several) => project_merged::<3>(frames, way, several, bench, out),
             };
             counts.directions += 1;
             counts.frames += radiometry.len();

@@ -7,10 +7,13 @@ use half::slice::HalfFloatSliceExt as _;
 use super::merge::{Merge, Merged, lanes};
 use crate::assemble::resample::{Resampling, Taps};
 use crate::instrument::calibration::CameraFound;
-use crate::instrument::calibration::stray::{PROJECTOR_TERMS, Removal, Room};
+use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, Removal, Room};
 use crate::instrument::rig::{ROUNDING_DN2, Rig};
 use crate::store::provenance::Provenance;
 use crate::store::{BrdfRows, LEAST_SIGMA, Segment, USELESS_SIGMA};
+
+/// Share of the range from which on a mean may hold saturated numbers.
+const FULL: f32 = 0.95;
 
 /// Numbers that turn a frame into f, the same for all frames of one exposure time.
 pub(super) struct Radiometry {
@@ -98,6 +101,29 @@ impl Radiometry {
         linear_of(self.linear.as_deref(), dn)
     }
 
+    /// Light of the black pattern in a pixel, DN; dark current, which is little beside it, is taken for light.
+    #[inline]
+    pub(super) fn black_light<const CHANNELS: usize>(&self, pixel: usize) -> Vec4 {
+        let mut lanes = [0.0; 4];
+        for (lane, dark) in lanes.iter_mut().zip(&self.dark[pixel * CHANNELS..][..CHANNELS]) {
+            *lane = dark - self.level;
+        }
+        Vec4::from_array(lanes)
+    }
+
+    /// What black frames show above the dark level, DN, the channels in the lanes; NaN where they may be saturated.
+    pub(super) fn black_image(&self, channels: usize) -> Vec<Vec4> {
+        let full = FULL * self.linear(self.saturation);
+        let of = |dark: &[f32]| {
+            let mut lanes = [0.0; 4];
+            for (lane, dark) in lanes.iter_mut().zip(dark) {
+                *lane = if *dark < full { dark - self.level } else { f32::NAN };
+            }
+            Vec4::from_array(lanes)
+        };
+        self.dark.chunks_exact(channels).map(of).collect()
+    }
+
     /// Variance by the shot noise of what a black frame holds, dark current and stray light, in DN²; `dark` are its
     /// numbers.
     #[inline]
@@ -125,9 +151,18 @@ pub(super) struct Work {
     pub(super) room: Room,
     /// Standard uncertainties of a row, before they are halved in width.
     pub(super) sigma: Vec<f32>,
-    /// What of them stray light makes, of all rows.
-    pub(super) stray_sigma: Vec<f32>,
+    /// What of them neighbours have in common, of all rows.
+    pub(super) common: Common,
+    /// The lamp in each exposure of a pattern.
+    pub(super) levels: Vec<Level>,
     pub(super) rows: BrdfRows,
+}
+
+/// Standard uncertainties that neighbours have in common, of all values of some rows.
+#[derive(Default)]
+pub(super) struct Common {
+    pub(super) stray: Vec<f32>,
+    pub(super) lamp: Vec<f32>,
 }
 
 /// Where f, sigma and provenance of one incident direction go.
@@ -137,8 +172,9 @@ pub(super) struct Out<'a> {
     pub(super) provenance: &'a mut [u8],
     /// Standard uncertainties before they are halved in width.
     pub(super) wide_sigma: &'a mut [f32],
-    /// What of them stray light makes.
+    /// What of them stray light makes, and the lamp.
     pub(super) stray_sigma: &'a mut [f32],
+    pub(super) lamp_sigma: &'a mut [f32],
 }
 
 /// How the frames of one pattern come onto the disk.
@@ -166,35 +202,89 @@ impl Way<'_> {
     }
 }
 
+/// What a worker makes of the frames of one pattern on their way to the disk.
+pub(super) struct Bench<'a> {
+    pub(super) signal: &'a mut Vec<Vec4>,
+    pub(super) merged: &'a mut Merged,
+    pub(super) room: &'a mut Room,
+    pub(super) levels: &'a mut Vec<Level>,
+}
+
+impl Way<'_> {
+    /// The lamp in each of the `frames` of one pattern, into `levels`: told by pixels that no light of the sample reaches, where
+    /// stray light is as in `room`.
+    fn compare<const CHANNELS: usize>(
+        &self,
+        frames: &[u16],
+        radiometry: &[Radiometry],
+        room: &Room,
+        levels: &mut Vec<Level>,
+    ) {
+        levels.clear();
+        let Some((removal, _)) = self.stray else {
+            levels.resize(radiometry.len(), Level::SAME);
+            return;
+        };
+        let samples = radiometry[0].dark.len();
+        levels.extend(
+            radiometry
+                .iter()
+                .zip(frames.chunks_exact(samples))
+                .map(|(one, frame)| {
+                    let times = (one.exposure_s / radiometry[0].exposure_s) as f32;
+                    removal.level(
+                        |pixel| one.shown::<CHANNELS>(frame, pixel) - room.stray[pixel] * times,
+                        |pixel| one.black_light::<CHANNELS>(pixel),
+                        |pixel| room.doubt[pixel] * times,
+                    )
+                }),
+        );
+    }
+}
+
+impl Radiometry {
+    /// What `frame` shows at a pixel more than the black ones, DN, its channels in the lanes; NaN where it saturated: that spoils
+    /// every cell that the pixel takes part in, and no other.
+    #[inline]
+    fn shown<const CHANNELS: usize>(&self, frame: &[u16], pixel: usize) -> Vec4 {
+        let at = pixel * CHANNELS;
+        let mut lanes = [0.0; 4];
+        let numbers = frame[at..at + CHANNELS].iter().zip(&self.dark[at..at + CHANNELS]);
+        for (lane, (dn, dark)) in lanes.iter_mut().zip(numbers) {
+            *lane = if *dn >= self.saturation {
+                f32::NAN
+            } else {
+                self.linear(*dn) - dark
+            };
+        }
+        Vec4::from_array(lanes)
+    }
+}
+
 /// One frame onto the disk. Returns how many cells were measured and how many saturated.
 pub(super) fn project<const CHANNELS: usize>(
     frame: &[u16],
     way: &Way<'_>,
     radiometry: &Radiometry,
-    signal: &mut Vec<Vec4>,
-    room: &mut Room,
+    bench: &mut Bench<'_>,
     out: &mut Out<'_>,
 ) -> (u64, u64) {
+    let Bench {
+        signal, room, levels, ..
+    } = bench;
     signal.clear();
     signal.extend(
-        frame
-            .chunks_exact(CHANNELS)
-            .zip(radiometry.dark.chunks_exact(CHANNELS))
-            .map(|(dn, dark)| {
-                let mut lanes = [0.0; 4];
-                for channel in 0..CHANNELS {
-                    // A saturated pixel spoils every cell that it takes part in, and no other.
-                    let saturated = dn[channel] >= radiometry.saturation;
-                    lanes[channel] = if saturated {
-                        f32::NAN
-                    } else {
-                        radiometry.linear(dn[channel]) - dark[channel]
-                    };
-                }
-                Vec4::from_array(lanes)
-            }),
+        (0..radiometry.dark.len() / CHANNELS).map(|pixel| radiometry.shown::<CHANNELS>(frame, pixel)),
     );
     way.clear(signal, radiometry, room);
+    way.compare::<CHANNELS>(frame, std::slice::from_ref(radiometry), room, levels);
+    let level = levels[0];
+    room.lamp.clear();
+    for (pixel, signal) in signal.iter_mut().enumerate() {
+        let black = radiometry.black_light::<CHANNELS>(pixel);
+        *signal = level.steady(*signal, black);
+        room.lamp.push((*signal + black).abs() * level.uncertainty);
+    }
     let factor = (radiometry.scale / (radiometry.exposure_s * way.irradiance)) as f32;
     let variance = |pixel: usize, signal: Vec4| {
         let dark = lanes::<CHANNELS, f32>(&radiometry.dark[pixel * CHANNELS..]);
@@ -203,7 +293,7 @@ pub(super) fn project<const CHANNELS: usize>(
         shot + radiometry.dark_shot_variance(dark) + radiometry.dark_variance
     };
     resample::<CHANNELS>(
-        (signal, &room.doubt),
+        (signal, room),
         variance,
         |_| Provenance::Measured,
         factor,
@@ -218,17 +308,34 @@ pub(super) fn project_merged<const CHANNELS: usize>(
     frames: &[u16],
     way: &Way<'_>,
     radiometry: &[Radiometry],
-    merged: &mut Merged,
-    room: &mut Room,
+    bench: &mut Bench<'_>,
     out: &mut Out<'_>,
 ) -> (u64, u64) {
-    Merge::new(radiometry).frames::<CHANNELS>(frames, merged);
+    let Bench {
+        merged, room, levels, ..
+    } = bench;
+    let merge = Merge::new(radiometry);
+    levels.clear();
+    levels.resize(radiometry.len(), Level::SAME);
+    merge.frames::<CHANNELS>(frames, levels, merged);
+    way.clear(&mut merged.signal, &radiometry[0], room);
+    room.lamp.clear();
+    if way.stray.is_some() {
+        way.compare::<CHANNELS>(frames, radiometry, room, levels);
+        merge.frames::<CHANNELS>(frames, levels, merged);
+        for (pixel, (signal, heaviest)) in merged.signal.iter_mut().zip(&merged.heaviest).enumerate() {
+            let level = levels[usize::from(*heaviest)];
+            *signal -= room.stray[pixel] / level.light;
+            let black = radiometry[0].black_light::<CHANNELS>(pixel);
+            room.lamp.push((*signal + black).abs() * level.uncertainty);
+        }
+    }
     let Merged {
         signal,
         variance,
         several,
-    } = merged;
-    way.clear(signal, &radiometry[0], room);
+        ..
+    } = &**merged;
     let factor = (radiometry[0].scale / (radiometry[0].exposure_s * way.irradiance)) as f32;
     let provenance = |taps: &Taps| {
         if taps.pixel.iter().any(|&pixel| several[pixel as usize]) {
@@ -238,7 +345,7 @@ pub(super) fn project_merged<const CHANNELS: usize>(
         }
     };
     resample::<CHANNELS>(
-        (signal, &room.doubt),
+        (signal, room),
         |pixel, _| variance[pixel],
         provenance,
         factor,
@@ -248,10 +355,10 @@ pub(super) fn project_merged<const CHANNELS: usize>(
 }
 
 /// Writes f, sigma and provenance at the cells that have taps (NaN where a pixel saturated), from the signal of the pixels, its
-/// standard uncertainty by stray light (nothing if there is none), which neighbours have in common, and its variance by noise,
-/// given the pixel and its signal. `factor` is f per signal. Returns as [`project`] does.
+/// standard uncertainties by stray light and by the lamp (nothing if there are none), which neighbours have in common, and its
+/// variance by noise, given the pixel and its signal. `factor` is f per signal. Returns as [`project`] does.
 fn resample<const CHANNELS: usize>(
-    (signal, doubt): (&[Vec4], &[Vec4]),
+    (signal, room): (&[Vec4], &Room),
     variance_of: impl Fn(usize, Vec4) -> Vec4,
     provenance_of: impl Fn(&Taps) -> Provenance,
     factor: f32,
@@ -262,16 +369,18 @@ fn resample<const CHANNELS: usize>(
     for taps in &resampling.taps {
         let cell = taps.cell as usize;
         let mut sum = Vec4::ZERO;
-        let (mut variance, mut common) = (Vec4::ZERO, Vec4::ZERO);
+        let (mut variance, mut stray, mut lamp) = (Vec4::ZERO, Vec4::ZERO, Vec4::ZERO);
         for (&pixel, &weight) in taps.pixel.iter().zip(&taps.weight) {
             let signal = signal[pixel as usize];
             sum += signal * weight;
             variance += variance_of(pixel as usize, signal) * (weight * weight);
-            if let Some(doubt) = doubt.get(pixel as usize) {
-                common += *doubt * weight;
+            for (sum, doubt) in [(&mut stray, &room.doubt), (&mut lamp, &room.lamp)] {
+                if let Some(doubt) = doubt.get(pixel as usize) {
+                    *sum += *doubt * weight;
+                }
             }
         }
-        variance += common * common;
+        variance += stray * stray + lamp * lamp;
         let f = sum * factor;
         let clear = f.is_finite();
         let (f, uncertainty) = if clear {
@@ -286,7 +395,8 @@ fn resample<const CHANNELS: usize>(
         let at = cell * CHANNELS;
         out.f[at..at + CHANNELS].copy_from_slice(&f.to_array()[..CHANNELS]);
         out.wide_sigma[at..at + CHANNELS].copy_from_slice(&uncertainty.to_array()[..CHANNELS]);
-        out.stray_sigma[at..at + CHANNELS].copy_from_slice(&(common * factor).to_array()[..CHANNELS]);
+        out.stray_sigma[at..at + CHANNELS].copy_from_slice(&(stray * factor).to_array()[..CHANNELS]);
+        out.lamp_sigma[at..at + CHANNELS].copy_from_slice(&(lamp * factor).to_array()[..CHANNELS]);
         out.provenance[cell] = if clear {
             provenance_of(taps).code()
         } else {

@@ -1,9 +1,18 @@
 //! Stray light of a measurement's frames.
 
 use super::correction::Correction;
+use super::radiometry::Radiometry;
 use crate::instrument::calibration::AppliedCalibration;
-use crate::instrument::calibration::stray::{PROJECTOR_TERMS, Removal};
+use crate::instrument::calibration::LampFound;
+use crate::instrument::calibration::photometry::COMMAND;
+use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, Removal};
 use crate::instrument::rig::Rig;
+use crate::plan::Plan;
+
+/// No lamp drifts farther from what it was in the calibration: above that it is another, which lights otherwise …
+const LARGEST_CHANGE: f32 = 0.1;
+/// … if that is clear, standard uncertainties.
+const CLEAR: f32 = 3.0;
 
 /// How frames lose stray light, and what of it the pattern of each incident direction makes.
 pub(super) struct StrayLight {
@@ -13,13 +22,50 @@ pub(super) struct StrayLight {
 }
 
 impl StrayLight {
-    /// For frames of `rig` whose images have this `correction`; `None` if calibration did not look for it.
-    pub(super) fn new(rig: &Rig, applied: &AppliedCalibration, correction: &Correction) -> Option<Self> {
-        let found = &applied.photometry.as_ref()?.stray;
+    /// For frames of `rig` that `plan` made, whose images have this `correction`; `None` if calibration did not look for it.
+    pub(super) fn new(
+        rig: &Rig,
+        plan: &Plan,
+        applied: &AppliedCalibration,
+        correction: &Correction,
+    ) -> Option<Self> {
+        let found = applied.photometry.as_ref()?;
         Some(Self {
-            removal: Removal::of(found, rig),
+            removal: Removal::of(&found.stray, &found.lamp, plan.watching_side, rig),
             lit: correction.lit_terms(),
         })
+    }
+
+    /// The lamp in the black frames over that of the calibration, from those exposures that tell it best.
+    ///
+    /// # Errors
+    /// What is wrong if another lamp must have been in it.
+    pub(super) fn lamp(&self, radiometry: &[Radiometry], channels: usize) -> Result<Level, String> {
+        let of_each = radiometry.iter().filter_map(|one| {
+            let light = one.black_image(channels);
+            let saturation = one.linear(one.saturation) - one.level;
+            self.removal.level_of_black(&light, one.exposure_s, saturation)
+        });
+        let Some(level) = of_each.min_by(|a, b| a.uncertainty.total_cmp(&b.uncertainty)) else {
+            return Ok(Level {
+                light: 1.0,
+                uncertainty: LampFound::UNWATCHED as f32,
+            });
+        };
+        let level = Level {
+            uncertainty: level.uncertainty.hypot(self.removal.level_uncertainty()),
+            ..level
+        };
+        if (level.light - 1.0).abs() > LARGEST_CHANGE + CLEAR * level.uncertainty {
+            return Err(format!(
+                "lamp: expected light within {} % of that of the calibration, found {:.1} ± {:.1} % of it; was the lamp \
+                 changed? `{COMMAND}` again",
+                100.0 * LARGEST_CHANGE,
+                100.0 * level.light,
+                100.0 * level.uncertainty
+            ));
+        }
+        Ok(level)
     }
 
     /// How frames of the incident direction of this `index` lose it.

@@ -10,9 +10,10 @@ use serde::Serialize;
 use crate::store::{BrdfReader, SmallArray, SmallData, StoreError};
 
 /// What makes uncertain, in the order of the columns.
-pub const CAUSES: [&str; 7] = [
+pub const CAUSES: [&str; 8] = [
     "noise",
     "stray light",
+    "lamp",
     "standard",
     "light and throughput",
     "directions",
@@ -98,7 +99,7 @@ impl BudgetSums {
                 shape: vec![REGIONS, CAUSES.len()],
                 data: SmallData::F64(shares),
                 units: "1",
-                long_name: "share of each cause in the variance of f: noise, stray light, standard, light and throughput, \
+                long_name: "share of each cause in the variance of f: noise, stray light, lamp, standard, light and throughput, \
                             directions, blur, interreflection; regions: incident theta up to 30, 60, 80 degrees, within each \
                             outgoing theta up to 30, 60, 80 degrees",
                 codes: &[],
@@ -139,7 +140,14 @@ pub(crate) fn read(reader: &BrdfReader) -> Result<Vec<RegionBudget>, StoreError>
         Err(StoreError::ArrayMissing { .. }) => Ok(Vec::new()),
         Err(error) => Err(error),
     };
-    Ok(regions(&array(SHARES)?, &array(RELATIVE)?))
+    let shares = array(SHARES)?;
+    // Of other causes it says nothing.
+    let is_ours = shares.len() == REGIONS * CAUSES.len();
+    Ok(if is_ours {
+        regions(&shares, &array(RELATIVE)?)
+    } else {
+        Vec::new()
+    })
 }
 
 /// The arrays of a file that takes this `budget` over from another.
@@ -186,11 +194,11 @@ mod tests {
     #[test]
     fn shares_are_means_over_samples_and_sum_to_one() {
         let mut sums = BudgetSums::default();
-        sums.add(4, 1.0, [1e-4, 0.0, 3e-4, 0.0, 0.0, 0.0, 0.0]);
+        sums.add(4, 1.0, [1e-4, 0.0, 0.0, 3e-4, 0.0, 0.0, 0.0, 0.0]);
         let mut more = BudgetSums::default();
-        more.add(4, 100.0, [4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        more.add(4, 100.0, [4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         // What nobody knows counts for nothing.
-        more.add(4, 1.0, [f32::INFINITY; 7]);
+        more.add(4, 1.0, [f32::INFINITY; 8]);
         sums.merge(&more);
         let [shares, relative] = BudgetSums::arrays(Some(&sums));
         let found = regions(shares.data.as_f64().unwrap(), relative.data.as_f64().unwrap());
@@ -198,7 +206,7 @@ mod tests {
             panic!("one region: {found:?}")
         };
         assert_eq!((one.incident_deg, one.outgoing_deg), ([30.0, 60.0], [30.0, 60.0]));
-        assert!((one.shares[0] - 0.625).abs() < 1e-6 && (one.shares[2] - 0.375).abs() < 1e-6);
+        assert!((one.shares[0] - 0.625).abs() < 1e-6 && (one.shares[3] - 0.375).abs() < 1e-6);
         assert!((one.shares.iter().sum::<f64>() - 1.0).abs() < 1e-6);
         assert!((one.relative - 0.02).abs() < 1e-6, "{}", one.relative);
         assert_eq!((band(30.0), band(30.1), band(80.1)), (Some(0), Some(1), None));

@@ -33,6 +33,8 @@ pub use source::{Source, SourceError};
 
 /// Attribute of `brdf.zarr` for what [`Brdf::uncalibrated`] tells.
 pub(crate) const UNCALIBRATED: &str = "uncalibrated";
+/// Attribute of `brdf.zarr`: light of the lamp over that of the calibration.
+pub(crate) const LAMP_LIGHT: &str = "lamp_light";
 /// Attribute of `brdf.zarr` for what [`Brdf::common_uncertainty`] tells.
 pub(crate) const COMMON_UNCERTAINTY: &str = "common_uncertainty";
 /// Attribute of `brdf.zarr` for what [`Brdf::direction_uncertainty_deg`] tells.

@@ -50,6 +50,9 @@ pub struct Instrument {
     pub camera: Box<dyn Camera>,
     /// The projector.
     pub projector: Box<dyn Projector>,
+    /// Row-major indices of projector pixels that are lit in every pattern, black ones too: those that watch the lamp, see
+    /// [`crate::instrument::monitor`].
+    pub watching: Vec<u32>,
 }
 
 /// One exposure.
@@ -116,7 +119,8 @@ struct Received {
 
 impl Instrument {
     /// Takes the exposures of `timings` of each of `count` patterns, one pattern after the other; `timings` is a
-    /// [series](Timing::series). `patterns(i, image)` draws pattern `i` into a black image; `taken(n)` is told after each event how many exposures have been recorded so far.
+    /// [series](Timing::series). `patterns(i, image)` draws pattern `i` into an image that is black but for what watches
+    /// the lamp; `taken(n)` is told after each event how many exposures have been recorded so far.
     ///
     /// # Errors
     /// [`CaptureError`].
@@ -147,6 +151,7 @@ impl Instrument {
                 }
                 showing = Some(pattern);
                 image.clear();
+                image.light(&self.watching);
                 patterns(pattern, &mut image);
                 self.projector.load(&image)?;
                 steps.push(timing.shown(&timings[0]));

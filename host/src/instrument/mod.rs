@@ -1,9 +1,10 @@
 //! The instrument: its description, its optics, the shape of its frames, and what calibration found of it.
 //!
-//! Arrows: `parts` ← `optics` ← `rig` ← `calibration`.
+//! Arrows: `parts` ← `optics` ← `rig` ← `calibration`. `monitor` says which pixels of the projector watch its lamp.
 
 pub mod calibration;
 pub mod frame_format;
+pub mod monitor;
 pub mod optics;
 pub mod parts;
 pub mod rig;

@@ -9,6 +9,7 @@ use crate::capture::Instrument;
 use crate::capture::directory::{Measurement, MeasurementError};
 use crate::capture::pilot::{auto_exposure_s, choose_spot, propose};
 use crate::instrument::calibration::Calibration;
+use crate::instrument::monitor::watching;
 use crate::instrument::rig::Rig;
 use crate::measure::MeasureError;
 use crate::plan::{Plan, Request};
@@ -118,6 +119,7 @@ impl Job {
             reference,
             calibration: setup.calibration.clone(),
         };
+        job.watch();
         if chooses {
             job.find_spot(exposures_s, progress)?;
         }
@@ -161,7 +163,9 @@ impl Job {
     /// [`SetupError`].
     pub fn open(&self) -> Result<Instrument, SetupError> {
         let world = self.world.as_ref().ok_or(SetupError::Real)?;
-        world.open(&self.rig, self.plan.request.tilt)
+        let mut instrument = world.open(&self.rig, self.plan.request.tilt)?;
+        instrument.watching = watching(&self.rig, self.plan.watching_side);
+        Ok(instrument)
     }
 
     /// Plans with the spot that a pilot capture chooses, and exposures of `exposures_s` seconds.
@@ -185,7 +189,19 @@ impl Job {
             virtual_rig: self.plan.virtual_rig.take(),
             ..plan.map_err(MeasurementError::from)?
         };
+        self.watch();
         Ok(())
+    }
+
+    /// Plans how much light watches the lamp.
+    fn watch(&mut self) {
+        let photometry = self
+            .calibration
+            .as_ref()
+            .and_then(|found| found.photometry.as_ref());
+        let longest_s = self.plan.exposures_s().into_iter().fold(0.0, f64::max);
+        let range_dn = f64::from(self.rig.saturation_dn()) - self.rig.camera.dark_dn;
+        self.plan.watching_side = photometry.map_or(0, |found| found.lamp.side(longest_s, range_dn));
     }
 
     /// Plans with the exposure times that a pilot capture finds.

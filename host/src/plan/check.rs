@@ -1,6 +1,7 @@
 //! Whether the numbers of a plan file are those of a plan.
 
 use super::{Plan, PlanError, SEGMENT_MAX};
+use crate::instrument::monitor::BLOCK_PX;
 use crate::plan::brackets::MOST_EXPOSURES;
 use crate::plan::schedule::LONGEST_PERIOD_S;
 
@@ -56,6 +57,10 @@ impl Plan {
             if let Some(rate) = rates.iter().find(|rate| !(0.0..=1.0).contains(*rate)) {
                 return Err(fail("virtual.faults", "rates from 0 to 1", rate));
             }
+        }
+        if self.watching_side > BLOCK_PX {
+            let expected = format!("at most {BLOCK_PX} pixels");
+            return Err(fail("watching_side", &expected, &self.watching_side));
         }
         if !(1..=SEGMENT_MAX).contains(&self.segment) {
             return Err(fail(

@@ -159,9 +159,18 @@ pub struct Plan {
     /// The other exposures of each pattern, longer and longer, while it stays.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub longer: Vec<Timing>,
+    /// Side in pixels of the squares that watch the lamp in every pattern, see [`crate::instrument::monitor`]; 0 for none.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub watching_side: u32,
     /// The virtual rig that it is made for; `None` for a real instrument.
     #[serde(default, rename = "virtual", skip_serializing_if = "Option::is_none")]
     pub virtual_rig: Option<Virtual>,
+}
+
+/// Whether nothing watches the lamp.
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde wants it so
+const fn is_zero(side: &u32) -> bool {
+    *side == 0
 }
 
 /// What one exposure is for.
@@ -341,6 +350,7 @@ impl Plan {
             timing,
             direction_count: count,
             longer,
+            watching_side: 0,
             virtual_rig: None,
         })
     }

@@ -292,11 +292,8 @@ mod tests {
             position_m: 5e-4,
             angle_deg: 0.3,
             field: 0.0,
-            contrast: None,
-            glare: None,
-            ghost: None,
-            direct: None,
             standard: 0.0,
+            ..Tolerances::DRAWN
         };
         for seed in 0..4 {
             let rig = Truth::drawn(&nominal, tolerances, seed).unwrap().rig;

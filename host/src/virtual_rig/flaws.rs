@@ -34,6 +34,41 @@ pub struct Flaws {
     pub ghost: Ghost,
     /// Light of the projector that reaches the camera without the sample.
     pub direct: Direct,
+    /// How steady the light is.
+    pub lamp: Lamp,
+}
+
+/// The projector's lamp or LED over time.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lamp {
+    /// By how much its light differs from that of the rig file, as another lamp's does, relative.
+    pub change: f64,
+    /// By how much its light changes in an hour, relative.
+    pub drift_per_h: f64,
+    /// Standard deviation of the light from exposure to exposure, relative.
+    pub flicker: f64,
+}
+
+/// Slow ups and downs beside the steady drift, as a share of what it does in an hour, and how many hours one takes.
+const WAVE: f64 = 0.2;
+const WAVE_H: f64 = 0.15;
+
+impl Lamp {
+    pub(super) fn drawn(rng: &mut Xoshiro256PlusPlus) -> Self {
+        let sign = if rng.random_bool(0.7) { -1.0 } else { 1.0 };
+        Self {
+            change: 0.0,
+            drift_per_h: sign * log_uniform(DRIFTS, rng),
+            flicker: log_uniform(FLICKERS, rng),
+        }
+    }
+
+    /// Its light after so many hours, relative to that of the rig file, without flicker.
+    pub(super) fn level(&self, hours: f64) -> f64 {
+        let wave = WAVE * (std::f64::consts::TAU * hours / WAVE_H).sin();
+        (1.0 + self.change) * (1.0 + self.drift_per_h * (hours + wave))
+    }
 }
 
 /// Light thrown aside: a round core with long tails, and a veil over the whole image.
@@ -182,6 +217,10 @@ pub const GLARES: RangeInclusive<f64> = 1e-3..=1e-2;
 pub const GHOSTS: RangeInclusive<f64> = 5e-3..=4e-2;
 /// Shares of direct light: black velvet and light traps behind a splitter return 10⁻⁴ to 3·10⁻³ of a white sample's light.
 pub(super) const DIRECTS: RangeInclusive<f64> = 1e-4..=3e-3;
+/// Drifts of the light in an hour: LEDs that are regulated stay within 0.2 %, a lamp that ages or warms up does not within 2 %.
+pub const DRIFTS: RangeInclusive<f64> = 2e-3..=2e-2;
+/// Standard deviations of the light from exposure to exposure: of a constant current 0.05 %, of a discharge lamp's arc up to 0.5 %.
+pub const FLICKERS: RangeInclusive<f64> = 5e-4..=5e-3;
 /// Half the range by which the light of black pixels varies over the image beside that of lit ones: black depends on the angle
 /// at which light meets the modulator.
 pub(super) const BLACK_FIELD: f64 = 0.2;

@@ -68,7 +68,11 @@ impl Light {
         projector: &DirectionTiles,
         intensity: &dyn Fn(usize) -> f64,
     ) -> Vec<Self> {
-        connected(lit, projector.view().size_px().0)
+        let reach = lit
+            .iter()
+            .copied()
+            .filter(|pixel| projector.pixel(*pixel as usize).is_some());
+        connected(&reach.collect::<Vec<_>>(), projector.view().size_px().0)
             .iter()
             .filter_map(|spot| Self::of(spot, projector, intensity))
             .collect()

@@ -45,7 +45,7 @@ use crate::plan::Faults;
 use crate::plan::pattern::BitPattern;
 
 pub use controller::{CLOCK_HZ, VirtualController};
-pub use flaws::{CONTRASTS, Direct, Field, Flaws, GHOSTS, GLARES, Ghost, Glare};
+pub use flaws::{CONTRASTS, DRIFTS, Direct, FLICKERS, Field, Flaws, GHOSTS, GLARES, Ghost, Glare, Lamp};
 pub use held::{FlatMirror, Held};
 pub use sensor::Noise;
 pub use truth::{Tolerances, Truth};
@@ -65,6 +65,8 @@ pub struct Behaviour {
     pub seed: u64,
     /// What goes wrong on purpose.
     pub faults: Faults,
+    /// How many hours the lamp has been on.
+    pub lamp_h: f64,
 }
 
 /// The three simulated ends of one rig.
@@ -81,7 +83,7 @@ impl VirtualRig {
     /// The rig that `truth` describes, with `held` in it.
     #[must_use]
     pub fn new(truth: &Truth, held: Held, behaviour: Behaviour) -> Self {
-        let stage = SharedStage::new(&truth.rig, behaviour, CLOCK_HZ);
+        let stage = SharedStage::new(truth, behaviour, CLOCK_HZ);
         let (camera, projector) = optics_of(truth, held, behaviour, &stage);
         Self {
             controller: VirtualController::new(stage, behaviour.seed as u32),
@@ -100,7 +102,7 @@ impl VirtualRig {
         behaviour: Behaviour,
         wires: Wires,
     ) -> Result<(VirtualCamera, VirtualProjector), WiresError> {
-        let stage = SharedStage::new(&truth.rig, behaviour, wires.clock_hz());
+        let stage = SharedStage::new(truth, behaviour, wires.clock_hz());
         let (mut camera, projector) = optics_of(truth, held, behaviour, &stage);
         camera.wires = Some(wires.attach(stage)?);
         Ok((camera, projector))
@@ -139,8 +141,9 @@ impl VirtualController {
             noise: Noise::Off,
             seed: 0,
             faults: Faults::default(),
+            lamp_h: 0.0,
         };
-        Self::new(SharedStage::new(rig, behaviour, CLOCK_HZ), 0)
+        Self::new(SharedStage::new(&Truth::of(rig), behaviour, CLOCK_HZ), 0)
     }
 }
 
@@ -149,8 +152,8 @@ impl VirtualController {
 struct SharedStage(Arc<Mutex<Stage>>);
 
 impl SharedStage {
-    fn new(rig: &Rig, behaviour: Behaviour, clock_hz: u32) -> Self {
-        Self(Arc::new(Mutex::new(Stage::new(rig, behaviour, clock_hz))))
+    fn new(truth: &Truth, behaviour: Behaviour, clock_hz: u32) -> Self {
+        Self(Arc::new(Mutex::new(Stage::new(truth, behaviour, clock_hz))))
     }
 
     fn lock(&self) -> MutexGuard<'_, Stage> {

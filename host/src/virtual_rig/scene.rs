@@ -284,14 +284,15 @@ impl Scene {
                 *out += (scale * f) as f32;
             }
         };
+        let light_e = self.sensitivity * shot.lamp;
         for (glow, visible_s) in &shot.seen {
             match (&glow.at_sample, &self.held) {
                 (AtSample::Spots(spots), Held::Sample(sample)) => {
-                    for light in spots.iter() {
-                        let lobes = light.nodes.map(|node| sample.incident(node));
-                        let scale = self.sensitivity * light.irradiance * visible_s;
+                    for spot in spots.iter() {
+                        let lobes = spot.nodes.map(|node| sample.incident(node));
+                        let scale = light_e * spot.irradiance * visible_s;
                         for pixel in &self.pixels {
-                            let f = self.f(light, pixel.mean_f(&lobes), pixel);
+                            let f = self.f(spot, pixel.mean_f(&lobes), pixel);
                             add(pixel, scale, f);
                         }
                     }
@@ -299,7 +300,7 @@ impl Scene {
                 (AtSample::Image(image), _) => {
                     for pixel in &self.pixels {
                         let radiance = f64::from(image[pixel.index]) * pixel.throughput;
-                        add(pixel, self.sensitivity * visible_s, [radiance; 3]);
+                        add(pixel, light_e * visible_s, [radiance; 3]);
                     }
                 }
                 (AtSample::Spots(_), Held::Mirror(_)) => {}
@@ -307,7 +308,7 @@ impl Scene {
         }
         if let Some(black) = &self.black {
             for (pixel, f) in self.pixels.iter().zip(black) {
-                add(pixel, self.sensitivity * shot.exposure_s, *f);
+                add(pixel, light_e * shot.exposure_s, *f);
             }
         }
         if let Some(stray) = &self.stray {
@@ -317,7 +318,7 @@ impl Scene {
                 .iter()
                 .map(|(glow, visible_s)| glow.direct * visible_s)
                 .sum();
-            let all = self.sensitivity * (lit + self.black_direct * shot.exposure_s);
+            let all = light_e * (lit + self.black_direct * shot.exposure_s);
             if let Some(direct) = stray.direct() {
                 for (out, share) in charge_e.chunks_exact_mut(channels).zip(direct) {
                     for out in out {

@@ -2,6 +2,10 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+use rand::{RngExt as _, SeedableRng as _};
+use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::base::blame::Blame;
 use crate::brdf::sample::{Sample, SampleError};
@@ -57,6 +61,9 @@ impl Blame for SetupError {
     }
 }
 
+/// What stands in the holder is changed within so many hours.
+const OPENING_H: f64 = 0.02;
+
 /// The instrument as it is asked for.
 #[derive(Clone, Debug, Default)]
 pub struct Setup {
@@ -107,6 +114,8 @@ pub struct World {
     /// How it really is, without tilt and its camera image at full size; `None` if as the rig file says.
     truth: Option<Truth>,
     behaviour: Behaviour,
+    /// How often the instrument was opened: each time takes some minutes of the lamp's life.
+    opened: Arc<AtomicU32>,
     trigger_box: Option<TriggerBox>,
 }
 
@@ -142,7 +151,10 @@ impl World {
                 noise: if spec.noise { Noise::On } else { Noise::Off },
                 seed: spec.seed,
                 faults: spec.faults,
+                // Each command begins at an hour of its own.
+                lamp_h: Xoshiro256PlusPlus::seed_from_u64(!spec.seed).random_range(0.0..1.0),
             },
+            opened: Arc::default(),
             trigger_box,
         })
     }
@@ -180,7 +192,11 @@ impl World {
             },
             None => Truth::of(rig),
         };
-        let behaviour = self.behaviour;
+        let opened = self.opened.fetch_add(1, Ordering::Relaxed);
+        let behaviour = Behaviour {
+            lamp_h: self.behaviour.lamp_h + f64::from(opened) * OPENING_H,
+            ..self.behaviour
+        };
         let Some(TriggerBox { port, wires }) = &self.trigger_box else {
             return Ok(Instrument::simulated(&truth, held, behaviour)?);
         };
@@ -192,6 +208,7 @@ impl World {
             device,
             camera: Box::new(camera),
             projector: Box::new(projector),
+            watching: Vec::new(),
         })
     }
 }
@@ -213,6 +230,7 @@ impl Instrument {
             device,
             camera: Box::new(camera),
             projector: Box::new(projector),
+            watching: Vec::new(),
         })
     }
 }

@@ -18,11 +18,11 @@ use serde::{Deserialize, Serialize};
 use crate::brdf::sample::Sample;
 use crate::instrument::rig::{Lens, Rig, RigError, explain};
 
-use super::flaws::{BLACK_FIELD, CONTRASTS, Direct, Field, Flaws, Ghost, Glare, log_uniform};
+use super::flaws::{BLACK_FIELD, CONTRASTS, Direct, Field, Flaws, Ghost, Glare, Lamp, log_uniform};
 use super::held::Off;
 
-/// Version of a truth's file: 2 has glare, ghost and direct light, 1 (which does not say so) has not.
-const VERSION: u32 = 2;
+/// Version of a truth's file: 3 has the lamp's drift and flicker, 2 glare, ghost and direct light, 1 (which does not say so) neither.
+const VERSION: u32 = 3;
 
 /// A virtual rig as it really is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -55,9 +55,30 @@ pub struct Tolerances {
     pub ghost: Option<f64>,
     /// Radiance of direct light over that of a white sample; `None` draws it between 10⁻⁴ and 3·10⁻³, log-uniformly.
     pub direct: Option<f64>,
+    /// Drift of the light in an hour, relative, of either sign; `None` draws it from [`DRIFTS`](super::DRIFTS), log-uniformly.
+    pub drift: Option<f64>,
+    /// Standard deviation of the light from exposure to exposure, relative; `None` draws it from
+    /// [`FLICKERS`](super::FLICKERS), log-uniformly.
+    pub flicker: Option<f64>,
     /// Standard uncertainty of the reflectance of each standard, relative: a certificate of a pressed or sintered PTFE standard
     /// says 0.25 to 0.5 %.
     pub standard: f64,
+}
+
+impl Tolerances {
+    /// What can be drawn is drawn; nothing else strays.
+    pub const DRAWN: Self = Self {
+        position_m: 0.0,
+        angle_deg: 0.0,
+        field: 0.0,
+        contrast: None,
+        glare: None,
+        ghost: None,
+        direct: None,
+        drift: None,
+        flicker: None,
+        standard: 0.0,
+    };
 }
 
 impl Truth {
@@ -86,6 +107,8 @@ impl Truth {
             glare,
             ghost,
             direct,
+            drift,
+            flicker,
             standard,
         } = tolerances;
         // Shapes and lenses are made better than they are mounted: a tenth of the way in the same proportion.
@@ -134,6 +157,7 @@ impl Truth {
             glare: Glare::drawn(&mut rng),
             ghost: Ghost::drawn(&mut rng),
             direct: Direct::drawn(&mut rng),
+            lamp: Lamp::default(),
         };
         flaws.standards = std::array::from_fn(|_| {
             let normal: f64 = rng.sample(StandardNormal);
@@ -142,6 +166,10 @@ impl Truth {
         flaws.glare.share = glare.unwrap_or(flaws.glare.share);
         flaws.ghost.share = ghost.unwrap_or(flaws.ghost.share);
         flaws.direct.share = direct.unwrap_or(flaws.direct.share);
+        flaws.lamp = Lamp::drawn(&mut rng);
+        let sign = flaws.lamp.drift_per_h.signum();
+        flaws.lamp.drift_per_h = drift.map_or(flaws.lamp.drift_per_h, |drift| sign * drift);
+        flaws.lamp.flicker = flicker.unwrap_or(flaws.lamp.flicker);
         Ok(Self {
             version: VERSION,
             rig,
@@ -173,7 +201,8 @@ impl Truth {
         };
         if self.version != VERSION {
             let expected = format!(
-                "{VERSION}, which also has glare, the splitter's ghost and direct light; `rcg truth` draws one"
+                "{VERSION}, which also has glare, the splitter's ghost, direct light, and the lamp's drift and flicker; `rcg \
+                 truth` draws one"
             );
             let found = if self.version == 0 {
                 "none".to_owned()
@@ -184,7 +213,11 @@ impl Truth {
         }
         self.rig.validate()?;
         let Flaws {
-            glare, ghost, direct, ..
+            glare,
+            ghost,
+            direct,
+            lamp,
+            ..
         } = &self.flaws;
         let of_glare = |low: f64| if glare.share > 0.0 { low } else { 0.0 };
         for (field, found, low, high) in [
@@ -203,6 +236,9 @@ impl Truth {
             ("flaws.ghost.shift[0]", ghost.shift[0], -1.0, 1.0),
             ("flaws.ghost.shift[1]", ghost.shift[1], -1.0, 1.0),
             ("flaws.direct.share", direct.share, 0.0, 1.0),
+            ("flaws.lamp.change", lamp.change, -0.9, 9.0),
+            ("flaws.lamp.drift_per_h", lamp.drift_per_h, -0.2, 0.2),
+            ("flaws.lamp.flicker", lamp.flicker, 0.0, 0.1),
         ] {
             if !(low..=high).contains(&found) {
                 return Err(refuse(
@@ -249,11 +285,8 @@ mod tests {
             position_m: 1e-3,
             angle_deg: 0.5,
             field: 0.3,
-            contrast: None,
-            glare: None,
-            ghost: None,
-            direct: None,
             standard: 0.0025,
+            ..Tolerances::DRAWN
         };
         let mut squares = 0.0;
         for seed in 0..50 {
@@ -287,9 +320,9 @@ mod tests {
             std::fs::write(&path, text).unwrap();
             Truth::load(&path).unwrap_err().to_string()
         };
-        let older = refusal(truth.to_toml().replacen("version = 2\n", "", 1));
+        let older = refusal(truth.to_toml().replacen("version = 3\n", "", 1));
         assert!(
-            older.contains("version: expected 2, which also has glare") && older.ends_with("found none"),
+            older.contains("version: expected 3, which also has glare") && older.ends_with("found none"),
             "{older}"
         );
         for (field, spoil) in [

@@ -5,8 +5,7 @@ use std::path::PathBuf;
 use rcg::base::progress::Progress as _;
 use rcg::brdf::sample::parse;
 use rcg::calibrate::photometry::{Request, Views, calibrate, capture};
-use rcg::instrument::calibration::Photometry;
-use rcg::instrument::calibration::RIG;
+use rcg::instrument::calibration::{LampFound, Photometry, RIG};
 use rcg::instrument::rig::{Rig, Tilt};
 use rcg::store::Lock;
 use rcg::store::whole_file::write_whole;
@@ -110,6 +109,23 @@ fn ghost(found: &Photometry) -> String {
     )
 }
 
+fn lamp(found: &Photometry) -> String {
+    let flicker = format!(
+        "flickers by {:.3} % from exposure to exposure",
+        100.0 * found.lamp.flicker
+    );
+    match &found.lamp.monitor {
+        Some(monitor) => format!(
+            "{flicker}; watched in every frame, against this calibration to {:.3} % (k = 1)",
+            100.0 * monitor.standard_uncertainty
+        ),
+        None => format!(
+            "{flicker}; too little light comes directly to watch it: ± {:.0} % for what it does until a measurement (k = 1)",
+            100.0 * LampFound::UNWATCHED
+        ),
+    }
+}
+
 fn text(found: &Photometry) -> String {
     let camera = &found.camera;
     let percent = |share: f64| format!("{:.3} %", 100.0 * share);
@@ -129,8 +145,11 @@ fn text(found: &Photometry) -> String {
             ),
         ),
         (
-            "stray light",
-            format!("{:.1} DN/s on the standard", found.stray_dn_per_s),
+            "contrast",
+            found.contrast.map_or_else(
+                || "no light of black pixels".to_owned(),
+                |ratio| format!("{ratio:.0} : 1"),
+            ),
         ),
         (
             "glare",
@@ -149,6 +168,7 @@ fn text(found: &Photometry) -> String {
                 found.stray.direct_uncertainty
             ),
         ),
+        ("lamp", lamp(found)),
         ("projector", format!("level^{:.3}", found.gamma)),
         (
             "light × throughput",

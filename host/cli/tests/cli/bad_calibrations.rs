@@ -141,8 +141,8 @@ fn a_calibration_of_something_else_than_numbers_is_refused_by_its_field() {
         ("field_residual", json!(-0.1)),
         ("sensitivity", json!(0.0)),
         ("share", json!(3.0)),
-        ("version", json!(4)),
-        ("version", json!(6)),
+        ("version", json!(5)),
+        ("version", json!(7)),
     ] {
         let mut tried = 0;
         spoiled(&whole, &bad, &mut |spoiled, name| {
@@ -163,7 +163,7 @@ fn a_calibration_of_something_else_than_numbers_is_refused_by_its_field() {
         "",
         2,
         &[
-            "photometry.json: version: expected 5",
+            "photometry.json: version: expected 6",
             "rcg calibrate photometry --out DIR",
             "found 0",
         ],

@@ -62,6 +62,24 @@ impl Lab {
     }
 }
 
+/// A lamp that has aged since the calibration does no harm; another one is told.
+fn lamp_is_compared(lab: &Lab, with: &[&str], median: &dyn Fn(&str, &[&str]) -> f64) {
+    let path = lab.at("truth.toml");
+    let truth = fs::read_to_string(&path).unwrap();
+    let changed = |change: &str| truth.replace("change = 0.0", &format!("change = {change}"));
+    fs::write(&path, changed("-0.06")).unwrap();
+    assert!(median("aged", with) < 0.015);
+    fs::write(&path, changed("0.3")).unwrap();
+    let parts = [
+        "calibration.json",
+        "lamp: expected light within 10 %",
+        "was the lamp changed",
+    ];
+    let exchanged = lab.measure("exchanged", "30", &[with, &["--resume"]].concat());
+    refuses(&exchanged, "", 2, &parts);
+    fs::write(&path, &truth).unwrap();
+}
+
 #[test]
 fn a_calibrated_rig_measures_what_is_there_tilted_too() {
     let lab = Lab::new();
@@ -102,6 +120,7 @@ fn a_calibrated_rig_measures_what_is_there_tilted_too() {
     let with = ["--calibration", calibration.as_str()];
     assert!(median("without", &[]) > 0.05);
     assert!(median("with", &with) < 0.015);
+    lamp_is_compared(&lab, &with, &median);
     let tilted = ["--tilt", "51:84:40"];
     assert!(median("tilted", &[&with[..], &tilted[..]].concat()) < 0.015);
 

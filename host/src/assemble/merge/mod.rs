@@ -24,6 +24,7 @@
 use glam::Vec4;
 
 use super::radiometry::Radiometry;
+use crate::instrument::calibration::stray::Level;
 use crate::plan::brackets::MOST_EXPOSURES;
 
 /// Samples with less than this share of the weight of the best are left out.
@@ -52,6 +53,8 @@ pub(super) struct Merged {
     pub(super) variance: Vec<Vec4>,
     /// Whether more than one exposure took part, in any channel.
     pub(super) several: Vec<bool>,
+    /// Which exposure counts most.
+    pub(super) heaviest: Vec<u8>,
 }
 
 impl<'a> Merge<'a> {
@@ -68,13 +71,14 @@ impl<'a> Merge<'a> {
         Self { exposures, brackets }
     }
 
-    /// Merges `frames`, one behind the other in the order of the exposures.
-    pub(super) fn frames<const CHANNELS: usize>(&self, frames: &[u16], out: &mut Merged) {
+    /// Merges `frames`, one behind the other in the order of the exposures; the lamp had these `levels` in them.
+    pub(super) fn frames<const CHANNELS: usize>(&self, frames: &[u16], levels: &[Level], out: &mut Merged) {
         let samples = self.exposures[0].dark.len();
         let pixels = samples / CHANNELS;
         out.signal.clear();
         out.variance.clear();
         out.several.clear();
+        out.heaviest.clear();
         let saturation = Vec4::splat(f32::from(self.exposures[0].saturation));
         let mut numbers = [Number::default(); MOST_EXPOSURES];
         for pixel in 0..pixels {
@@ -88,7 +92,10 @@ impl<'a> Merge<'a> {
                 }
                 let dark = lanes::<CHANNELS, f32>(&radiometry.dark[at..]);
                 *number = Number {
-                    signal: Vec4::from_array(linear) - dark,
+                    signal: levels[k].steady(
+                        Vec4::from_array(linear) - dark,
+                        radiometry.black_light::<CHANNELS>(pixel),
+                    ),
                     usable: Vec4::select(
                         lanes::<CHANNELS, u16>(raw).cmplt(saturation),
                         Vec4::ONE,
@@ -97,7 +104,8 @@ impl<'a> Merge<'a> {
                     dark_variance: radiometry.dark_shot_variance(dark) + self.brackets[k].dark_variance,
                 };
             }
-            let (signal, variance, used) = self.pixel(&numbers[..self.brackets.len()]);
+            let (signal, variance, used, heaviest) = self.pixel::<CHANNELS>(&numbers[..self.brackets.len()]);
+            out.heaviest.push(heaviest);
             out.signal.push(signal);
             out.variance.push(variance);
             out.several
@@ -105,8 +113,8 @@ impl<'a> Merge<'a> {
         }
     }
 
-    /// Rate, its variance and how many exposures made it, from the numbers of each exposure.
-    fn pixel(&self, numbers: &[Number]) -> (Vec4, Vec4, Vec4) {
+    /// Rate, its variance, how many exposures made it and which counts most, from the numbers of each exposure.
+    fn pixel<const CHANNELS: usize>(&self, numbers: &[Number]) -> (Vec4, Vec4, Vec4, u8) {
         let shot_per_dn = self.exposures[0].shot_per_dn;
         let (mut sum, mut weights) = (Vec4::ZERO, Vec4::ZERO);
         for (bracket, number) in self.brackets.iter().zip(numbers) {
@@ -130,7 +138,9 @@ impl<'a> Merge<'a> {
             weights += takes_part * weight;
             used += takes_part;
         }
-        (sum / weights, 1.0 / weights, used)
+        let all = |weight: &Vec4| weight.to_array()[..CHANNELS].iter().sum::<f32>();
+        let heaviest = (0..numbers.len()).max_by(|a, b| all(&weight[*a]).total_cmp(&all(&weight[*b])));
+        (sum / weights, 1.0 / weights, used, heaviest.unwrap_or(0) as u8)
     }
 }
 

@@ -68,7 +68,11 @@ fn trial(rate_e: f64) -> (f64, f64, f64) {
         })
         .collect();
     let mut merged = Merged::default();
-    Merge::new(&exposures).frames::<1>(&frames(&rig, &TIMES_S, rate_e, PIXELS, 7), &mut merged);
+    Merge::new(&exposures).frames::<1>(
+        &frames(&rig, &TIMES_S, rate_e, PIXELS, 7),
+        &[Level::SAME; TIMES_S.len()],
+        &mut merged,
+    );
     let truth = rate_e * TIMES_S[0] / rig.gain_e_per_dn();
     let errors = merged.signal.iter().map(|signal| f64::from(signal.x) - truth);
     let squares = merged.variance.iter().map(|variance| f64::from(variance.x));
@@ -133,7 +137,7 @@ fn no_other_weights_do_better() {
                 }
             })
             .collect();
-        let (signal, variance, _) = merge.pixel(&numbers);
+        let (signal, variance, ..) = merge.pixel::<1>(&numbers);
         assert!((f64::from(signal.x) / first_dn - 1.0).abs() < 1e-5);
         let shot = f64::from(exposures[0].shot_per_dn);
         let alone = merge
@@ -166,7 +170,7 @@ fn saturated_and_dark_samples_take_no_part() {
     let merged = |dn: [u16; 4]| {
         let mut out = Merged::default();
         let frames: Vec<u16> = dn.into_iter().flat_map(|dn| [dn, dn, dn]).collect();
-        Merge::new(&exposures).frames::<3>(&frames, &mut out);
+        Merge::new(&exposures).frames::<3>(&frames, &vec![Level::SAME; exposures.len()], &mut out);
         (out.signal[0].y, out.several[0])
     };
     // Two saturate: what they hold is not known, so that it must not matter. The first two are shot-noise limited.

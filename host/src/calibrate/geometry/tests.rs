@@ -17,11 +17,8 @@ fn calibrated(
         position_m: parameters::POSITION_M,
         angle_deg: parameters::ANGLE_DEG,
         field: 0.3,
-        contrast: None,
-        glare: None,
-        ghost: None,
-        direct: None,
         standard: 0.0,
+        ..Tolerances::DRAWN
     };
     let truth = Truth::drawn(nominal, tolerances, seed).unwrap();
     let folder = tempfile::tempdir().unwrap();

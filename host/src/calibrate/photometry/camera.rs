@@ -6,6 +6,8 @@
 //! exposure times are binned by their mean; the line is fitted to the bins with weights of the variance's own variance. The
 //! series has the standard in the light, so that the bins reach from darkness to near saturation.
 //!
+//! The lamp flickers: of frames of one pattern each is as bright as all its pixels together say, before they are compared.
+//!
 //! Linearity: what a pixel shows of light, over the exposure time, must be constant; light of black projector pixels is as
 //! good as that of the spot. The camera is described by one number β: of a signal s it shows s·(1 − β·s/range), and
 //! s'·(1 + β·s'/range) brings it back to first order. All pixels together determine β by least squares, each with a rate of
@@ -35,15 +37,63 @@ pub(super) struct Times<'a> {
     pub(super) lit: Vec<&'a [u16]>,
     pub(super) black: Vec<&'a [u16]>,
     pub(super) dark: Vec<&'a [u16]>,
+    /// Light of the lamp in the lit frames, relative to the other times.
+    pub(super) lamp: f64,
+}
+
+/// Light of each of `frames` of one pattern over their mean; `dark` is their level without light.
+pub(super) fn lamp_of(frames: &[&[u16]], dark: f64) -> Vec<f64> {
+    let light = |frame: &&[u16]| frame.iter().map(|dn| f64::from(*dn) - dark).sum::<f64>();
+    let all: Vec<f64> = frames.iter().map(light).collect();
+    let mean = all.iter().sum::<f64>() / all.len() as f64;
+    let is_lit = mean > 0.0;
+    all.into_iter()
+        .map(|light| if is_lit { (light / mean).max(0.1) } else { 1.0 })
+        .collect()
+}
+
+/// As [`moments`], had the lamp been as bright in all frames; `dark` is their level without light.
+fn steady(frames: &[&[u16]], dark: f64) -> (Vec<f64>, Vec<f64>) {
+    let lamp = lamp_of(frames, dark);
+    moments_of(frames, |frame, dn| dark + (dn - dark) / lamp[frame])
+}
+
+/// Standard deviation of the lamp's light from exposure to exposure, relative, by the brighter half of the series.
+pub(super) fn flicker(series: &[Times], dark: f64, gain_e_per_dn: f64) -> f64 {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for times in &series[series.len() / 2..] {
+        for frames in [&times.lit, &times.black] {
+            let lamp = lamp_of(frames, dark);
+            let squares: f64 = lamp.iter().map(|lamp| (lamp - 1.0).powi(2)).sum();
+            let electrons: f64 = frames[0]
+                .iter()
+                .map(|dn| (f64::from(*dn) - dark) * gain_e_per_dn)
+                .sum();
+            let degrees = lamp.len() as f64 - 1.0;
+            let noise = if electrons > 0.0 { electrons.recip() } else { 0.0 };
+            sum += squares - degrees * noise;
+            count += degrees;
+        }
+    }
+    (sum / f64::max(count, 1.0)).max(0.0).sqrt()
 }
 
 /// Mean and unbiased variance of each value over frames.
 pub(super) fn moments(frames: &[&[u16]]) -> (Vec<f64>, Vec<f64>) {
+    moments_of(frames, |_, dn| dn)
+}
+
+/// The same of what `of` makes of the number of a frame.
+fn moments_of(frames: &[&[u16]], of: impl Fn(usize, f64) -> f64) -> (Vec<f64>, Vec<f64>) {
     let count = frames.len() as f64;
     (0..frames[0].len())
         .map(|at| {
-            let mean = frames.iter().map(|frame| f64::from(frame[at])).sum::<f64>() / count;
-            let squares = frames.iter().map(|frame| (f64::from(frame[at]) - mean).powi(2));
+            let all = || {
+                let frames = frames.iter().enumerate();
+                frames.map(|(number, frame)| of(number, f64::from(frame[at])))
+            };
+            let mean = all().sum::<f64>() / count;
+            let squares = all().map(|dn| (dn - mean).powi(2));
             (mean, squares.sum::<f64>() / (count - 1.0))
         })
         .unzip()
@@ -107,8 +157,12 @@ fn photon_transfer(series: &[Times], dark: (f64, f64), range: f64) -> Option<(f6
     let (dark_dn, dark_dn_per_s) = dark;
     let mut bins = vec![(0.0, 0.0, 0_u32); BINS];
     for times in series {
-        for frames in [&times.lit, &times.black, &times.dark] {
-            let (mean, variance) = moments(frames);
+        let level = dark_dn + dark_dn_per_s * times.exposure_s;
+        for (mean, variance) in [
+            steady(&times.lit, level),
+            steady(&times.black, level),
+            moments(&times.dark),
+        ] {
             for (mean, variance) in mean.into_iter().zip(variance) {
                 let share = ((mean - dark_dn) / range).max(0.0);
                 if share < HIGHEST {
@@ -162,7 +216,7 @@ fn linearity(series: &[Times], dark: (f64, f64), range: f64, gain: f64) -> Optio
                 (light, signal * signal / range, weight)
             };
             let (lit, _) = moments(&times.lit);
-            (times.exposure_s, lit.into_iter().map(one).collect())
+            (times.exposure_s * times.lamp, lit.into_iter().map(one).collect())
         })
         .collect();
     let pixels = signals[0].1.len();

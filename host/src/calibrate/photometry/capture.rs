@@ -6,7 +6,7 @@
 //! | in the holder | segments | exposures of each |
 //! |---|---|---|
 //! | standard | one per exposure time of the series | half of one spot, half black |
-//! | | one | the spot at all levels of grey |
+//! | | one | a spot as wide as the shortest time allows at all levels of grey, of that time |
 //! | | one | black |
 //! | | one per 16 incident directions | one of each direction |
 //! | standard, at each tilt that is asked for | one | black |
@@ -15,7 +15,8 @@
 //! | | two | one of each of 32 directions |
 //! | light trap | one per exposure time of the series | black |
 //!
-//! Those of stray light follow (`stray`).
+//! Those of stray light follow (`stray`). What watches the lamp ([`crate::instrument::monitor`]) is lit in all that show a standard
+//! but those of levels, the black ones too.
 //!
 //! A tilted sample is seen in parts of both images that the untilted standard does not reach: light and throughput are known
 //! there only if the standard was captured at such a tilt.
@@ -33,6 +34,7 @@ use crate::capture::{Instrument, Tally};
 use crate::instrument::calibration::photometry::COMMAND;
 use crate::instrument::calibration::{CalibrationError, lights};
 use crate::instrument::frame_format::FrameFormat;
+use crate::instrument::monitor::watching;
 use crate::instrument::optics::View;
 use crate::instrument::rig::{Rig, Tilt};
 use crate::plan;
@@ -47,6 +49,9 @@ pub(super) const RAW: &str = "photometry.raw.zarr";
 pub(super) const VIEWS: &str = crate::instrument::calibration::VIEWS[1];
 /// Exposures of a segment.
 pub(super) const SEGMENT: usize = 16;
+/// Share of the light that saturates to which levels of grey come, and the widest spot for them, degrees.
+const WIDE: f64 = 0.7;
+const WIDEST_DEG: f64 = 30.0;
 /// Segments of incident directions of the second standard.
 const SECOND: usize = 2;
 
@@ -213,6 +218,7 @@ impl Views {
     fn exposure_of(&self, shows: Shows) -> f64 {
         match shows {
             Shows::Series(index) | Shows::Dark(index) => self.times_s[index],
+            Shows::Levels => self.times_s[0],
             _ => self.exposure_s,
         }
     }
@@ -259,7 +265,8 @@ pub fn capture(
     let layout = layout(segments.len(), holders[0].rig.frame_format());
     let text = file::text(&views);
     let mut raw: Option<RawStore> = None;
-    let series = holders[0].series();
+    let series = Series::of(&holders[0], &views);
+    let watched = watching(&views.rig, views.stray.watching_side);
     progress.begin("standard", layout.exposures, "exposures");
     // What is in the holder, and the instrument with it in.
     let mut held: Option<((usize, InHolder), Instrument)> = None;
@@ -279,13 +286,18 @@ pub fn capture(
             // Now the clock is known.
             none => none.insert(create_raw(&dir.join(RAW), layout, instrument, VIEWS, &text)?),
         };
+        instrument.watching = if shows.is_watched() {
+            watched.clone()
+        } else {
+            Vec::new()
+        };
         let exposure_s = views.exposure_of(shows);
         let mut tally = Tally::default();
         let timing = Timing::new(&holder.rig, exposure_s).map_err(plan::PlanError::from)?;
         let shots = instrument.take(
             SEGMENT,
             &[timing],
-            |exposure, image| shows.draw(exposure, holder, series, image),
+            |exposure, image| shows.draw(exposure, holder, &series, image),
             &mut tally,
             |taken| progress.reach(index * SEGMENT + taken),
         )?;
@@ -321,18 +333,44 @@ pub(super) fn layout(segments: usize, format: FrameFormat) -> RawLayout {
 }
 
 impl Shows {
-    /// Draws the `exposure` of this number of the segment into the black `image`; `series` is the direction of the series.
-    fn draw(self, exposure: usize, holder: &Holder, series: usize, image: &mut BitPattern) {
+    /// Whether the lamp is watched: not where all that is lit is grey, or nothing is.
+    const fn is_watched(self) -> bool {
+        !matches!(self, Self::Levels | Self::Dark(_))
+    }
+
+    /// Draws the `exposure` of this number of the segment into the black `image`.
+    fn draw(self, exposure: usize, holder: &Holder, series: &Series, image: &mut BitPattern) {
         match self {
-            Self::Series(_) if exposure < SEGMENT / 2 => image.light(&holder.lit(series)),
+            Self::Series(_) if exposure < SEGMENT / 2 => image.light(&series.spot),
             Self::Levels => {
-                image.light(&holder.lit(series));
+                image.light(&series.wide);
                 image.set_level(super::level(exposure));
             }
             Self::Directions(_, first) | Self::SecondDirections(first) => {
                 image.light(&holder.lit(holder.directions[first + exposure]));
             }
             Self::Series(_) | Self::Black(_) | Self::SecondBlack | Self::Dark(_) => {}
+        }
+    }
+}
+
+/// What the series lights.
+struct Series {
+    spot: Vec<u32>,
+    /// Beside so much light that of black pixels is little, which the lamp's flicker changes too.
+    wide: Vec<u32>,
+}
+
+impl Series {
+    fn of(holder: &Holder, views: &Views) -> Self {
+        let direction = holder.series();
+        let ratio = views.exposure_s / views.times_s[0];
+        let wide_deg = (views.spot_deg() * (WIDE * ratio).sqrt()).clamp(views.spot_deg(), WIDEST_DEG);
+        Self {
+            spot: holder.lit(direction),
+            wide: maker(&holder.rig, wide_deg)
+                .lit_set(lights::direction(direction))
+                .map_or_else(|_| Vec::new(), |lit| lit.pixels),
         }
     }
 }

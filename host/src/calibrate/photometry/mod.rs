@@ -8,8 +8,10 @@
 //! | `lights` | the incident directions of the views |
 //! | `exposure` | how long they are exposed, and how much light there is |
 //! | `camera` | dark level, photon transfer, linearity |
+//! | `linear` | numbers as a linear camera would give them, and what they say of the lamp |
 //! | `field` | smooth fields over an image |
 //! | `rank_one` | light and throughput from the standard |
+//! | `contrast` | light of black projector pixels |
 //! | `stray` | glare, ghost and direct light |
 //! | `share` | what of both images the standard truly filled |
 //! | `sight` | that as files and assembly have it |
@@ -26,8 +28,10 @@
 
 mod camera;
 mod capture;
+mod contrast;
 mod exposure;
 mod in_holder;
+mod linear;
 mod rank_one;
 mod share;
 mod stray;
@@ -38,8 +42,9 @@ use std::path::Path;
 
 pub use capture::{Request, Views, capture};
 
-use camera::{Times, camera, moments};
+use camera::{Times, camera, flicker};
 use capture::{SEGMENT, Shows, VIEWS};
+use linear::Linear;
 use rank_one::Seen;
 use share::{Frames, fit_whole};
 
@@ -47,9 +52,9 @@ use super::{CalibrateError, RIG};
 use crate::base::text::by;
 use crate::brdf::sample::{Sample, albedo};
 use crate::hemisphere::direction::from_degrees;
-use crate::instrument::calibration::stray::Removal;
+use crate::instrument::calibration::stray::{Removal, dark_of};
 use crate::instrument::calibration::{
-    CalibrationError, CameraFound, Interreflection, PHOTOMETRY, PHOTOMETRY_VERSION, Photometry, Stray,
+    CalibrationError, Interreflection, LampFound, PHOTOMETRY, PHOTOMETRY_VERSION, Photometry, Stray,
     check_rig, file, rig_hash,
 };
 use crate::instrument::rig::Rig;
@@ -80,19 +85,15 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     )?;
     let rig = views.rig_of(0)?;
     let captured = Captured::read(dir, &views, &raw, &rig)?;
-    let series = captured.series();
-    let saturation_dn = f64::from(rig.saturation_dn());
-    let camera = camera(&series, saturation_dn)?.of_sensor(&rig.camera.binned);
-    let linear = Linear {
-        camera: camera.of_image(&rig.camera.binned),
-        sensor: camera,
-        range: saturation_dn - camera.dark_dn,
+    let mut series = captured.series();
+    let (linear, flicker) = camera_of(&mut series, &rig)?;
+    let (stray_light, monitor) = stray::stray(dir, &views.rig, &views.stray, &linear)?;
+    let lamp = LampFound { flicker, monitor };
+    let other = OtherLight {
+        stray: &stray_light,
+        lamp: &lamp,
     };
-    let stray_light = stray::stray(dir, &views.rig, &views.stray, &linear)?;
-    let black = linear.mean(&captured.frames(Shows::Black(0)));
-    let dark = linear.mean(&series[series.len() - 1].dark);
-    let black_light = black.iter().sum::<f64>() - dark.iter().sum::<f64>();
-    let projector_response = linear.levels(&captured.frames(Shows::Levels), &black);
+    let (projector_response, black_light) = captured.levels(&linear, &series);
 
     let standard =
         crate::brdf::sample::parse(&views.standard).map_err(crate::virtual_rig::setup::SetupError::from)?;
@@ -101,7 +102,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         .map(|stand| linear.mean(&captured.frames(Shows::Black(stand))))
         .collect();
     for (stand, black) in blacks.iter().enumerate() {
-        let (seen, shown) = captured.standard_at(stand, &linear, black, &stray_light, standard.as_ref())?;
+        let (seen, shown) = captured.standard_at(stand, &linear, black, other, standard.as_ref())?;
         all.push(seen);
         frames.push(shown);
     }
@@ -114,13 +115,9 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     let own = interreflected(standard.as_ref());
     let interreflection = match &views.second_standard {
         None => None,
-        Some(spec) => Some(captured.interreflection(
-            spec,
-            &linear,
-            &stray_light,
-            &all[0],
-            (own, standard_uncertainty),
-        )?),
+        Some(spec) => {
+            Some(captured.interreflection(spec, &linear, other, &all[0], (own, standard_uncertainty))?)
+        }
     };
     let photometry = Photometry {
         version: PHOTOMETRY_VERSION,
@@ -128,8 +125,14 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         rig_sha256: rig_hash(&views.rig),
         standard: views.standard.clone(),
         standard_uncertainty,
-        camera,
-        stray_dn_per_s: black_light / captured.length as f64 / views.exposure_s,
+        camera: linear.sensor,
+        contrast: contrast::contrast(
+            &all[0],
+            (&rig, views.times_s[0]),
+            &fields,
+            standard.as_ref(),
+            &black_light,
+        ),
         gamma: gamma(&projector_response),
         projector_response,
         // The standard's own interreflection is no property of the instrument.
@@ -144,6 +147,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         field_residual: fields.residual,
         interreflection,
         stray: stray_light,
+        lamp,
     };
     super::check(&photometry)?;
     let path = dir.join(PHOTOMETRY);
@@ -220,9 +224,21 @@ impl<'a> Captured<'a> {
                     lit,
                     black,
                     dark: self.frames(Shows::Dark(index)),
+                    lamp: 1.0,
                 }
             })
             .collect()
+    }
+
+    /// Light of each level, relative to the last, and what a black pattern adds to the darkness at the shortest time of the
+    /// `series`, linear digital numbers.
+    fn levels(&self, linear: &Linear, series: &[Times]) -> (Vec<f64>, Vec<f64>) {
+        let levels = self.frames(Shows::Levels);
+        // Of level 0, which nothing else is beside.
+        let black = linear.mean(&levels[..1]);
+        let dark = linear.mean(&series[0].dark);
+        let light = black.iter().zip(dark).map(|(black, dark)| black - dark);
+        (linear.levels(&levels, &black), light.collect())
     }
 
     /// What was seen of the `standard` at the stand of this index, and the frames of it; `black` is its black frame, linear.
@@ -231,11 +247,12 @@ impl<'a> Captured<'a> {
         stand: usize,
         linear: &'b Linear,
         black: &'b [f64],
-        stray: &Stray,
+        other: OtherLight<'_>,
         standard: &'b dyn Sample,
     ) -> Result<(Seen<'b>, Frames<'b>), CalibrateError> {
         let mut seen = Seen::new(self.views, stand)?;
-        let removal = self.removal(stand, stray)?;
+        let removal = self.removal(stand, other)?;
+        seen.compare_lamp(&removal, black, linear);
         let mut lit = Vec::new();
         for wanted in self.shows.iter().copied() {
             let Shows::Directions(of, first) = wanted else {
@@ -256,9 +273,15 @@ impl<'a> Captured<'a> {
         Ok((seen, frames))
     }
 
-    /// How frames of the standard at the stand of this index lose `stray` light.
-    fn removal(&self, stand: usize, stray: &Stray) -> Result<Removal, CalibrateError> {
-        Ok(Removal::of(stray, &self.views.rig_of(stand)?))
+    /// How frames of the standard at the stand of this index lose `other` light.
+    fn removal(&self, stand: usize, other: OtherLight) -> Result<Removal, CalibrateError> {
+        let side = self.views.stray.watching_side;
+        Ok(Removal::of(
+            other.stray,
+            other.lamp,
+            side,
+            &self.views.rig_of(stand)?,
+        ))
     }
 
     /// The interreflection from the second standard, named `spec`, beside the `first`, which has its `own` (see
@@ -267,14 +290,15 @@ impl<'a> Captured<'a> {
         &self,
         spec: &str,
         linear: &Linear,
-        stray: &Stray,
+        other: OtherLight,
         first: &Seen,
         (own, standard_uncertainty): (f64, f64),
     ) -> Result<Interreflection, CalibrateError> {
         let second = crate::brdf::sample::parse(spec).map_err(crate::virtual_rig::setup::SetupError::from)?;
         let black = linear.mean(&self.frames(Shows::SecondBlack));
+        let removal = self.removal(0, other)?;
         let mut other = Seen::new(self.views, 0)?;
-        let removal = self.removal(0, stray)?;
+        other.compare_lamp(&removal, &black, linear);
         other.judged = first.judged.clone();
         for wanted in self.shows.iter().copied() {
             if let Shows::SecondDirections(place) = wanted {
@@ -289,6 +313,32 @@ impl<'a> Captured<'a> {
             standard_uncertainty,
         )
     }
+}
+
+/// The camera of `rig` by the `series`, which then know how bright the lamp was, and by how much it flickers.
+fn camera_of(series: &mut [Times], rig: &Rig) -> Result<(Linear, f64), CalibrateError> {
+    let saturation_dn = f64::from(rig.saturation_dn());
+    let pixels = dark_of(rig);
+    let mut found: Option<(Linear, f64)> = None;
+    // What tells the lamp's light has to be linear itself.
+    for _ in 0..2 {
+        if let Some((linear, flicker)) = &found {
+            let lamp = linear.lamp(series, &pixels, rig.camera.channels as usize, *flicker);
+            for (times, lamp) in series.iter_mut().zip(lamp) {
+                times.lamp = lamp;
+            }
+        }
+        let camera = camera(series, saturation_dn)?.of_sensor(&rig.camera.binned);
+        let of_image = camera.of_image(&rig.camera.binned);
+        let flicker = flicker(series, of_image.dark_dn, of_image.gain_e_per_dn);
+        let linear = Linear {
+            camera: of_image,
+            sensor: camera,
+            range: saturation_dn - camera.dark_dn,
+        };
+        found = Some((linear, flicker));
+    }
+    Ok(found.expect("invariant: two turns"))
 }
 
 /// Refuses frames of the standard that are saturated in more than [`SATURATED`] of their values.
@@ -311,40 +361,11 @@ fn check_saturated(all: &[Seen]) -> Result<(), CalibrateError> {
     Ok(())
 }
 
-/// Digital numbers → what they would be if the camera were linear, above the dark level.
-struct Linear {
-    camera: CameraFound,
-    /// The same of a pixel of the sensor.
-    sensor: CameraFound,
-    range: f64,
-}
-
-impl Linear {
-    /// The camera with the image of `rig`.
-    fn camera_of(&self, rig: &Rig) -> CameraFound {
-        self.sensor.of_image(&rig.camera.binned)
-    }
-
-    fn of(&self, dn: f64) -> f64 {
-        let signal = dn - self.camera.dark_dn;
-        signal * (1.0 + self.camera.nonlinearity * signal / self.range)
-    }
-
-    /// Mean over frames of each value.
-    fn mean(&self, frames: &[&[u16]]) -> Vec<f64> {
-        moments(frames).0.into_iter().map(|dn| self.of(dn)).collect()
-    }
-
-    /// Light of each level above the black frame, relative to the last.
-    fn levels(&self, frames: &[&[u16]], black: &[f64]) -> Vec<f64> {
-        let light = |frame: &&[u16]| {
-            let lit = frame.iter().map(|dn| self.of(f64::from(*dn)));
-            lit.zip(black).map(|(lit, black)| lit - black).sum::<f64>()
-        };
-        let all: Vec<f64> = frames.iter().map(light).collect();
-        let brightest = all.last().copied().unwrap_or(1.0);
-        all.into_iter().map(|light| light / brightest).collect()
-    }
+/// What of the light in frames is not the spot's, or not the lamp's as it was.
+#[derive(Clone, Copy)]
+struct OtherLight<'a> {
+    stray: &'a Stray,
+    lamp: &'a LampFound,
 }
 
 /// Exponent of the power that describes the levels best, in the logarithm, those above a tenth counting.

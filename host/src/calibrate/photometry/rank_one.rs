@@ -45,8 +45,9 @@ struct Pair {
     channel: u8,
     /// ln q.
     log: f64,
-    /// Its variance by noise.
+    /// Its variance by noise, and what it counts in a fit: pairs of a frame share what is uncertain of the lamp.
     variance: f64,
+    weight: f64,
 }
 
 /// A number of a frame that did not saturate: its place there, what it shows of the spot and the variance of that, in DN
@@ -56,6 +57,8 @@ struct Value {
     signal: f64,
     variance: f64,
     uniform: f64,
+    /// Standard uncertainty of the signal by the lamp's light, which all values of a frame share.
+    lamp: f64,
 }
 
 /// A pixel: index, place in the image (−1 to 1), direction, and whether an edge of the mirror or the wire is beside it.
@@ -67,6 +70,8 @@ type Spot = ([f64; 2], f64);
 pub(super) struct Seen<'a> {
     pub(super) stand: &'a Stand,
     pub(super) exposure_s: f64,
+    /// The lamp in the black frames over that of the calibration, and its standard uncertainty.
+    pub(super) lamp: [f64; 2],
     pub(super) channels: usize,
     pub(super) saturation_dn: f64,
     pub(super) size_px: (usize, usize),
@@ -192,6 +197,7 @@ impl<'a> Seen<'a> {
         Ok(Self {
             stand,
             exposure_s: views.exposure_s,
+            lamp: [1.0, 0.0],
             channels: rig.camera.channels as usize,
             saturation_dn: f64::from(rig.saturation_dn()),
             size_px: (width, height),
@@ -249,13 +255,14 @@ impl<'a> Seen<'a> {
                         self.saturated += 1;
                         continue;
                     }
-                    let (all, dark, stray) = (linear.of(dn), black[at], f64::from(frame.stray[at]));
+                    let (all, dark) = (linear.of(dn), black[at]);
                     // Of the frame, and of the mean of as many black ones as a segment has.
                     values.push(Value {
                         at,
-                        signal: all - dark - stray,
+                        signal: frame.spot(all, dark, at),
                         variance: noise + all.max(0.0) / gain + (noise + dark.max(0.0) / gain) / 16.0,
-                        uniform: self.exposure_s * f * irradiance,
+                        uniform: self.exposure_s * self.lamp[0] * f * irradiance,
+                        lamp: all * f64::from(frame.lamp.uncertainty),
                     });
                 }
             }
@@ -273,15 +280,18 @@ impl<'a> Seen<'a> {
             // What is far below is off the standard; a logarithm needs more than 0.
             expected >= LEAST_SNR * value.variance.sqrt() && value.signal > 0.1 * expected
         });
+        let count = bright.clone().count() as f64;
         self.pairs.extend(bright.map(|value| {
             let relative = value.variance / (value.signal * value.signal);
+            let lamp = (value.lamp / value.signal).powi(2);
             Pair {
                 pixel: (value.at / self.channels) as u32,
                 place: place as u32,
                 channel: (value.at % self.channels) as u8,
                 // The mean of a logarithm lies half its variance too low.
                 log: (value.signal / value.uniform).ln() + 0.5 * relative,
-                variance: relative,
+                variance: relative + lamp,
+                weight: (relative + count * lamp + FIT * FIT).recip(),
             }
         }));
     }
@@ -320,12 +330,13 @@ impl<'a> Seen<'a> {
         let (mut sum, mut weights) = (0.0, 0.0);
         for pair in self.pairs.iter().filter(|pair| self.takes_part(pair)) {
             if let Some(there) = known.get(&key(pair)) {
-                let weight = (pair.variance + there.variance).recip();
+                let weight = (pair.weight.recip() + there.weight.recip()).recip();
                 sum += weight * (pair.log - there.log);
                 weights += weight;
             }
         }
-        (weights > 0.0).then(|| ((sum / weights).exp(), weights.sqrt().recip()))
+        let lamp = self.lamp[1].hypot(other.lamp[1]);
+        (weights > 0.0).then(|| ((sum / weights).exp(), weights.sqrt().recip().hypot(lamp)))
     }
 }
 
@@ -389,8 +400,7 @@ pub(super) fn fit(seen: &[Seen], held: Held) -> Option<Fields> {
         row[channels + term] = 1.0;
         (row, 0.0, held.weight(term % TERMS))
     });
-    let weight = |pair: &Pair| (pair.variance + FIT * FIT).recip();
-    let weighted = pairs().map(|(row, pair)| (row, pair.log, weight(pair)));
+    let weighted = pairs().map(|(row, pair)| (row, pair.log, pair.weight));
     let (found, covariance) = least_squares(unknowns, &weighted.chain(pull))?;
     let (mut excess, mut count) = (0.0, 0_u32);
     let mut uncertainties = Vec::new();

@@ -15,8 +15,9 @@ use rayon::prelude::*;
 use super::Linear;
 use super::rank_one::{Fields, Held, Seen, fit};
 use crate::brdf::sample::Sample;
+use crate::instrument::calibration::lamp::SLOW;
 use crate::instrument::calibration::lights;
-use crate::instrument::calibration::stray::{Removal, Room};
+use crate::instrument::calibration::stray::{Level, Removal, Room};
 use crate::instrument::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
 
 /// Turns of fitting and judging, at most.
@@ -57,8 +58,18 @@ impl Judged {
 /// A frame of the standard.
 pub(super) struct Lit<'a> {
     pub(super) dn: &'a [u16],
-    /// What came other ways, linear digital numbers.
+    /// What came other ways, linear digital numbers, had the lamp been as in the black frames.
     pub(super) stray: Vec<f32>,
+    /// The lamp over that of the black frames.
+    pub(super) lamp: Level,
+}
+
+impl Lit<'_> {
+    /// What the spot shows, had the lamp been as in the black frames, where the frame shows `all` and a black one `black`, linear
+    /// numbers above the dark level at the place `at`.
+    pub(super) fn spot(&self, all: f64, black: f64, at: usize) -> f64 {
+        all / f64::from(self.lamp.light) - black - f64::from(self.stray[at])
+    }
 }
 
 /// The frames of the standard at one stand.
@@ -135,10 +146,16 @@ impl Seen<'_> {
                 saturation,
                 room,
             );
-            let lanes = room.stray.iter().map(Vec4::to_array);
+            let lamp = removal.level(
+                |pixel| shown[pixel] - room.stray[pixel],
+                |pixel| lanes(&black[pixel * channels..][..channels]),
+                |pixel| room.doubt[pixel],
+            );
+            let stray = room.stray.iter().map(|stray| (*stray / lamp.light).to_array());
             Lit {
                 dn,
-                stray: lanes.flat_map(|lanes| lanes.into_iter().take(channels)).collect(),
+                stray: stray.flat_map(|lanes| lanes.into_iter().take(channels)).collect(),
+                lamp,
             }
         };
         frames
@@ -146,6 +163,15 @@ impl Seen<'_> {
             .enumerate()
             .map_init(Room::default, one)
             .collect()
+    }
+
+    /// Compares the lamp in the `black` frame of the stand, linear, with that of the calibration.
+    pub(super) fn compare_lamp(&mut self, removal: &Removal, black: &[f64], linear: &Linear) {
+        let light: Vec<Vec4> = black.chunks_exact(self.channels).map(lanes).collect();
+        let level = removal.level_of_black(&light, self.exposure_s, linear.of(self.saturation_dn) as f32);
+        self.lamp = level.map_or([1.0, SLOW], |level| {
+            [level.light, level.uncertainty].map(f64::from)
+        });
     }
 
     /// Signal and its variance by noise, in linear digital numbers, of one number of a frame; `None` if it saturated.
@@ -159,7 +185,7 @@ impl Seen<'_> {
         let all = frames.linear.of(dn);
         let noise = camera.read_variance_dn2();
         Some((
-            all - frames.black[at] - f64::from(lit.stray[at]),
+            lit.spot(all, frames.black[at], at),
             noise + all.max(0.0) / camera.gain_e_per_dn,
         ))
     }
@@ -249,6 +275,7 @@ impl Seen<'_> {
                 .standard
                 .f(lights::direction(self.stand.directions[place]), wo);
             let scale = self.exposure_s
+                * self.lamp[0]
                 * irradiance
                 * fields.throughput.at(o[0], o[1])
                 * fields.intensity.at(p[0], p[1]);
@@ -331,6 +358,15 @@ impl Seen<'_> {
         }
         Sight::new(self.stand.tilt, &camera, width, &incident)
     }
+}
+
+/// Values of the channels in the lanes.
+fn lanes(values: &[f64]) -> Vec4 {
+    let mut lanes = [0.0; 4];
+    for (lane, value) in lanes.iter_mut().zip(values) {
+        *lane = *value as f32;
+    }
+    Vec4::from_array(lanes)
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {

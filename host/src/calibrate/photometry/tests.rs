@@ -20,11 +20,8 @@ fn calibrated(
         position_m: 0.0,
         angle_deg: 0.0,
         field: 0.3,
-        contrast: None,
-        glare: None,
-        ghost: None,
-        direct: None,
         standard: 0.0,
+        ..Tolerances::DRAWN
     };
     let truth = Truth::drawn(&rig, tolerances, 4).unwrap();
     let mut aligned = truth.rig.clone();
@@ -58,16 +55,7 @@ fn fields_camera_response_and_interreflection_are_found() {
     let (truth, found) = calibrated(Some("lambert:0.2"), |_| {});
     let found = found.unwrap();
     let rig = truth.rig.with_image_size(SIZE).unwrap();
-    println!(
-        "{:?} {:?} stray {} gamma {} sensitivity {:?} u {} res {}",
-        found.camera,
-        found.interreflection,
-        found.stray_dn_per_s,
-        found.gamma,
-        found.sensitivity,
-        found.field_uncertainty,
-        found.field_residual
-    );
+    println!("{:?} {:?}", found.camera, found.interreflection);
     let camera = found.camera.of_image(&rig.camera.binned);
     assert!(
         (camera.gain_e_per_dn / rig.gain_e_per_dn() - 1.0).abs() < 0.02,
@@ -88,12 +76,17 @@ fn fields_camera_response_and_interreflection_are_found() {
     );
     assert!(camera.linearity_residual < 5e-3, "{camera:?}");
     assert!((found.gamma - truth.flaws.gamma).abs() < 0.02, "{}", found.gamma);
+    let contrast = found.contrast.unwrap() * truth.flaws.black_level;
+    assert!((contrast - 1.0).abs() < 0.15, "{contrast}");
+    let flicker = found.lamp.flicker / truth.flaws.lamp.flicker;
+    assert!((flicker - 1.0).abs() < 0.4, "{flicker}");
     let back = found.interreflection.unwrap();
     assert!(
         (back.share - truth.flaws.interreflection).abs() < 3.0 * back.standard_uncertainty + 5e-4,
         "{back:?}"
     );
-    assert!(back.standard_uncertainty < 1e-3, "{back:?}");
+    // Most of it is how well the lamp is compared between both standards.
+    assert!(back.standard_uncertainty < 4e-3, "{back:?}");
 
     // K·T_o·E_p of every pair of pixels that see the sample, against the truth.
     let scale = rig.sensitivity_e() / rig.gain_e_per_dn();

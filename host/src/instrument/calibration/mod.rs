@@ -12,12 +12,14 @@
 //! | `field` | smooth fields over an image |
 //! | `sight` | where the standard was seen and lit |
 //! | `stray` | glare, ghost and direct light, and how images lose them |
+//! | `lamp` | how steady the light is |
 //! | `lights` | the incident directions with which it is lit |
 //! | `file` | JSON of finite numbers |
 
 mod field;
 pub(crate) mod file;
 pub(crate) mod geometry;
+pub(crate) mod lamp;
 pub(crate) mod lights;
 pub(crate) mod photometry;
 mod sight;
@@ -35,6 +37,7 @@ use crate::store::whole_file::FileError;
 pub use field::SmoothField;
 pub(crate) use field::{HIGHEST, TERMS, degree, terms};
 pub use geometry::{Found, GEOMETRY, Geometry, WORST_DEG};
+pub use lamp::{LampFound, Monitor};
 pub(crate) use photometry::PHOTOMETRY_VERSION;
 pub use photometry::{CameraFound, Interreflection, PHOTOMETRY, Photometry};
 pub use sight::Sight;

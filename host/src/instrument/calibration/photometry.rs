@@ -5,6 +5,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::field::{self, SmoothField};
+use super::lamp::LampFound;
 use super::sight::Sight;
 use super::stray::Stray;
 use super::{CalibrationError, check_rig, file};
@@ -15,8 +16,8 @@ pub const PHOTOMETRY: &str = "photometry.json";
 /// What writes the files of this calibration.
 pub(crate) const COMMAND: &str = "rcg calibrate photometry --out DIR";
 /// Version of `photometry.json`: 2 says where the standard was seen, 3 what the end of a field's series leaves; 4
-/// describes pixels of the sensor, not of the image; 5 has stray light.
-pub(crate) const PHOTOMETRY_VERSION: u32 = 5;
+/// describes pixels of the sensor, not of the image; 5 has stray light, 6 the lamp.
+pub(crate) const PHOTOMETRY_VERSION: u32 = 6;
 
 /// What calibration found, as `photometry.json` has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,8 +34,9 @@ pub struct Photometry {
     pub standard_uncertainty: f64,
     /// The camera.
     pub camera: CameraFound,
-    /// Light of the black projector pixels, as digital numbers per second on the standard, mean over the pixels.
-    pub stray_dn_per_s: f64,
+    /// Light of the projector with all pixels lit over that with all black; none if black is black.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contrast: Option<f64>,
     /// Light of the levels 0, 17, … 255, relative to the brightest.
     pub projector_response: Vec<f64>,
     /// Exponent that describes the response best.
@@ -54,6 +56,9 @@ pub struct Photometry {
     /// Glare, the ghost of the beam splitter, and direct light.
     #[serde(default)]
     pub stray: Stray,
+    /// How steady the light is, and what watches it.
+    #[serde(default)]
+    pub lamp: LampFound,
     /// Where the standard was seen, at each of its tilts: there is no throughput elsewhere.
     #[serde(default)]
     pub sights: Vec<Sight>,
@@ -150,6 +155,9 @@ impl Photometry {
         }
         if let Some((field, expected)) = self.stray.flaw(self.sensitivity.len()) {
             return content(&format!("stray.{field}"), expected, "others".to_owned());
+        }
+        if let Some((field, expected)) = self.lamp.flaw(self.sensitivity.len()) {
+            return content(&format!("lamp.{field}"), expected, "another".to_owned());
         }
         if self.sights.is_empty() {
             return content("sights", "one for each tilt".to_owned(), "none".to_owned());

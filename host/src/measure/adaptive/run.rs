@@ -153,6 +153,7 @@ fn published(
     let plan = Plan::bracketed(request, &job.rig, &job.plan.exposures_s());
     let plan = Plan {
         segment: segments.patterns * segments.brackets,
+        watching_side: job.plan.watching_side,
         virtual_rig: job.plan.virtual_rig.clone(),
         ..plan.map_err(MeasurementError::from)?
     };

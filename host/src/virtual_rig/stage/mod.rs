@@ -7,13 +7,15 @@
 use std::collections::VecDeque;
 
 use rand::{RngExt as _, SeedableRng as _};
+use rand_distr::StandardNormal;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rcg_firmware::virtual_time::StrobeEdge;
 use rcg_protocol::{Level, Line, Ticks};
 
 use super::Behaviour;
+use super::flaws::Lamp;
 use super::light::Glow;
-use crate::instrument::rig::Rig;
+use super::truth::Truth;
 
 /// One exposure that is over.
 #[derive(Clone, Debug)]
@@ -23,6 +25,8 @@ pub(super) struct Shot {
     pub(super) exposure_s: f64,
     /// Patterns that were visible, and for how many seconds of the exposure.
     pub(super) seen: Vec<(Glow, f64)>,
+    /// The lamp's light, relative to that of the rig file.
+    pub(super) lamp: f64,
     pub(super) seed: u64,
 }
 
@@ -39,6 +43,7 @@ pub(super) struct Stage {
     readout: Ticks,
     overlap: bool,
     sync_period: Ticks,
+    lamp: Lamp,
     behaviour: Behaviour,
     patterns: Vec<Glow>,
     /// Fingerprint of the loaded patterns, and how often in a row the same ones were run.
@@ -66,7 +71,8 @@ const CAMERA_CLOCK_RATE: f64 = 1.0 + 20e-6;
 
 impl Stage {
     /// A bench at rest; times count ticks of a clock of `clock_hz`.
-    pub(super) fn new(rig: &Rig, behaviour: Behaviour, clock_hz: u32) -> Self {
+    pub(super) fn new(truth: &Truth, behaviour: Behaviour, clock_hz: u32) -> Self {
+        let rig = &truth.rig;
         let nearest = |s: f64| Ticks((s * f64::from(clock_hz)).round() as u64);
         // As short as the rig says or shorter: a schedule that just fits in seconds fits in ticks too. The hair is
         // for products such as 5 µs × 125 MHz, which may come out below 625.
@@ -78,6 +84,7 @@ impl Stage {
             readout: within(rig.camera.readout_s),
             overlap: rig.camera.overlap,
             sync_period: nearest(rig.projector.min_period_s).max(Ticks(1)),
+            lamp: truth.flaws.lamp.clone(),
             behaviour,
             patterns: Vec::new(),
             fingerprint: 0,
@@ -198,6 +205,7 @@ impl Stage {
                 + self.seconds(from.saturating_sub(self.first.unwrap_or(from))) * CAMERA_CLOCK_RATE,
             exposure_s: self.seconds(to - from),
             seen,
+            lamp: self.lamp_level(from, id),
             seed: self.seed(0, id),
         };
         if self.chance(3, id, self.behaviour.faults.doubled_frames) {
@@ -227,6 +235,20 @@ impl Stage {
             }
         }
         seen
+    }
+
+    /// The lamp's light in the exposure `id` that begins at `from`, relative to that of the rig file.
+    fn lamp_level(&self, from: Ticks, id: u64) -> f64 {
+        let Lamp { flicker, .. } = self.lamp;
+        let slow = self
+            .lamp
+            .level(self.behaviour.lamp_h + self.seconds(from) / 3600.0);
+        if flicker <= 0.0 {
+            return slow;
+        }
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.seed(4, id));
+        let normal: f64 = rng.sample(StandardNormal);
+        slow * (1.0 + flicker * normal).max(0.0)
     }
 
     fn seconds(&self, ticks: Ticks) -> f64 {

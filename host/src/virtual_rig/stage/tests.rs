@@ -1,6 +1,7 @@
 //! Edges in, exposures out, by hand.
 
 use super::*;
+use crate::instrument::rig::Rig;
 use crate::plan::Faults;
 use crate::virtual_rig::Noise;
 use crate::virtual_rig::light::{AtSample, Light};
@@ -28,8 +29,9 @@ fn stage() -> Stage {
         noise: Noise::Off,
         seed: 1,
         faults: Faults::default(),
+        lamp_h: 0.0,
     };
-    let mut stage = Stage::new(&Rig::load("rcg-1").unwrap(), behaviour, CLOCK_HZ);
+    let mut stage = Stage::new(&Truth::of(&Rig::load("rcg-1").unwrap()), behaviour, CLOCK_HZ);
     for index in 1..=4 {
         stage.load_pattern(&[index], u8::MAX, light(f64::from(index)));
     }
@@ -164,11 +166,44 @@ fn a_rounded_schedule_never_meets_a_busy_camera() {
         rig.camera.readout_s = f64::from(readout_ns) / 1e9;
         let timing = crate::plan::schedule::Timing::new(&rig, f64::from(exposure_ns) / 1e9).unwrap();
         let step = timing.step(CLOCK_HZ);
-        let mut stage = Stage::new(&rig, stage().behaviour, CLOCK_HZ);
+        let mut stage = Stage::new(&Truth::of(&rig), stage().behaviour, CLOCK_HZ);
         for start in [Ticks(3), Ticks(3) + step.period] {
             let opened = stage.edge(Line::Cam, Level::Active, start + step.cam.at);
             assert!(opened.is_some(), "{readout_ns} ns of read-out, {exposure_ns} ns");
             stage.edge(Line::Cam, Level::Inactive, start + step.cam.at + step.cam.width);
         }
     }
+}
+
+#[test]
+fn the_lamp_drifts_by_the_hour_and_flickers_from_exposure_to_exposure() {
+    let mut truth = Truth::of(&Rig::load("rcg-1").unwrap());
+    truth.flaws.lamp = Lamp {
+        change: 0.0,
+        drift_per_h: -0.02,
+        flicker: 0.003,
+    };
+    let levels = |lamp_h: f64| -> Vec<f64> {
+        let behaviour = Behaviour {
+            lamp_h,
+            ..stage().behaviour
+        };
+        let mut stage = Stage::new(&truth, behaviour, CLOCK_HZ);
+        stage.arm_camera();
+        for index in 0..400 {
+            let at = Ticks(u64::from(CLOCK_HZ) * index);
+            stage.edge(Line::Cam, Level::Active, at);
+            stage.edge(Line::Cam, Level::Inactive, at + Ticks(1000));
+        }
+        stage.take_shots(400).into_iter().map(|shot| shot.lamp).collect()
+    };
+    let moments = |levels: &[f64]| {
+        let mean = levels.iter().sum::<f64>() / levels.len() as f64;
+        let squares = levels.windows(2).map(|pair| (pair[1] - pair[0]).powi(2) / 2.0);
+        (mean, (squares.sum::<f64>() / (levels.len() - 1) as f64).sqrt())
+    };
+    let ((early, flicker), (late, _)) = (moments(&levels(0.0)), moments(&levels(3.0)));
+    assert!((late - early + 0.06).abs() < 0.003, "{early} {late}");
+    assert!((flicker - 0.003).abs() < 0.0004, "{flicker}");
+    assert_eq!(levels(0.5), levels(0.5));
 }

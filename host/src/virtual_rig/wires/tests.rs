@@ -21,6 +21,7 @@ fn wired(address: &str) -> Result<(VirtualCamera, VirtualProjector), WiresError>
         noise: Noise::Off,
         seed: 1,
         faults: Faults::default(),
+        lamp_h: 0.0,
     };
     let sample = Arc::from(crate::brdf::sample::parse("lambert:0.5").unwrap());
     VirtualRig::wired(

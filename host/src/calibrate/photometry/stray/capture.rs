@@ -6,6 +6,7 @@
 //! | a flat mirror | discs, small and large, all over the image | glare and ghost, where it should be dark |
 //! | light trap | the same discs, as long | what of that comes directly |
 //! | light trap | parts of the image, all of it in turns | direct light of the projector |
+//! | light trap | what watches the lamp, as long as the standard is exposed | how bright the lamp is |
 //!
 //! Every segment ends with [`BLACK`] black exposures of its kind. The image is finer than that of the standard, so that a
 //! ghost stands apart from what makes it.
@@ -20,6 +21,8 @@ use crate::base::progress::Progress;
 use crate::calibrate::{CalibrateError, create_raw, segment_of};
 use crate::capture::pilot::TestExposures;
 use crate::capture::{Instrument, Tally};
+use crate::instrument::calibration::lamp::side;
+use crate::instrument::monitor::{BLOCK_PX, watching};
 use crate::instrument::rig::Rig;
 use crate::plan;
 use crate::plan::schedule::{SHORTEST_EXPOSURE_S, Timing};
@@ -37,11 +40,13 @@ pub(super) const BLACK: usize = 4;
 pub(super) const PATTERNS: usize = SEGMENT - BLACK;
 /// Segments of discs, which are shown twice, and of parts.
 pub(super) const DISCS: usize = 2;
-const PARTED: usize = 1;
+const PARTED: usize = PARTS[0] * PARTS[1] / PATTERNS;
 /// The first segment of parts.
 pub(super) const FIRST_PARTED: usize = 2 * DISCS;
+/// The segment of what watches the lamp.
+pub(super) const WATCHED: usize = FIRST_PARTED + PARTED;
 /// All of them.
-pub(super) const SEGMENTS: usize = FIRST_PARTED + PARTED;
+pub(super) const SEGMENTS: usize = WATCHED + 1;
 /// Reflectance of the flat mirror: a surface of black glass.
 const REFLECTANCE: f64 = 0.04;
 /// Share of the longest exposure that does not saturate: glare is told by what is not saturated.
@@ -50,7 +55,7 @@ const SHARE: f64 = 0.7;
 const DISTANCES: [f64; 3] = [0.45, 0.65, 0.8];
 const RADII: [f64; 3] = [0.06, 0.15, 0.35];
 /// Parts of the projector's image, columns and rows.
-const PARTS: [usize; 2] = [4, 3];
+const PARTS: [usize; 2] = [8, 6];
 
 /// What was captured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -61,6 +66,10 @@ pub(in super::super) struct StrayViews {
     /// Exposure times of discs, and of parts, seconds.
     pub(super) discs_s: f64,
     pub(super) parts_s: f64,
+    /// Side in pixels of the squares that watch the lamp in all views of standards, 0 for none, and how long they are exposed,
+    /// seconds.
+    pub(in super::super) watching_side: u32,
+    pub(super) watched_s: f64,
 }
 
 /// The flat mirror: it lies as the sample does.
@@ -131,6 +140,8 @@ impl StrayViews {
             Ok::<f64, CalibrateError>((SHARE * tests.longest_s).max(SHORTEST_EXPOSURE_S))
         };
         Ok(Self {
+            watching_side: watching_side(&rig, trap, exposure_s, world)?,
+            watched_s: exposure_s,
             image_size,
             discs_s: longest(&mirror(), disc)?.min(full.camera.exposure_s),
             parts_s: longest(trap, part)?.min(exposure_s),
@@ -155,16 +166,22 @@ impl StrayViews {
         let rig = self.rig(full)?;
         let layout = layout(SEGMENTS, rig.frame_format());
         progress.begin("stray light", layout.exposures, "exposures");
+        let watched = watching(&rig, self.watching_side);
         let mut raw: Option<RawStore> = None;
         for (segments, held, exposure_s) in [
             (0..DISCS, &mirror(), self.discs_s),
             (DISCS..FIRST_PARTED, trap, self.discs_s),
-            (FIRST_PARTED..SEGMENTS, trap, self.parts_s),
+            (FIRST_PARTED..WATCHED, trap, self.parts_s),
+            (WATCHED..SEGMENTS, trap, self.watched_s),
         ] {
             let mut instrument = world.open_held(&rig, held.clone(), None)?;
             for segment in segments {
                 let taken = segment * SEGMENT;
-                let shots = take(segment, &rig, exposure_s, &mut instrument, &|count| {
+                let draw = |exposure: usize, size: (usize, usize)| match segment {
+                    WATCHED => watched.clone(),
+                    _ => lit(segment, exposure, size),
+                };
+                let shots = take(&draw, &rig, exposure_s, &mut instrument, &|count| {
                     progress.reach(taken + count);
                 })?;
                 let raw = match &mut raw {
@@ -180,9 +197,24 @@ impl StrayViews {
     }
 }
 
-/// The exposures of one segment.
+/// Side in pixels of the squares that watch the lamp on `rig` in exposures of `exposure_s` seconds; `trap` is held for darkness.
+fn watching_side(rig: &Rig, trap: &Held, exposure_s: f64, world: &World) -> Result<u32, CalibrateError> {
+    let largest = watching(rig, BLOCK_PX);
+    if largest.is_empty() {
+        return Ok(0);
+    }
+    let mut instrument = world.open_held(rig, trap.clone(), None)?;
+    let tests = TestExposures::take(rig, &[Vec::new(), largest], &mut instrument)?;
+    let mean = |dn: &[u16]| dn.iter().map(|dn| f64::from(*dn)).sum::<f64>() / dn.len() as f64;
+    let light_dn = mean(&tests.shots[1].dn) - mean(&tests.shots[0].dn);
+    let each_dn = light_dn * exposure_s / tests.exposure_s / f64::from(BLOCK_PX * BLOCK_PX);
+    let range_dn = f64::from(rig.saturation_dn()) - rig.camera.dark_dn;
+    Ok(side(each_dn, range_dn))
+}
+
+/// The exposures of one segment, of which `draw` says which pixels each lights.
 fn take(
-    segment: usize,
+    draw: &dyn Fn(usize, (usize, usize)) -> Vec<u32>,
     rig: &Rig,
     exposure_s: f64,
     instrument: &mut Instrument,
@@ -195,7 +227,7 @@ fn take(
         &[timing],
         |exposure, image| {
             if exposure < PATTERNS {
-                image.light(&lit(segment, exposure, image.size_px()));
+                image.light(&draw(exposure, image.size_px()));
             }
         },
         &mut tally,

@@ -14,12 +14,12 @@ use rayon::prelude::*;
 
 use super::super::Linear;
 use super::super::capture::{VIEWS, layout};
-use super::capture::{BLACK, DISCS, FIRST_PARTED, PATTERNS, RAW, SEGMENTS, StrayViews, lit};
+use super::capture::{BLACK, DISCS, FIRST_PARTED, PATTERNS, RAW, SEGMENTS, StrayViews, WATCHED, lit};
 use super::glare::{Mirrored, luminance, sources};
 use crate::base::text::by;
 use crate::calibrate::{CalibrateError, open_raw};
 use crate::instrument::calibration::stray::{CAMERA_TERMS, PROJECTOR_TERMS, camera_terms, lit_terms};
-use crate::instrument::calibration::{CalibrationError, Stray};
+use crate::instrument::calibration::{CalibrationError, Monitor, Stray};
 use crate::instrument::frame_format::place_of_pixel;
 use crate::instrument::rig::Rig;
 
@@ -29,7 +29,7 @@ const LEAST_BRIGHT: f32 = 0.2;
 pub(super) const BLOCK_PX: usize = 32;
 /// No halo, ghost or direct light is known better than this, relative.
 pub(super) const BEST: f64 = 0.02;
-/// The stray light in the captures in `dir`; `linear` is the camera as `views` show it.
+/// The stray light in the captures in `dir`, and what watches the lamp; `linear` is the camera as `views` show it.
 ///
 /// # Errors
 /// [`CalibrateError`].
@@ -38,7 +38,7 @@ pub(in super::super) fn stray(
     full: &Rig,
     views: &StrayViews,
     linear: &Linear,
-) -> Result<Stray, CalibrateError> {
+) -> Result<(Stray, Option<Monitor>), CalibrateError> {
     let frames = Frames::read(dir, full, views, linear)?;
     let (direct, direct_uncertainty) = frames.direct();
     let mirrored = frames.mirrored();
@@ -50,24 +50,27 @@ pub(in super::super) fn stray(
         });
     }
     let (halo, halo_uncertainty, ghost) = mirrored.fit();
-    Ok(Stray {
+    let found = Stray {
         halo,
         halo_uncertainty,
         ghost,
         direct,
         direct_uncertainty,
-    })
+    };
+    Ok((found, frames.monitor(views, &views.rig(full)?)))
 }
 
 /// The frames of the views.
-struct Frames {
-    size_px: (usize, usize),
+pub(super) struct Frames {
+    pub(super) size_px: (usize, usize),
     projector_px: (usize, usize),
-    channels: usize,
+    pub(super) channels: usize,
     /// Exposure time of parts, seconds.
     parts_s: f64,
     /// Of each segment, those with light, less the black ones, linear, channels in the lanes.
-    segments: Vec<Vec<Vec<Vec4>>>,
+    pub(super) segments: Vec<Vec<Vec<Vec4>>>,
+    /// The black ones of the last segment, linear.
+    pub(super) black: Vec<Vec4>,
     /// Variance of a dark pixel of these by noise, DN².
     variance: f32,
 }
@@ -103,13 +106,15 @@ impl Frames {
             }
             Vec4::from_array(lanes)
         };
-        let (mut segments, mut darkness) = (Vec::new(), 0.0_f64);
+        let (mut segments, mut darkness, mut last) = (Vec::new(), 0.0_f64, Vec::new());
         for number in 0..raw.segments() {
             let segment = raw.read_segment(number)?;
             let all: Vec<&[u16]> = segment.frames.chunks_exact(length).collect();
             let black = linear.mean(&all[PATTERNS..]);
             let mean = black.iter().sum::<f64>() / black.len() as f64;
-            darkness = darkness.max(mean);
+            if number < FIRST_PARTED {
+                darkness = darkness.max(mean);
+            }
             let shown = |frame: &&[u16]| {
                 let lit: Vec<f64> = frame
                     .iter()
@@ -119,6 +124,7 @@ impl Frames {
                 lit.chunks_exact(channels).map(lanes).collect::<Vec<_>>()
             };
             segments.push(all[..PATTERNS].par_iter().map(shown).collect());
+            last = black.chunks_exact(channels).map(lanes).collect();
         }
         let camera = linear.camera_of(&rig);
         let one = camera.read_variance_dn2() + darkness.max(0.0) / camera.gain_e_per_dn;
@@ -131,6 +137,7 @@ impl Frames {
             channels,
             parts_s: views.parts_s,
             segments,
+            black: last,
             variance: (one * (1.0 + 1.0 / BLACK as f64)) as f32,
         })
     }
@@ -147,7 +154,7 @@ impl Frames {
                 camera_terms(x, y)
             }),
         );
-        let shown: Vec<&Vec<Vec4>> = self.segments[FIRST_PARTED..].iter().flatten().collect();
+        let shown: Vec<&Vec<Vec4>> = self.segments[FIRST_PARTED..WATCHED].iter().flatten().collect();
         let exposure_s = self.parts_s;
         let lit: Vec<[f64; PROJECTOR_TERMS]> = (0..shown.len())
             .map(|number| {

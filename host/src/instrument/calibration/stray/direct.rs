@@ -6,7 +6,7 @@ use crate::instrument::frame_format::place_of_pixel;
 const CAMERA_DEGREE: usize = 4;
 pub(crate) const CAMERA_TERMS: usize = (CAMERA_DEGREE + 1) * (CAMERA_DEGREE + 2) / 2;
 /// The same over the projector's image.
-const PROJECTOR_DEGREE: usize = 2;
+const PROJECTOR_DEGREE: usize = 4;
 pub(crate) const PROJECTOR_TERMS: usize = (PROJECTOR_DEGREE + 1) * (PROJECTOR_DEGREE + 2) / 2;
 
 /// The terms at (`x`, `y`), −1 to 1 over the camera's image.

@@ -13,23 +13,30 @@
 mod direct;
 mod ghost;
 mod halo;
+mod level;
 
-use glam::Vec4;
+use glam::{DVec3, Vec4};
 use serde::{Deserialize, Serialize};
 
-use crate::instrument::frame_format::place_of_pixel;
-use crate::instrument::optics::{Unmeasurable, View};
+use super::lamp::LampFound;
+use crate::instrument::frame_format::{FrameFormat, place_of_pixel};
+use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
 
 pub(crate) use direct::{CAMERA_TERMS, PROJECTOR_TERMS, camera_terms, lit_terms};
 pub(crate) use ghost::Shifted;
 pub(crate) use halo::{Halo, Room as HaloRoom};
+pub(crate) use level::Level;
+
+use level::Watch;
 
 /// Standard widths of the Gaussians of a halo, half widths of the image.
 pub(crate) const WIDTHS: [f64; 7] = [0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 2.0];
 
 /// Pixels within so many of one that sees the sample are not dark for certain.
 const NEAR_PX: usize = 3;
+/// Sine of the angle below the horizon from which on the sample is not seen for certain.
+const BELOW: f64 = 0.05;
 
 /// Stray light as calibration found it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -127,15 +134,28 @@ impl Stray {
     }
 }
 
-/// Pixels of an image `width_px` wide that no light of the sample reaches by its own way: those for which `cut` has a reason,
-/// as all those have that are near.
-fn dark_pixels(cut: &[Option<Unmeasurable>], width_px: usize) -> Vec<u32> {
-    let height_px = cut.len() / width_px;
+/// Pixels of the image of `rig`'s camera that no light of the sample reaches by its own way: those that look past the mirror,
+/// through its hole, or at the sample from below, as all those do that are near. (What looks beside the sample may see it
+/// where it is not quite where it should be.)
+pub(crate) fn dark_of(rig: &Rig) -> Vec<u32> {
+    let FrameFormat {
+        width_px, height_px, ..
+    } = rig.frame_format();
+    let camera = View::camera(rig);
+    let is_dark: Vec<bool> = (0..width_px * height_px)
+        .map(|pixel| {
+            let (u, v) = ((pixel % width_px) as f64 + 0.5, (pixel / width_px) as f64 + 0.5);
+            let [hole, rim, _] = camera.edge_distances_rad(u, v);
+            let is_past = |edge: Option<f64>| edge.is_some_and(|rad| rad < 0.0);
+            let from_below = |w: DVec3| w.z < -BELOW;
+            is_past(hole) || is_past(rim) || camera.sight(u, v).is_none_or(from_below)
+        })
+        .collect();
     let around = |at: usize, size: usize| at.saturating_sub(NEAR_PX)..(at + NEAR_PX + 1).min(size);
-    (0..cut.len())
+    (0..is_dark.len())
         .filter(|pixel| {
             let (x, y) = (pixel % width_px, pixel / width_px);
-            around(y, height_px).all(|y| around(x, width_px).all(|x| cut[y * width_px + x].is_some()))
+            around(y, height_px).all(|y| around(x, width_px).all(|x| is_dark[y * width_px + x]))
         })
         .map(|pixel| pixel as u32)
         .collect()
@@ -154,8 +174,12 @@ pub(crate) struct Removal {
     /// Of each channel.
     direct: Vec<Vec<f64>>,
     direct_uncertainty: f32,
-    /// Pixels that are dark by construction.
+    /// Pixels that are dark by construction, and how much each counts where they tell the lamp's light.
     monitors: Vec<u32>,
+    weights: Vec<Vec4>,
+    watch: Option<Watch>,
+    /// Variance of the light of an exposure as far as nothing watches it.
+    prior_variance: f32,
 }
 
 /// Images that a worker keeps.
@@ -164,6 +188,8 @@ pub(crate) struct Room {
     /// What reached each pixel by other ways, and its standard uncertainty (k = 1).
     pub(crate) stray: Vec<Vec4>,
     pub(crate) doubt: Vec<Vec4>,
+    /// Standard uncertainty of each pixel by the lamp, for who compares it.
+    pub(crate) lamp: Vec<Vec4>,
     clean: Vec<Vec4>,
     once: Vec<Vec4>,
     twice: Vec<Vec4>,
@@ -177,15 +203,27 @@ const GROUPS: usize = 8;
 const LEAST: f32 = 1e-12;
 
 impl Removal {
-    /// As `found`, for images of `rig`.
-    pub(crate) fn of(found: &Stray, rig: &Rig) -> Self {
+    /// As `found`, for images of `rig` while squares of `side` pixels watch the `lamp`.
+    pub(crate) fn of(found: &Stray, lamp: &LampFound, side: u32, rig: &Rig) -> Self {
         let format = rig.frame_format();
-        let dark = dark_pixels(&View::camera(rig).cut_pixels(0.0), format.width_px);
-        Self::new(found, format.width_px, format.height_px, dark)
+        Self::new(
+            found,
+            (lamp, side),
+            (format.width_px, format.height_px),
+            dark_of(rig),
+        )
     }
 
-    /// As `found`, for images of this size; `dark` are the pixels that no light of the sample reaches.
-    fn new(found: &Stray, width_px: usize, height_px: usize, dark: Vec<u32>) -> Self {
+    /// As `found`, for images of this size, while squares of so many pixels watch the lamp; `dark` are the pixels that no light
+    /// of the sample reaches.
+    fn new(
+        found: &Stray,
+        (lamp, side): (&LampFound, u32),
+        (width_px, height_px): (usize, usize),
+        dark: Vec<u32>,
+    ) -> Self {
+        let monitor = lamp.monitor.as_ref().filter(|_| side > 0);
+        let watch = monitor.map(|monitor| Watch::new(monitor, side));
         let lanes = |of: &dyn Fn(usize) -> f64| {
             let mut lanes = [0.0; 4];
             for (channel, lane) in lanes.iter_mut().enumerate().take(found.halo.len()) {
@@ -214,6 +252,9 @@ impl Removal {
                 .collect(),
             direct: found.direct.clone(),
             direct_uncertainty: found.direct_uncertainty as f32,
+            weights: Self::weigh(watch.as_ref(), &dark, (width_px, height_px), found.halo.len()),
+            watch,
+            prior_variance: Self::prior_of(lamp),
             monitors: dark,
         }
     }
@@ -277,7 +318,7 @@ impl Removal {
         room.beyond.extend(beyond);
         self.spread(&room.beyond, &mut room.once, &mut room.halo);
         // Sums over the monitors, by groups of neighbours: what is wrong with the halo's shape they share.
-        let mut sums = [(Vec4::ZERO, Vec4::ZERO); GROUPS];
+        let mut sums = [Beyond::default(); GROUPS];
         let mut count = 0.0_f32;
         for (place, &pixel) in self.monitors.iter().enumerate() {
             let at = pixel as usize;
@@ -285,19 +326,19 @@ impl Removal {
                 continue;
             }
             let (x, y) = (room.once[at], shown[at] - room.stray[at]);
-            let (xy, xx) = &mut sums[place * GROUPS / self.monitors.len()];
-            (*xy, *xx, count) = (*xy + x * y, *xx + x * x, count + 1.0);
+            // The lamp may be brighter than in the black frames.
+            let lamp = self.watch.as_ref().map_or(Vec4::ZERO, |_| self.weights[place]);
+            sums[place * GROUPS / self.monitors.len()].add(x, y, lamp);
+            count += 1.0;
         }
-        let (xy, xx) = sums.iter().fold((Vec4::ZERO, Vec4::ZERO), |sum, one| {
-            (sum.0 + one.0, sum.1 + one.1)
-        });
+        let all = sums.iter().fold(Beyond::default(), |sum, one| sum.plus(one, 1.0));
         let least = Vec4::splat(LEAST);
+        let (raw, xx) = all.solve();
         let is_known = xx.cmpgt(least) & Vec4::splat(count).cmpgt(Vec4::splat(8.0));
-        let raw = xy / xx.max(least);
         let each = Vec4::select(is_known, raw.max(Vec4::ZERO), Vec4::ZERO);
         // By a jackknife over the groups.
-        let squares = sums.iter().fold(Vec4::ZERO, |sum, (group_xy, group_xx)| {
-            let off = (xy - *group_xy) / (xx - *group_xx).max(least) - raw;
+        let squares = sums.iter().fold(Vec4::ZERO, |sum, group| {
+            let off = all.plus(group, -1.0).solve().0 - raw;
             sum + off * off
         });
         let jackknife = sqrt(squares * ((GROUPS - 1) as f32 / GROUPS as f32));
@@ -329,6 +370,44 @@ impl Removal {
         if let Some((shifted, share, _)) = &self.ghost {
             shifted.add(image, *share, out);
         }
+    }
+}
+
+/// Sums for light beyond saturation, whose halo is x, in what y dark pixels show, where the lamp's change goes with z.
+#[derive(Clone, Copy, Debug, Default)]
+struct Beyond {
+    xx: Vec4,
+    xy: Vec4,
+    xz: Vec4,
+    yz: Vec4,
+    zz: Vec4,
+}
+
+impl Beyond {
+    fn add(&mut self, x: Vec4, y: Vec4, z: Vec4) {
+        self.xx += x * x;
+        self.xy += x * y;
+        self.xz += x * z;
+        self.yz += y * z;
+        self.zz += z * z;
+    }
+
+    fn plus(&self, other: &Self, times: f32) -> Self {
+        Self {
+            xx: self.xx + other.xx * times,
+            xy: self.xy + other.xy * times,
+            xz: self.xz + other.xz * times,
+            yz: self.yz + other.yz * times,
+            zz: self.zz + other.zz * times,
+        }
+    }
+
+    /// Light per x by least squares, whatever the lamp does, and what of Σ x² tells it.
+    fn solve(&self) -> (Vec4, Vec4) {
+        let zz = self.zz.max(Vec4::splat(f32::MIN_POSITIVE));
+        let share = self.xz / zz;
+        let xx = self.xx - share * self.xz;
+        ((self.xy - share * self.yz) / xx.max(Vec4::splat(LEAST)), xx)
     }
 }
 

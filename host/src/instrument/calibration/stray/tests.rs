@@ -47,7 +47,7 @@ fn an_image_loses_what_was_added() {
     };
     let mut found = found([0.002, 0.001, 0.001, 0.001, 0.002, 0.001, 0.003], Some(ghost));
     found.direct[0][0] = 2e-3;
-    let removal = Removal::new(&found, size, size, Vec::new());
+    let removal = Removal::new(&found, (&LampFound::default(), 0), (size, size), Vec::new());
     let truth: Vec<Vec4> = (0..size * size)
         .map(|pixel| {
             let (x, y) = ((pixel % size) as f32 - 20.0, (pixel / size) as f32 - 25.0);
@@ -81,7 +81,7 @@ fn light_beyond_saturation_is_told_by_what_is_dark() {
         .filter(|pixel| pixel % size < 12)
         .map(|pixel| pixel as u32)
         .collect();
-    let removal = Removal::new(&found, size, size, dark);
+    let removal = Removal::new(&found, (&LampFound::default(), 0), (size, size), dark);
     let background = |pixel: usize| if pixel % size < 12 { 0.0 } else { 200.0 };
     let mut truth: Vec<Vec4> = (0..size * size)
         .map(|pixel| Vec4::splat(background(pixel)))
@@ -111,7 +111,90 @@ fn light_beyond_saturation_is_told_by_what_is_dark() {
         );
     }
     // Without what is dark nobody knows.
-    let blind = Removal::new(&found, size, size, Vec::new());
+    let blind = Removal::new(&found, (&LampFound::default(), 0), (size, size), Vec::new());
     blind.find(&shown, &[0.0; PROJECTOR_TERMS], 0.1, 65_000.0, &mut room);
     assert!(room.doubt[0].x.is_infinite());
+}
+
+#[test]
+fn the_lamp_of_a_frame_is_told_by_what_is_dark_beside_stray_light() {
+    let size = 48;
+    let found = found([0.0, 0.0, 0.001, 0.001, 0.0, 0.001, 0.003], None);
+    let dark: Vec<u32> = (0..size * size)
+        .filter(|pixel| pixel % size < 12)
+        .map(|pixel| pixel as u32)
+        .collect();
+    let rows = |scale: f64| {
+        let mut row = vec![0.0; CAMERA_TERMS];
+        (row[0], row[1], row[2]) = (5000.0 * scale, 1200.0 * scale, -900.0 * scale);
+        vec![row]
+    };
+    let lamp = LampFound {
+        flicker: 0.005,
+        monitor: Some(super::super::lamp::Monitor {
+            side: 4,
+            light: rows(1.0),
+            black: rows(0.2),
+            standard_uncertainty: 3e-4,
+        }),
+    };
+    // Lit twice as wide as in the calibration: four times the light.
+    let (removal, exposure_s) = (Removal::new(&found, (&lamp, 8), (size, size), dark), 0.1);
+    let direct: Vec<Vec4> = (0..size * size)
+        .map(|pixel| {
+            let [x, y] = place_of_pixel(pixel, size, size);
+            Vec4::new((420.0 * (5.0 + 1.2 * y - 0.9 * x)) as f32, 0.0, 0.0, 0.0)
+        })
+        .collect();
+    let on_sample = |pixel: usize| f32::from(u8::from(pixel % size >= 16));
+    let (mut spread, mut room) = (Vec::new(), Room::default());
+    let mut shown = |lamp: f32, spot: f32| -> Vec<Vec4> {
+        let image: Vec<Vec4> = (0..size * size)
+            .map(|pixel| {
+                let (x, y) = ((pixel % size) as f32 - 30.0, (pixel / size) as f32 - 20.0);
+                let lobe = spot * (-(x * x + y * y) / 8.0).exp();
+                Vec4::new(on_sample(pixel) * (8000.0 + lobe), 0.0, 0.0, 0.0)
+            })
+            .collect();
+        removal.spread(&image, &mut spread, &mut room.halo);
+        let all = image.iter().zip(&spread).zip(&direct);
+        all.map(|((s, a), d)| (*s + *a + *d) * lamp).collect()
+    };
+    let black = shown(1.0, 0.0);
+    let mut room = Room::default();
+    for (light, spot) in [(1.0_f32, 20_000.0), (1.008, 20_000.0), (0.992, 500_000.0)] {
+        let frame: Vec<Vec4> = shown(light, spot)
+            .into_iter()
+            .zip(&black)
+            .map(|(lit, black)| {
+                let is_full = lit.cmpge(Vec4::splat(60_000.0));
+                Vec4::select(is_full, Vec4::NAN, lit - *black)
+            })
+            .collect();
+        removal.find(&frame, &[0.0; PROJECTOR_TERMS], exposure_s, 60_000.0, &mut room);
+        let level = removal.level(
+            |pixel| frame[pixel] - room.stray[pixel],
+            |pixel| black[pixel],
+            |pixel| room.doubt[pixel],
+        );
+        assert!(
+            (level.light - light).abs() < 1e-4 + 3.0 * level.uncertainty && level.uncertainty < 1.5e-3,
+            "{light} {spot}: {level:?}"
+        );
+    }
+    for light in [1.0, 0.95, 1.2] {
+        let level = removal
+            .level_of_black(&shown(light, 0.0), exposure_s, 60_000.0)
+            .unwrap();
+        // The light that a sample scatters takes part in itself: a share of a share.
+        assert!((level.light - light).abs() < 1e-3 * light, "{light}: {level:?}");
+    }
+    // Where nothing watches it is near 1, and nobody says more.
+    let blind = Removal::new(&found, (&LampFound::default(), 0), (size, size), Vec::new());
+    assert_eq!(blind.level_of_black(&black, exposure_s, 60_000.0), None);
+    let level = blind.level(|_| Vec4::NAN, |_| Vec4::ZERO, |_| Vec4::ZERO);
+    assert!(
+        (level.light - 1.0).abs() < 1e-9 && (level.uncertainty - 3e-3).abs() < 1e-6,
+        "{level:?}"
+    );
 }

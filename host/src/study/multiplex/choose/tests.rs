@@ -34,6 +34,7 @@ fn chosen(rig: &Rig, spec: &str) -> Choice {
         noise: Noise::On,
         seed: 5,
         faults: Faults::default(),
+        lamp_h: 0.0,
     };
     let request = crate::plan::Request {
         grid: GRID,

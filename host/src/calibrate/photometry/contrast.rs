@@ -1,0 +1,47 @@
+//! The contrast of the projector: light of all its pixels lit over that of all black.
+//!
+//! What all of them lit would show of the standard follows from light and throughput; what they show black is seen. Both are means
+//! over the pixels of the camera that see the standard.
+
+use super::rank_one::{Fields, Seen};
+use crate::brdf::sample::Sample;
+use crate::hemisphere::direction::from_degrees;
+use crate::instrument::frame_format::place_of_pixel;
+use crate::instrument::optics::{DirectionTiles, View};
+use crate::instrument::rig::Rig;
+
+/// The contrast, by what was `seen` of the `standard` on `rig` with these `fields`; `black` is what a black pattern adds to
+/// darkness in `exposure_s` seconds, linear digital numbers. `None` if that is nothing.
+pub(super) fn contrast(
+    seen: &Seen,
+    (rig, exposure_s): (&Rig, f64),
+    fields: &Fields,
+    standard: &dyn Sample,
+    black: &[f64],
+) -> Option<f64> {
+    let projector = DirectionTiles::of(View::projector(rig));
+    let (width_px, height_px) = projector.view().size_px();
+    let irradiance: f64 = (0..width_px * height_px)
+        .filter_map(|pixel| {
+            let (direction, sr) = projector.pixel(pixel)?;
+            let [x, y] = place_of_pixel(pixel, width_px, height_px);
+            Some(fields.intensity.at(x, y) * direction.z * sr)
+        })
+        .sum();
+    // Standards are diffuse: one direction stands for all.
+    let lobe = standard.incident(from_degrees(45.0, 0.0));
+    let (mut lit, mut unlit) = (0.0, 0.0);
+    for (pixel, [x, y], wo) in &seen.pixels {
+        let f = lobe.f(*wo);
+        for (channel, k) in fields.sensitivity.iter().enumerate() {
+            let f = if seen.channels == 1 {
+                f.iter().sum::<f64>() / 3.0
+            } else {
+                f[channel]
+            };
+            lit += exposure_s * k * fields.throughput.at(*x, *y) * f * irradiance;
+            unlit += black[pixel * seen.channels + channel];
+        }
+    }
+    (unlit > 0.0 && lit > unlit).then(|| lit / unlit)
+}

@@ -1,0 +1,79 @@
+//! Numbers as a linear camera would give them.
+
+use super::camera::{Times, moments};
+use crate::instrument::calibration::CameraFound;
+use crate::instrument::calibration::lamp::SLOW;
+use crate::instrument::rig::Rig;
+
+/// Digital numbers → what they would be if the camera were linear, above the dark level.
+pub(super) struct Linear {
+    pub(super) camera: CameraFound,
+    /// The same of a pixel of the sensor.
+    pub(super) sensor: CameraFound,
+    /// Of numbers above the dark level.
+    pub(super) range: f64,
+}
+
+impl Linear {
+    /// The camera with the image of `rig`.
+    pub(super) fn camera_of(&self, rig: &Rig) -> CameraFound {
+        self.sensor.of_image(&rig.camera.binned)
+    }
+
+    pub(super) fn of(&self, dn: f64) -> f64 {
+        let signal = dn - self.camera.dark_dn;
+        signal * (1.0 + self.camera.nonlinearity * signal / self.range)
+    }
+
+    /// Mean over frames of each value.
+    pub(super) fn mean(&self, frames: &[&[u16]]) -> Vec<f64> {
+        moments(frames).0.into_iter().map(|dn| self.of(dn)).collect()
+    }
+
+    /// Light of the lamp at each time of the `series`, relative to their mean, by `pixels` that are dark otherwise; what they
+    /// cannot tell is 1 within its `flicker`.
+    pub(super) fn lamp(&self, series: &[Times], pixels: &[u32], channels: usize, flicker: f64) -> Vec<f64> {
+        let each = |frames: &[&[u16]]| -> f64 {
+            let values = pixels
+                .iter()
+                .flat_map(|pixel| (0..channels).map(move |channel| *pixel as usize * channels + channel));
+            let sum: f64 = values
+                .flat_map(|at| frames.iter().map(move |frame| f64::from(frame[at])))
+                .map(|dn| self.of(dn))
+                .sum();
+            sum / frames.len() as f64
+        };
+        let count = (pixels.len() * channels) as f64;
+        let rates: Vec<(f64, f64)> = series
+            .iter()
+            .map(|times| {
+                let light = each(&times.lit) - each(&times.dark);
+                let noise =
+                    self.camera.read_variance_dn2() * count + light.max(0.0) / self.camera.gain_e_per_dn;
+                let relative = noise / times.lit.len() as f64 / light.powi(2).max(f64::MIN_POSITIVE);
+                (light / times.exposure_s, relative)
+            })
+            .collect();
+        let weights: f64 = rates.iter().map(|(_, variance)| variance.recip()).sum();
+        let mean = rates.iter().map(|(rate, variance)| rate / variance).sum::<f64>() / weights;
+        let prior = flicker * flicker / series[0].lit.len() as f64 + SLOW * SLOW;
+        rates
+            .into_iter()
+            .map(|(rate, variance)| {
+                let told = 1.0 + prior / (prior + variance) * (rate / mean - 1.0);
+                if told.is_finite() { told } else { 1.0 }
+            })
+            .collect()
+    }
+
+    /// Light of each level above the black frame, relative to the last.
+    pub(super) fn levels(&self, frames: &[&[u16]], black: &[f64]) -> Vec<f64> {
+        let light = |frame: &&[u16]| {
+            let lit = frame.iter().map(|dn| self.of(f64::from(*dn)));
+            lit.zip(black).map(|(lit, black)| lit - black).sum::<f64>()
+        };
+        let all: Vec<f64> = frames.iter().map(light).collect();
+        let brightest = all.last().copied().unwrap_or(1.0);
+        all.into_iter().map(|light| light / brightest).collect()
+    }
+}

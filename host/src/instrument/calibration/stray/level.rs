@@ -1,0 +1,202 @@
+//! How bright the lamp was in a frame, told by pixels that are dark by construction.
+//!
+//! # Design
+//! A frame shows L·(B + S): the light B of a black pattern and S of what else is lit, both with the lamp as in the black frames,
+//! which is L = 1. In dark pixels B is direct light, most of it of the projector pixels that watch the lamp
+//! ([`crate::instrument::monitor`]), and S is stray light, which is known. So L − 1 = Σ w·(frame − black − stray)/Σ w·B with
+//! weights w that have no noise in common with it: the light that calibration found there.
+//!
+//! What noise leaves uncertain, and wrong shapes of stray light, a jackknife over groups of neighbours tells; what is
+//! uncertain in stray light itself all pixels share. Where dark pixels tell less than is known of lamps anyway, L is near 1.
+
+use glam::Vec4;
+
+use super::{GROUPS, Removal, Room};
+use crate::instrument::calibration::lamp::{LampFound, Monitor};
+use crate::instrument::calibration::stray::{CAMERA_TERMS, camera_terms};
+use crate::instrument::frame_format::place_of_pixel;
+
+/// Light of the lamp in a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Level {
+    /// Over that of what it is compared with.
+    pub(crate) light: f32,
+    /// Its standard uncertainty (k = 1), which all pixels of the frame share.
+    pub(crate) uncertainty: f32,
+}
+
+impl Level {
+    /// As in the black frames, for certain.
+    pub(crate) const SAME: Self = Self {
+        light: 1.0,
+        uncertainty: 0.0,
+    };
+
+    /// What a frame shows `more` than a black one, of light `black`, had the lamp been the same.
+    pub(crate) fn steady(self, more: Vec4, black: Vec4) -> Vec4 {
+        (more - black * (self.light - 1.0)) / self.light
+    }
+}
+
+/// What watches the lamp, for images of one size.
+#[derive(Debug)]
+pub(super) struct Watch {
+    /// Light of the watching pixels, digital numbers per second, by camera term, and of all others, which are black.
+    light: [Vec4; CAMERA_TERMS],
+    black: [Vec4; CAMERA_TERMS],
+    /// Its relative standard uncertainty in dark pixels.
+    uncertainty: f32,
+}
+
+impl Watch {
+    /// As `monitor`, with squares of `side` pixels.
+    pub(super) fn new(monitor: &Monitor, side: u32) -> Self {
+        let scale = f64::from(side * side) / f64::from(monitor.side * monitor.side);
+        let terms = |rows: &[Vec<f64>], scale: f64| {
+            std::array::from_fn(|term| {
+                let mut lanes = [0.0; 4];
+                for (lane, row) in lanes.iter_mut().zip(rows) {
+                    *lane = (row[term] * scale) as f32;
+                }
+                Vec4::from_array(lanes)
+            })
+        };
+        Self {
+            light: terms(&monitor.light, scale),
+            black: terms(&monitor.black, 1.0),
+            uncertainty: monitor.uncertainty_of(side) as f32,
+        }
+    }
+
+    /// Light of the watching pixels in a pixel with these camera terms, and all that comes without a sample, digital numbers per
+    /// second.
+    fn at(&self, terms: &[f32; CAMERA_TERMS]) -> [Vec4; 2] {
+        let sum = |of: &[Vec4; CAMERA_TERMS]| {
+            let light = of.iter().zip(terms);
+            light.fold(Vec4::ZERO, |sum, (light, term)| sum + *light * *term)
+        };
+        let light = sum(&self.light);
+        [light, light + sum(&self.black)]
+    }
+}
+
+/// Sums over a group of dark pixels.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    /// Of weight × what is more than in the black frame, × black light, × uncertainty of stray light.
+    more: f32,
+    black: f32,
+    doubt: f32,
+}
+
+impl Removal {
+    /// The lamp in a frame over that in the black ones: `more(pixel)` is what it shows more than they did, less stray light,
+    /// `black(pixel)` their light, `doubt(pixel)` the standard uncertainty of the stray light, all in digital numbers, NaN
+    /// where saturated.
+    pub(crate) fn level(
+        &self,
+        more: impl Fn(usize) -> Vec4,
+        black: impl Fn(usize) -> Vec4,
+        doubt: impl Fn(usize) -> Vec4,
+    ) -> Level {
+        let Some((off, variance)) = self.compare(more, black, doubt) else {
+            return Level {
+                light: 1.0,
+                uncertainty: self.prior_variance.sqrt(),
+            };
+        };
+        let trust = self.prior_variance / (self.prior_variance + variance);
+        Level {
+            light: 1.0 + trust * off,
+            uncertainty: (trust * variance).sqrt(),
+        }
+    }
+
+    /// The lamp in black frames over that of the calibration; `light` is what they show above the dark level in `exposure_s`
+    /// seconds, digital numbers, NaN where saturated, which is at least `saturation`. `None` if nothing watches it.
+    pub(crate) fn level_of_black(&self, light: &[Vec4], exposure_s: f64, saturation: f32) -> Option<Level> {
+        let watch = self.watch.as_ref()?;
+        let own: Vec<Vec4> = self
+            .camera_terms
+            .iter()
+            .map(|terms| watch.at(terms)[1] * exposure_s as f32)
+            .collect();
+        // What comes directly takes part in no glare.
+        let of_sample: Vec<Vec4> = light.iter().zip(&own).map(|(light, own)| *light - *own).collect();
+        let mut room = Room::default();
+        self.find(
+            &of_sample,
+            &[0.0; super::PROJECTOR_TERMS],
+            exposure_s,
+            saturation,
+            &mut room,
+        );
+        let (off, variance) = self.compare(
+            |pixel| of_sample[pixel] - room.stray[pixel],
+            |pixel| own[pixel],
+            |pixel| room.doubt[pixel],
+        )?;
+        Some(Level {
+            light: 1.0 + off,
+            uncertainty: variance.sqrt(),
+        })
+    }
+
+    /// Relative standard uncertainty of what [`level_of_black`](Self::level_of_black) compares with.
+    pub(crate) fn level_uncertainty(&self) -> f32 {
+        self.watch.as_ref().map_or(0.0, |watch| watch.uncertainty)
+    }
+
+    /// By how much `more` exceeds what `black` says, relative, and the variance of that; `None` if no pixel tells.
+    fn compare(
+        &self,
+        more: impl Fn(usize) -> Vec4,
+        black: impl Fn(usize) -> Vec4,
+        doubt: impl Fn(usize) -> Vec4,
+    ) -> Option<(f32, f32)> {
+        let mut groups = [Sums::default(); GROUPS];
+        for (place, &pixel) in self.monitors.iter().enumerate() {
+            let at = pixel as usize;
+            let (more, weight) = (more(at), self.weights[place]);
+            if more.is_nan() {
+                continue;
+            }
+            let group = &mut groups[place * GROUPS / self.monitors.len()];
+            group.more += (weight * more).element_sum();
+            group.black += (weight * black(at)).element_sum();
+            group.doubt += (weight * doubt(at)).element_sum();
+        }
+        let sum = |of: &dyn Fn(&Sums) -> f32| groups.iter().map(of).sum::<f32>();
+        let (more, black, doubt) = (sum(&|one| one.more), sum(&|one| one.black), sum(&|one| one.doubt));
+        let off = more / black;
+        let squares: f32 = groups
+            .iter()
+            .map(|one| ((more - one.more) / (black - one.black) - off).powi(2))
+            .sum();
+        let variance = squares * (GROUPS - 1) as f32 / GROUPS as f32 + (doubt / black).powi(2);
+        (black > 0.0 && variance.is_finite()).then_some((off, variance))
+    }
+
+    /// How much each of the dark `pixels` counts: as much as it shines by what watches the lamp, all alike if nothing does.
+    pub(super) fn weigh(
+        watch: Option<&Watch>,
+        pixels: &[u32],
+        size_px: (usize, usize),
+        channels: usize,
+    ) -> Vec<Vec4> {
+        let mut all = [0.0; 4];
+        all[..channels].fill(1.0);
+        let weight = |pixel: &u32| {
+            watch.map_or(Vec4::from_array(all), |watch| {
+                let [x, y] = place_of_pixel(*pixel as usize, size_px.0, size_px.1);
+                watch.at(&camera_terms(x, y).map(|term| term as f32))[0]
+            })
+        };
+        pixels.iter().map(weight).collect()
+    }
+
+    /// Variance of the light of an exposure as far as nothing watches it.
+    pub(super) fn prior_of(lamp: &LampFound) -> f32 {
+        lamp.prior_variance() as f32
+    }
+}
