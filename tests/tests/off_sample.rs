@@ -15,7 +15,7 @@ use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::plan::brackets::Brackets;
 use rcg::plan::{self, Virtual};
 use rcg::virtual_rig::setup::Setup;
-use rcg::virtual_rig::{Tolerances, Truth};
+use rcg::virtual_rig::{PixelTolerances, Tolerances, Truth};
 use rcg_tests::measurements::{Scored, coarse, scored};
 
 /// Of which devices stand how far off, millimetres: camera, projector, sample.
@@ -38,6 +38,7 @@ fn strayed(preset: &str, millimetres: [f64; 3], seed: u64) -> (Truth, Rig) {
         ghost: None,
         direct: None,
         standard: 0.0,
+        pixels: PixelTolerances::DRAWN,
     };
     let mut truth = Truth::drawn(&coarse(preset), still, seed).unwrap();
     let offset_m = |mm: f64, turn: u64| {

@@ -15,7 +15,7 @@ use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::plan::brackets::Brackets;
 use rcg::plan::{Request, Virtual};
 use rcg::virtual_rig::setup::Setup;
-use rcg::virtual_rig::{Tolerances, Truth};
+use rcg::virtual_rig::{PixelTolerances, Tolerances, Truth};
 use rcg_tests::is_full;
 use rcg_tests::measurements::{Scored, coarse, scored};
 
@@ -28,6 +28,7 @@ const TOLERANCES: Tolerances = Tolerances {
     ghost: None,
     direct: None,
     standard: 0.0,
+    pixels: PixelTolerances::DRAWN,
 };
 /// A tilt at which a part of the sample is seen beyond the rim of what the untilted one shows.
 const TILT: &str = "51:84:40";
@@ -159,6 +160,7 @@ fn in_drawn_worlds_values_and_fits_hold_the_truth_tilted_or_not() {
             ghost: None,
             direct: None,
             standard: 0.0,
+            pixels: PixelTolerances::DRAWN,
         };
         let truth = Truth::drawn(&nominal, tolerances, draw).unwrap();
         let truth = save(&truth, &folder.path().join("truth.toml"));

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use rcg::base::file_format::TRUTH;
 use rcg::instrument::rig::Rig;
 use rcg::store::whole_file::write_whole;
-use rcg::virtual_rig::{Flaws, Tolerances, Truth};
+use rcg::virtual_rig::{Flaws, PixelTolerances, Tolerances, Truth};
 use serde_json::json;
 
 use crate::Done;
@@ -15,8 +15,8 @@ use crate::output::{Output, to_write};
 /// Draw by chance how a virtual rig really is, where it differs from its rig file.
 ///
 /// Camera, projector, sample and mirror are displaced and turned, lenses distorted; light and throughput are not uniform;
-/// black is not black, the camera not quite linear; glare, the beam splitter's ghost and direct light come on top. Measurements and calibrations with `--truth FILE` are taken on
-/// that rig and are not told.
+/// black is not black, the camera not quite linear, its pixels differ; glare, the beam splitter's ghost and direct light come
+/// on top. Measurements and calibrations with `--truth FILE` are taken on that rig and are not told.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// The file to write (TOML)
@@ -43,6 +43,14 @@ pub(crate) struct Args {
     /// Light of the beam splitter's ghost over that of the image, percent [default: drawn between 0.5 and 4; 1 or 4]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     ghost_percent: Option<f64>,
+    /// Standard deviation over the sensor's pixels of what each shows of the same light, percent; how their dark signals
+    /// differ is drawn along [default: drawn between 0.2 and 1; 0.5 or 1]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
+    prnu_percent: Option<f64>,
+    /// Standard deviation of what all pixels of a row of the sensor have in common in one frame, electrons [default: drawn
+    /// between 0.1 and 1; 0.3 or 1]
+    #[arg(long, value_name = "E", allow_negative_numbers = true)]
+    row_noise_e: Option<f64>,
     /// Standard deviation of the reflectance of each standard from what is stated, percent
     #[arg(
         long,
@@ -103,6 +111,8 @@ enum Flaw {
     Ghost,
     /// No light goes from the projector to the camera without the sample
     DirectLight,
+    /// The camera's pixels are alike, and none is hot; rows have no noise of their own
+    Pixels,
 }
 
 impl Flaw {
@@ -129,7 +139,19 @@ impl Flaw {
             Self::Glare => flaws.glare = none.glare,
             Self::Ghost => flaws.ghost = none.ghost,
             Self::DirectLight => flaws.direct = none.direct,
+            Self::Pixels => flaws.pixels = none.pixels,
         }
+    }
+}
+
+/// How far the camera's pixels differ.
+fn pixels(args: &Args) -> PixelTolerances {
+    let prnu = args.prnu_percent.map(|percent| percent / 100.0);
+    PixelTolerances {
+        prnu: prnu.or(args.flaws.pick(5e-3, 1e-2)),
+        dsnu_e: args.flaws.pick(1.0, 3.0),
+        hot: args.flaws.pick(1e-4, 1e-3),
+        row_noise_e: args.row_noise_e.or(args.flaws.pick(0.3, 1.0)),
     }
 }
 
@@ -164,6 +186,12 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             in_range(name, percent, 0.0, 50.0)?;
         }
     }
+    if let Some(percent) = args.prnu_percent {
+        in_range("prnu-percent", percent, 0.0, 10.0)?;
+    }
+    if let Some(row_noise_e) = args.row_noise_e {
+        in_range("row-noise-e", row_noise_e, 0.0, 100.0)?;
+    }
     let tolerances = Tolerances {
         position_m: position_mm * 1e-3,
         angle_deg,
@@ -179,6 +207,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             .or(args.flaws.pick(1e-2, 4e-2)),
         standard: args.standard_percent / 100.0,
         direct: args.flaws.pick(7e-4, 3e-3),
+        pixels: pixels(args),
     };
     to_write(&args.out, TRUTH)?;
     let rig = Rig::load(rig)?;

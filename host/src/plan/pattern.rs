@@ -214,7 +214,7 @@ mod tests {
     use crate::hemisphere::direction::{angle_between, from_degrees};
     use crate::hemisphere::incident::Rings;
     use crate::instrument::rig::Rig;
-    use crate::virtual_rig::{Tolerances, Truth};
+    use crate::virtual_rig::{PixelTolerances, Tolerances, Truth};
 
     fn maker(preset: &str, spot_deg: f64) -> PatternMaker {
         PatternMaker::new(View::projector(&Rig::load(preset).unwrap()), spot_deg, 1.0)
@@ -297,6 +297,7 @@ mod tests {
             ghost: None,
             direct: None,
             standard: 0.0,
+            pixels: PixelTolerances::DRAWN,
         };
         for seed in 0..4 {
             let rig = Truth::drawn(&nominal, tolerances, seed).unwrap().rig;

@@ -5,7 +5,7 @@ use crate::base::progress::Silent;
 use crate::hemisphere::direction::angle_between;
 use crate::plan::Virtual;
 use crate::virtual_rig::setup::Setup;
-use crate::virtual_rig::{Tolerances, Truth};
+use crate::virtual_rig::{PixelTolerances, Tolerances, Truth};
 
 /// Captures and calibrates a rig that strays from `nominal` by as much as the tolerances say.
 fn calibrated(
@@ -22,6 +22,7 @@ fn calibrated(
         ghost: None,
         direct: None,
         standard: 0.0,
+        pixels: PixelTolerances::DRAWN,
     };
     let truth = Truth::drawn(nominal, tolerances, seed).unwrap();
     let folder = tempfile::tempdir().unwrap();

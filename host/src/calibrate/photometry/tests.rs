@@ -6,7 +6,7 @@ use crate::instrument::optics::{DirectionMap, View};
 use crate::instrument::rig::{ROUNDING_DN2, Tilt};
 use crate::plan::Virtual;
 use crate::virtual_rig::setup::Setup;
-use crate::virtual_rig::{Tolerances, Truth};
+use crate::virtual_rig::{PixelTolerances, Tolerances, Truth};
 
 const SIZE: u32 = 64;
 
@@ -25,6 +25,7 @@ fn calibrated(
         ghost: None,
         direct: None,
         standard: 0.0,
+        pixels: PixelTolerances::DRAWN,
     };
     let truth = Truth::drawn(&rig, tolerances, 4).unwrap();
     let mut aligned = truth.rig.clone();

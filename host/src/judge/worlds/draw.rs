@@ -30,13 +30,15 @@ pub struct Flaw {
 }
 
 /// All flaws that are drawn.
-pub const FLAWS: [Flaw; 6] = [
+pub const FLAWS: [Flaw; 8] = [
     flaw("--position-mm", 0, [0.1, 3.0], 1.0),
     flaw("--angle-deg", 0, [0.05, 2.0], 0.5),
     flaw("--field-percent", 1, [5.0, 30.0], 30.0),
     flaw("--contrast", 2, [3000.0, 400.0], 1000.0),
     flaw("--glare-percent", 3, [0.1, 1.0], 0.3),
     flaw("--ghost-percent", 4, [0.5, 4.0], 4.0),
+    flaw("--prnu-percent", 5, [0.2, 1.0], 1.0),
+    flaw("--row-noise-e", 5, [0.1, 1.0], 0.3),
 ];
 
 const fn flaw(option: &'static str, group: usize, [good, bad]: [f64; 2], careful: f64) -> Flaw {
