@@ -26,6 +26,10 @@ pub(super) struct Radiometry {
     pub(super) means: f32,
     /// Variance of a dark-corrected number by reading out and rounding, in DN².
     pub(super) dark_variance: f32,
+    /// Variance of what all dark-corrected numbers of an image's row have in common, in DN².
+    pub(super) row_variance: f32,
+    /// Standard deviation of the response of pixels, relative.
+    pub(super) prnu: f32,
     /// Variance per DN of signal, in DN.
     pub(super) shot_per_dn: f32,
     /// f per (DN / (s × irradiance)).
@@ -86,6 +90,8 @@ impl Radiometry {
             level: level as f32,
             means: means as f32,
             dark_variance: (one * means) as f32,
+            row_variance: camera.map_or(0.0, |camera| camera.row_variance_dn2() * means) as f32,
+            prnu: camera.map_or(0.0, |camera| camera.prnu) as f32,
             shot_per_dn: (1.0 / gain) as f32,
             scale: rig.gain_e_per_dn() / rig.sensitivity_e(),
             saturation,
@@ -199,12 +205,15 @@ pub(super) fn project<const CHANNELS: usize>(
     let variance = |pixel: usize, signal: Vec4| {
         let dark = lanes::<CHANNELS, f32>(&radiometry.dark[pixel * CHANNELS..]);
         let stray = room.stray.get(pixel).copied().unwrap_or(Vec4::ZERO);
-        let shot = (signal + stray).max(Vec4::ZERO) * radiometry.shot_per_dn;
-        shot + radiometry.dark_shot_variance(dark) + radiometry.dark_variance
+        let shown = signal + stray;
+        let shot = shown.max(Vec4::ZERO) * radiometry.shot_per_dn;
+        let response = shown * radiometry.prnu;
+        shot + response * response + radiometry.dark_shot_variance(dark) + radiometry.dark_variance
     };
+    let of_row = Vec4::splat(radiometry.row_variance.sqrt());
     resample::<CHANNELS>(
         (signal, &room.doubt),
-        variance,
+        (variance, |_| of_row),
         |_| Provenance::Measured,
         factor,
         way.resampling,
@@ -226,6 +235,7 @@ pub(super) fn project_merged<const CHANNELS: usize>(
     let Merged {
         signal,
         variance,
+        of_row,
         several,
     } = merged;
     way.clear(signal, &radiometry[0], room);
@@ -237,9 +247,14 @@ pub(super) fn project_merged<const CHANNELS: usize>(
             Provenance::Measured
         }
     };
+    let variance = |pixel: usize, signal: Vec4| {
+        let stray = room.stray.get(pixel).copied().unwrap_or(Vec4::ZERO);
+        let response = (signal + stray) * radiometry[0].prnu;
+        variance[pixel] + response * response
+    };
     resample::<CHANNELS>(
         (signal, &room.doubt),
-        |pixel, _| variance[pixel],
+        (variance, |pixel| of_row[pixel]),
         provenance,
         factor,
         way.resampling,
@@ -248,11 +263,12 @@ pub(super) fn project_merged<const CHANNELS: usize>(
 }
 
 /// Writes f, sigma and provenance at the cells that have taps (NaN where a pixel saturated), from the signal of the pixels, its
-/// standard uncertainty by stray light (nothing if there is none), which neighbours have in common, and its variance by noise,
-/// given the pixel and its signal. `factor` is f per signal. Returns as [`project`] does.
+/// standard uncertainty by stray light (nothing if there is none), which neighbours have in common, its variance by noise and
+/// response, given the pixel and its signal, and the standard deviation of what its row has in common, given the pixel.
+/// `factor` is f per signal. Returns as [`project`] does.
 fn resample<const CHANNELS: usize>(
     (signal, doubt): (&[Vec4], &[Vec4]),
-    variance_of: impl Fn(usize, Vec4) -> Vec4,
+    (variance_of, of_row): (impl Fn(usize, Vec4) -> Vec4, impl Fn(usize) -> Vec4),
     provenance_of: impl Fn(&Taps) -> Provenance,
     factor: f32,
     resampling: &Resampling,
@@ -263,15 +279,17 @@ fn resample<const CHANNELS: usize>(
         let cell = taps.cell as usize;
         let mut sum = Vec4::ZERO;
         let (mut variance, mut common) = (Vec4::ZERO, Vec4::ZERO);
-        for (&pixel, &weight) in taps.pixel.iter().zip(&taps.weight) {
+        let mut rows = [Vec4::ZERO; 2];
+        for (tap, (&pixel, &weight)) in taps.pixel.iter().zip(&taps.weight).enumerate() {
             let signal = signal[pixel as usize];
             sum += signal * weight;
             variance += variance_of(pixel as usize, signal) * (weight * weight);
+            rows[tap / 2] += of_row(pixel as usize) * weight;
             if let Some(doubt) = doubt.get(pixel as usize) {
                 common += *doubt * weight;
             }
         }
-        variance += common * common;
+        variance += common * common + rows[0] * rows[0] + rows[1] * rows[1];
         let f = sum * factor;
         let clear = f.is_finite();
         let (f, uncertainty) = if clear {
@@ -301,6 +319,12 @@ fn resample<const CHANNELS: usize>(
 
 #[cfg(test)]
 mod tests {
+    use std::slice::from_ref;
+
+    use rand::{RngExt as _, SeedableRng as _};
+    use rand_distr::StandardNormal;
+    use rand_xoshiro::Xoshiro256PlusPlus;
+
     use super::*;
     use crate::store::ExposureRecord;
 
@@ -315,6 +339,10 @@ mod tests {
             read_noise_e: 3.0,
             nonlinearity: 0.01,
             linearity_residual: 0.0,
+            prnu: 0.0,
+            row_noise_e: 0.0,
+            dsnu_e: 0.0,
+            hot: 0.0,
         };
         let record = ExposureRecord {
             incident: -1,
@@ -338,6 +366,107 @@ mod tests {
                         "{dn}"
                     );
                 }
+            }
+        }
+    }
+
+    /// Numbers of an image of 2 × 2 pixels that hold `light_e` electrons per second: their responses, rows and noise by chance.
+    fn drawn(rig: &Rig, camera: &CameraFound, light_e: f64, times_s: &[f64], seed: u64) -> Vec<u16> {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let mut normal = || -> f64 { rng.sample(StandardNormal) };
+        let response: [f64; 4] = std::array::from_fn(|_| 1.0 + camera.prnu * normal());
+        let mut frames = Vec::new();
+        for time_s in times_s {
+            let rows = [normal(), normal()].map(|row| camera.row_noise_e * row);
+            for (pixel, response) in response.iter().enumerate() {
+                let mean_e = light_e * time_s * response;
+                let noise_e = (mean_e + camera.read_noise_e.powi(2)).sqrt() * normal();
+                let dn = (mean_e + noise_e + rows[pixel / 2]) / rig.gain_e_per_dn() + rig.camera.dark_dn;
+                frames.push(dn.round() as u16);
+            }
+        }
+        frames
+    }
+
+    #[test]
+    fn responses_and_rows_are_stated_by_as_much_as_they_scatter() {
+        let rig = Rig::load("rcg-1").unwrap();
+        let camera = |prnu: f64, row_noise_e: f64| CameraFound {
+            dark_dn: rig.camera.dark_dn,
+            dark_dn_per_s: 0.0,
+            gain_e_per_dn: rig.gain_e_per_dn(),
+            read_noise_e: 3.0,
+            nonlinearity: 0.0,
+            linearity_residual: 0.0,
+            prnu,
+            row_noise_e,
+            dsnu_e: 0.0,
+            hot: 0.0,
+        };
+        let times_s = [0.01, 0.02];
+        // So many black frames that their mean is known.
+        let record = |exposure_s: f64| ExposureRecord {
+            incident: -1,
+            exposure_s,
+            ..ExposureRecord::default()
+        };
+        let black = Segment {
+            frames: vec![rig.camera.dark_dn as u16; 4 * 400],
+            records: times_s
+                .iter()
+                .flat_map(|time_s| vec![record(*time_s); 200])
+                .collect(),
+            ..Segment::default()
+        };
+        let resampling = Resampling {
+            taps: vec![Taps {
+                cell: 0,
+                pixel: [0, 1, 2, 3],
+                weight: [0.3, 0.4, 0.1, 0.2],
+            }],
+            reasons: vec![None],
+            pixel_sr: vec![1e-3],
+        };
+        let way = Way {
+            irradiance: 1.0,
+            resampling: &resampling,
+            stray: None,
+        };
+        for (prnu, row_noise_e, light_e) in [(0.02, 0.0, 4e5), (0.0, 20.0, 1e4), (0.01, 10.0, 1e5)] {
+            let camera = camera(prnu, row_noise_e);
+            let radiometry = times_s
+                .map(|time_s| Radiometry::new(&rig, Some(&camera), from_ref(&black), time_s, 4).unwrap());
+            for brackets in [1, 2] {
+                let (mut sum, mut squares, mut stated) = (0.0, 0.0, 0.0);
+                let draws = 4000;
+                for draw in 0..draws {
+                    let frames = drawn(&rig, &camera, light_e, &times_s[..brackets], draw);
+                    let (mut f, mut sigma, mut wide) = ([0.0], [f16::ZERO], [0.0]);
+                    let out = &mut Out {
+                        f: &mut f,
+                        sigma: &mut sigma,
+                        provenance: &mut [0],
+                        wide_sigma: &mut wide,
+                        stray_sigma: &mut [0.0],
+                    };
+                    let Work {
+                        signal, merged, room, ..
+                    } = &mut Work::default();
+                    if brackets == 1 {
+                        project::<1>(&frames, &way, &radiometry[0], signal, room, out);
+                    } else {
+                        project_merged::<1>(&frames, &way, &radiometry, merged, room, out);
+                    }
+                    sum += f64::from(f[0]);
+                    squares += f64::from(f[0]).powi(2);
+                    stated += f64::from(wide[0]).powi(2);
+                }
+                let mean = sum / f64::from(draws as u32);
+                let ratio = ((squares - sum * mean) / stated).sqrt();
+                assert!(
+                    (ratio - 1.0).abs() < 0.05,
+                    "{prnu} {row_noise_e} {brackets}: {ratio}"
+                );
             }
         }
     }

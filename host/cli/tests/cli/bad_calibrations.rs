@@ -141,8 +141,12 @@ fn a_calibration_of_something_else_than_numbers_is_refused_by_its_field() {
         ("field_residual", json!(-0.1)),
         ("sensitivity", json!(0.0)),
         ("share", json!(3.0)),
-        ("version", json!(4)),
-        ("version", json!(6)),
+        ("prnu", json!(-0.1)),
+        ("row_noise_e", json!(-0.1)),
+        ("dsnu_e", json!(-1.0)),
+        ("hot", json!(1.5)),
+        ("version", json!(5)),
+        ("version", json!(7)),
     ] {
         let mut tried = 0;
         spoiled(&whole, &bad, &mut |spoiled, name| {
@@ -163,7 +167,7 @@ fn a_calibration_of_something_else_than_numbers_is_refused_by_its_field() {
         "",
         2,
         &[
-            "photometry.json: version: expected 5",
+            "photometry.json: version: expected 6",
             "rcg calibrate photometry --out DIR",
             "found 0",
         ],

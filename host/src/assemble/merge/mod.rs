@@ -35,6 +35,8 @@ struct Bracket {
     time: f32,
     /// Variance by reading out and rounding, in DN².
     dark_variance: f32,
+    /// Variance of what a row has in common, in DN².
+    row_variance: f32,
 }
 
 /// How the exposures of one pattern become an image.
@@ -48,8 +50,10 @@ pub(super) struct Merge<'a> {
 pub(super) struct Merged {
     /// Rate in DN per exposure time of the first; NaN where all exposures saturated.
     pub(super) signal: Vec<Vec4>,
-    /// Its variance.
+    /// Its variance by noise that is its own.
     pub(super) variance: Vec<Vec4>,
+    /// Standard deviation of what its row has in common.
+    pub(super) of_row: Vec<Vec4>,
     /// Whether more than one exposure took part, in any channel.
     pub(super) several: Vec<bool>,
 }
@@ -63,6 +67,7 @@ impl<'a> Merge<'a> {
             .map(|one| Bracket {
                 time: (one.exposure_s / first_s) as f32,
                 dark_variance: one.dark_variance,
+                row_variance: one.row_variance,
             })
             .collect();
         Self { exposures, brackets }
@@ -74,6 +79,7 @@ impl<'a> Merge<'a> {
         let pixels = samples / CHANNELS;
         out.signal.clear();
         out.variance.clear();
+        out.of_row.clear();
         out.several.clear();
         let saturation = Vec4::splat(f32::from(self.exposures[0].saturation));
         let mut numbers = [Number::default(); MOST_EXPOSURES];
@@ -97,16 +103,17 @@ impl<'a> Merge<'a> {
                     dark_variance: radiometry.dark_shot_variance(dark) + self.brackets[k].dark_variance,
                 };
             }
-            let (signal, variance, used) = self.pixel(&numbers[..self.brackets.len()]);
-            out.signal.push(signal);
-            out.variance.push(variance);
+            let found = self.pixel(&numbers[..self.brackets.len()]);
+            out.signal.push(found.signal);
+            out.variance.push(found.variance);
+            out.of_row.push(found.of_row);
             out.several
-                .push(used.to_array()[..CHANNELS].iter().any(|&used| used > 1.0));
+                .push(found.used.to_array()[..CHANNELS].iter().any(|&used| used > 1.0));
         }
     }
 
-    /// Rate, its variance and how many exposures made it, from the numbers of each exposure.
-    fn pixel(&self, numbers: &[Number]) -> (Vec4, Vec4, Vec4) {
+    /// From the numbers of each exposure.
+    fn pixel(&self, numbers: &[Number]) -> Pixel {
         let shot_per_dn = self.exposures[0].shot_per_dn;
         let (mut sum, mut weights) = (Vec4::ZERO, Vec4::ZERO);
         for (bracket, number) in self.brackets.iter().zip(numbers) {
@@ -124,14 +131,35 @@ impl<'a> Merge<'a> {
             best = best.max(*weight);
         }
         let (mut sum, mut weights, mut used) = (Vec4::ZERO, Vec4::ZERO, Vec4::ZERO);
+        let mut of_row = Vec4::ZERO;
         for ((bracket, number), &weight) in self.brackets.iter().zip(numbers).zip(&weight) {
             let takes_part = Vec4::select(weight.cmpge(best * DARK_SHARE), Vec4::ONE, Vec4::ZERO);
             sum += takes_part * weight * number.signal / bracket.time;
             weights += takes_part * weight;
             used += takes_part;
+            // Exposures have rows of their own.
+            let part = takes_part * weight / bracket.time;
+            of_row += part * part * bracket.row_variance;
         }
-        (sum / weights, 1.0 / weights, used)
+        Pixel {
+            signal: sum / weights,
+            variance: 1.0 / weights,
+            of_row: Vec4::from_array(of_row.to_array().map(f32::sqrt)) / weights,
+            used,
+        }
     }
+}
+
+/// One pixel of the merged image, channels in the lanes.
+struct Pixel {
+    /// Rate.
+    signal: Vec4,
+    /// Its variance.
+    variance: Vec4,
+    /// Standard deviation of what its row has in common.
+    of_row: Vec4,
+    /// How many exposures made it.
+    used: Vec4,
 }
 
 /// One pixel of one exposure, channels in the lanes.

@@ -12,6 +12,7 @@
 //! | `rank_one` | light and throughput from the standard |
 //! | `stray` | glare, ghost and direct light |
 //! | `share` | what of both images the standard truly filled |
+//! | `pixels` | how the camera's pixels and rows differ |
 //! | `sight` | that as files and assembly have it |
 //!
 //! The standard may be seen at several tilts, as samples will be.
@@ -28,6 +29,7 @@ mod camera;
 mod capture;
 mod exposure;
 mod in_holder;
+mod pixels;
 mod rank_one;
 mod share;
 mod stray;
@@ -40,7 +42,8 @@ pub use capture::{Request, Views, capture};
 
 use camera::{Times, camera, moments};
 use capture::{SEGMENT, Shows, VIEWS};
-use rank_one::Seen;
+use pixels::{Layout, every_second};
+use rank_one::{Fields, Seen};
 use share::{Frames, fit_whole};
 
 use super::{CalibrateError, RIG};
@@ -82,9 +85,10 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     let captured = Captured::read(dir, &views, &raw, &rig)?;
     let series = captured.series();
     let saturation_dn = f64::from(rig.saturation_dn());
-    let camera = camera(&series, saturation_dn)?.of_sensor(&rig.camera.binned);
+    let binned = &rig.camera.binned;
+    let mut camera = camera(&series, saturation_dn, &Layout::of(&rig))?.of_sensor(binned);
     let linear = Linear {
-        camera: camera.of_image(&rig.camera.binned),
+        camera: camera.of_image(binned),
         sensor: camera,
         range: saturation_dn - camera.dark_dn,
     };
@@ -111,6 +115,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         found: "too little of the image lit".to_owned(),
         advice: "is the standard in place, and lit?",
     })?;
+    camera.prnu = captured.prnu(&all, &frames, &fields, &linear, &Layout::of(&rig))?;
     let own = interreflected(standard.as_ref());
     let interreflection = match &views.second_standard {
         None => None,
@@ -132,6 +137,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         stray_dn_per_s: black_light / captured.length as f64 / views.exposure_s,
         gamma: gamma(&projector_response),
         projector_response,
+        field_residual: fields.residual_beside(camera.of_image(binned).prnu),
         // The standard's own interreflection is no property of the instrument.
         sensitivity: fields
             .sensitivity
@@ -141,7 +147,6 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         throughput: fields.throughput,
         intensity: fields.intensity,
         field_uncertainty: fields.uncertainty,
-        field_residual: fields.residual,
         interreflection,
         stray: stray_light,
     };
@@ -254,6 +259,22 @@ impl<'a> Captured<'a> {
             standard,
         };
         Ok((seen, frames))
+    }
+
+    /// Standard deviation of the response over the sensor's pixels, from all that was `seen` of the standard.
+    fn prnu(
+        &self,
+        seen: &[Seen],
+        frames: &[Frames],
+        fields: &Fields,
+        linear: &Linear,
+        layout: &Layout,
+    ) -> Result<f64, CalibrateError> {
+        let halves = (0..seen.len()).map(|stand| {
+            let black = self.frames(Shows::Black(stand));
+            [0, 1].map(|first| linear.mean(&every_second(&black, first)))
+        });
+        pixels::response(seen, frames, &halves.collect::<Vec<_>>(), fields, layout)
     }
 
     /// How frames of the standard at the stand of this index lose `stray` light.

@@ -96,6 +96,14 @@ pub(super) struct Fields {
     pub(super) residual: f64,
 }
 
+impl Fields {
+    /// What pair and fields differ by beside the noise and `prnu`, what pixels of the image differ by: that is each pixel's own,
+    /// and not common to all that is measured.
+    pub(super) fn residual_beside(&self, prnu: f64) -> f64 {
+        (self.residual.powi(2) - prnu.powi(2)).max(0.0).sqrt()
+    }
+}
+
 /// Whether the sample's horizon or border is the reason.
 fn is_of_sample(reason: Unmeasurable) -> bool {
     matches!(reason, Unmeasurable::BelowHorizon | Unmeasurable::OffSample)

@@ -149,7 +149,7 @@ impl Seen<'_> {
     }
 
     /// Signal and its variance by noise, in linear digital numbers, of one number of a frame; `None` if it saturated.
-    fn signal(&self, frames: &Frames, place: usize, at: usize) -> Option<(f64, f64)> {
+    pub(super) fn signal(&self, frames: &Frames, place: usize, at: usize) -> Option<(f64, f64)> {
         let lit = &frames.lit[place];
         let dn = f64::from(lit.dn[at]);
         if dn >= self.saturation_dn {
@@ -165,7 +165,7 @@ impl Seen<'_> {
     }
 
     /// f in sr⁻¹ of `channel`.
-    fn f_of(&self, f: [f64; 3], channel: usize) -> f64 {
+    pub(super) fn f_of(&self, f: [f64; 3], channel: usize) -> f64 {
         if self.channels == 1 {
             f.iter().sum::<f64>() / 3.0
         } else {
