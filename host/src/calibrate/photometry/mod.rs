@@ -43,7 +43,7 @@ pub use capture::{Request, Views, capture};
 use camera::{Times, camera, moments};
 use capture::{SEGMENT, Shows, VIEWS};
 use pixels::{Layout, every_second};
-use rank_one::{Fields, Seen};
+use rank_one::Seen;
 use share::{Frames, fit_whole};
 
 use super::{CalibrateError, RIG};
@@ -115,7 +115,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         found: "too little of the image lit".to_owned(),
         advice: "is the standard in place, and lit?",
     })?;
-    camera.prnu = captured.prnu(&all, &frames, &fields, &linear, &Layout::of(&rig))?;
+    camera.prnu = captured.prnu(&all, &linear, &Layout::of(&rig))?;
     let own = interreflected(standard.as_ref());
     let interreflection = match &views.second_standard {
         None => None,
@@ -262,19 +262,30 @@ impl<'a> Captured<'a> {
     }
 
     /// Standard deviation of the response over the sensor's pixels, from all that was `seen` of the standard.
-    fn prnu(
-        &self,
-        seen: &[Seen],
-        frames: &[Frames],
-        fields: &Fields,
-        linear: &Linear,
-        layout: &Layout,
-    ) -> Result<f64, CalibrateError> {
-        let halves = (0..seen.len()).map(|stand| {
-            let black = self.frames(Shows::Black(stand));
-            [0, 1].map(|first| linear.mean(&every_second(&black, first)))
+    fn prnu(&self, seen: &[Seen], linear: &Linear, layout: &Layout) -> Result<f64, CalibrateError> {
+        // Of the exposure time of the standard.
+        let dark = self.frames(Shows::Dark(self.views.times_s.len() - 1));
+        let lit = seen.iter().enumerate().map(|(stand, seen)| {
+            let is_of_it = |shows: &Shows| match shows {
+                Shows::Black(of) | Shows::Directions(of, _) => *of == stand,
+                _ => false,
+            };
+            let wanted = self.shows.iter().copied().filter(is_of_it);
+            let frames: Vec<&[u16]> = wanted.flat_map(|shows| self.frames(shows)).collect();
+            let half = |first: usize| {
+                let [light, dark] = [&frames, &dark].map(|frames| linear.mean(&every_second(frames, first)));
+                light
+                    .into_iter()
+                    .zip(dark)
+                    .map(|(light, dark)| light - dark)
+                    .collect()
+            };
+            pixels::Lit {
+                is_whole: seen.whole_pixels(),
+                halves: [half(0), half(1)],
+            }
         });
-        pixels::response(seen, frames, &halves.collect::<Vec<_>>(), fields, layout)
+        pixels::response(&lit.collect::<Vec<_>>(), layout)
     }
 
     /// How frames of the standard at the stand of this index lose `stray` light.

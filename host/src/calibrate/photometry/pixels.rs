@@ -5,10 +5,11 @@
 //! are split in two halves, whose mean shows pattern and noise, and whose difference noise alone. Medians tell how large
 //! both are, so that a few pixels where a ghost's edge is left do not count.
 //!
-//! *Response.* What a pixel shows of the standard over what light and throughput say, over all directions, is 1 and its own
-//! response. A field that does not quite fit is smooth; so pixels are compared with those around them by a mask to which
-//! nothing up to the third power of the place is anything (Immerkær, *Fast noise variance estimation*, 1996). What is the
-//! sensor's own pixel follows from how many are behind one, and how much of those two neighbours share.
+//! *Response.* The mean of all frames of the standard, lit and black, is an evenly lit image: most of its light is that of the
+//! black projector pixels together. Less darkness it is smooth but for what pixels differ by in response; so the logarithm is
+//! compared with those around it by a mask to which nothing up to the third power of the place is anything (Immerkær, *Fast
+//! noise variance estimation*, 1996). What the channels of a pixel have in common is of the light (a ghost has edges) and left
+//! out. What is the sensor's own pixel follows from how many are behind one, and how much of those two neighbours share.
 //!
 //! *Rows.* In the dark the means of rows scatter from frame to frame; what the noise of their pixels does not explain is row
 //! noise. What all rows of a frame have in common is none.
@@ -18,25 +19,16 @@
 //! than others scatter.
 //!
 //! # Tradeoffs
-//! What the channels of a pixel have in common is of the light (stray light is not taken away to the last 0.04 %), and left out.
-//! A camera of one channel cannot tell: where a thousand of the sensor's pixels are behind one of the image, which differ by
-//! 0.02 %, its response seems to differ by twice as much. A finer image tells.
+//! A camera of one channel cannot tell what is of the light: edges of stray light count as response then.
 //!
 //! A hot pixel is seen as far as its dark current is not lost among all those behind a pixel of the image: there are more of
 //! them. What they add is in the black frames, and so is the noise of it.
 
-use rayon::prelude::*;
-
 use super::camera::{Times, moments};
-use super::rank_one::{Fields, Seen};
-use super::share::Frames;
 use crate::base::median::median;
 use crate::calibrate::CalibrateError;
-use crate::instrument::calibration::lights;
 use crate::instrument::rig::Rig;
 
-/// Directions that show the response, about.
-const LIGHTS: usize = 256;
 /// Fewest numbers that are compared with those around them.
 const FEWEST: usize = 30;
 /// What a pixel and those around it are weighted by, along an axis: the second difference.
@@ -224,7 +216,7 @@ pub(super) fn every_second<'a>(frames: &[&'a [u16]], first: usize) -> Vec<&'a [u
     frames.iter().skip(first).step_by(2).copied().collect()
 }
 
-/// What is a channel's own of the `responses` of all channels, [channel][half], if they are independent of each other.
+/// What is a channel's own of the `responses` of all channels, [channel][half], which are independent of each other.
 fn own(responses: &[[f64; 2]], channel: usize) -> [f64; 2] {
     let count = responses.len() as f64;
     if responses.len() < 2 {
@@ -238,24 +230,30 @@ fn own(responses: &[[f64; 2]], channel: usize) -> [f64; 2] {
     })
 }
 
-/// Standard deviation of the response over the sensor's pixels, relative, from all that was `seen` of the standard at each
-/// stand, its `frames` and the `fields`; `blacks` are two means of black frames of each stand, linear, that have no frame in
-/// common.
+/// The standard at one stand.
+pub(super) struct Lit {
+    /// Whether each pixel sees nothing else.
+    pub(super) is_whole: Vec<bool>,
+    /// Its light by two halves of the frames, linear.
+    pub(super) halves: [Vec<f64>; 2],
+}
+
+/// Standard deviation of the response over the sensor's pixels, relative, from the standard at all stands.
 ///
 /// # Errors
 /// [`CalibrateError::Views`] if too few pixels show it.
-pub(super) fn response(
-    seen: &[Seen],
-    frames: &[Frames],
-    blacks: &[[Vec<f64>; 2]],
-    fields: &Fields,
-    layout: &Layout,
-) -> Result<f64, CalibrateError> {
+pub(super) fn response(stands: &[Lit], layout: &Layout) -> Result<f64, CalibrateError> {
     let mut masked = Vec::new();
-    for ((seen, frames), blacks) in seen.iter().zip(frames).zip(blacks) {
-        let all = seen.responses(frames, blacks, fields);
+    for Lit { is_whole, halves } in stands {
+        let logs = |pixel: usize| {
+            let at = pixel * layout.channels;
+            let log = |channel: usize| [0, 1].map(|half: usize| halves[half][at + channel].ln());
+            let logs: Vec<[f64; 2]> = (0..layout.channels).map(log).collect();
+            let is_known = is_whole[pixel] && logs.iter().flatten().all(|log| log.is_finite());
+            is_known.then_some(logs)
+        };
         for channel in 0..layout.channels {
-            masked.extend(layout.masked(&|pixel| Some(own(&all[pixel]?[..layout.channels], channel))));
+            masked.extend(layout.masked(&|pixel| Some(own(&logs(pixel)?, channel))));
         }
     }
     if masked.len() < FEWEST {
@@ -268,61 +266,6 @@ pub(super) fn response(
         });
     }
     Ok(layout.common(&masked).sqrt())
-}
-
-impl Seen<'_> {
-    /// Of each pixel of the image, what it shows over what the `fields` say, [channel][half]: the halves have no frame in
-    /// common, nor their `blacks`. `None` where it does not take part.
-    fn responses(
-        &self,
-        frames: &Frames,
-        blacks: &[Vec<f64>; 2],
-        fields: &Fields,
-    ) -> Vec<Option<[[f64; 2]; 3]>> {
-        let whole: Vec<usize> = (0..self.all_lit.len())
-            .filter(|place| self.judged.places[*place] && self.takes_part_of(*place))
-            .collect();
-        let every = (whole.len() / LIGHTS).max(1);
-        let lit: Vec<_> = whole
-            .into_iter()
-            .step_by(every)
-            .filter_map(|place| {
-                let (at, irradiance) = self.all_lit[place]?;
-                let scale = self.exposure_s * irradiance * fields.intensity.at(at[0], at[1]);
-                let wi = lights::direction(self.stand.directions[place]);
-                Some((place, scale, frames.standard.incident(wi)))
-            })
-            .collect();
-        let of = |&(index, [x, y], wo): &(usize, [f64; 2], glam::DVec3)| {
-            let throughput = fields.throughput.at(x, y);
-            let mut sums = [[[0.0; 2]; 2]; 3];
-            for (turn, (place, scale, lobe)) in lit.iter().enumerate() {
-                let (f, half) = (lobe.f(wo), turn % 2);
-                for (channel, sums) in sums.iter_mut().enumerate().take(self.channels) {
-                    let at = index * self.channels + channel;
-                    let Some((signal, variance)) = self.signal(frames, *place, at) else {
-                        continue;
-                    };
-                    let signal = signal + frames.black[at] - blacks[half][at];
-                    let predicted = scale * throughput * fields.sensitivity[channel] * self.f_of(f, channel);
-                    sums[half][0] += signal * predicted / variance;
-                    sums[half][1] += predicted * predicted / variance;
-                }
-            }
-            let known = sums[..self.channels].iter().flatten().all(|sum| sum[1] > 0.0);
-            known.then(|| (index, sums.map(|halves| halves.map(|[shown, all]| shown / all))))
-        };
-        let whole = self
-            .pixels
-            .par_iter()
-            .filter(|(index, ..)| self.judged.pixels[*index]);
-        let found: Vec<_> = whole.filter_map(of).collect();
-        let mut all = vec![None; self.size_px.0 * self.size_px.1];
-        for (index, response) in found {
-            all[index] = Some(response);
-        }
-        all
-    }
 }
 
 #[cfg(test)]

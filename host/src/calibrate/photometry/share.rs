@@ -148,8 +148,17 @@ impl Seen<'_> {
             .collect()
     }
 
+    /// Whether each pixel of the image takes part and sees nothing but the standard.
+    pub(super) fn whole_pixels(&self) -> Vec<bool> {
+        let mut whole = vec![false; self.judged.pixels.len()];
+        for (index, ..) in &self.pixels {
+            whole[*index] = self.judged.pixels[*index];
+        }
+        whole
+    }
+
     /// Signal and its variance by noise, in linear digital numbers, of one number of a frame; `None` if it saturated.
-    pub(super) fn signal(&self, frames: &Frames, place: usize, at: usize) -> Option<(f64, f64)> {
+    fn signal(&self, frames: &Frames, place: usize, at: usize) -> Option<(f64, f64)> {
         let lit = &frames.lit[place];
         let dn = f64::from(lit.dn[at]);
         if dn >= self.saturation_dn {
@@ -165,7 +174,7 @@ impl Seen<'_> {
     }
 
     /// f in sr⁻¹ of `channel`.
-    pub(super) fn f_of(&self, f: [f64; 3], channel: usize) -> f64 {
+    fn f_of(&self, f: [f64; 3], channel: usize) -> f64 {
         if self.channels == 1 {
             f.iter().sum::<f64>() / 3.0
         } else {

@@ -25,11 +25,7 @@ fn calibrated(
         ghost: None,
         direct: None,
         standard: 0.0,
-        // Of the thousand pixels behind one no less shows beside what is left of stray light.
-        pixels: PixelTolerances {
-            prnu: Some(0.02),
-            ..PixelTolerances::DRAWN
-        },
+        pixels: PixelTolerances::DRAWN,
     };
     let truth = Truth::drawn(&rig, tolerances, 4).unwrap();
     let mut aligned = truth.rig.clone();
