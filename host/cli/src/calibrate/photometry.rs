@@ -110,8 +110,13 @@ fn ghost(found: &Photometry) -> String {
 }
 
 fn pixels(camera: &CameraFound) -> String {
+    let assumed = if camera.prnu_is_assumed {
+        " (assumed: too few show it; take a larger --image-size)"
+    } else {
+        ""
+    };
     format!(
-        "differ by {:.2} % in response, {:.2} e⁻ in the dark; {:.4} % or more are hot",
+        "differ by {:.2} % in response{assumed}, {:.2} e⁻ in the dark; {:.4} % or more are hot",
         100.0 * camera.prnu,
         camera.dsnu_e,
         100.0 * camera.hot

@@ -84,6 +84,7 @@ pub(super) fn camera(
         nonlinearity,
         linearity_residual,
         prnu: 0.0,
+        prnu_is_assumed: false,
         row_noise_e: pattern.row_dn2.sqrt() * gain_e_per_dn,
         dsnu_e: pattern.offset_dn2.sqrt() * gain_e_per_dn,
         hot: pattern.hot,

@@ -26,7 +26,6 @@
 
 use super::camera::{Times, moments};
 use crate::base::median::median;
-use crate::calibrate::CalibrateError;
 use crate::instrument::rig::Rig;
 
 /// Fewest numbers that are compared with those around them.
@@ -238,11 +237,9 @@ pub(super) struct Lit {
     pub(super) halves: [Vec<f64>; 2],
 }
 
-/// Standard deviation of the response over the sensor's pixels, relative, from the standard at all stands.
-///
-/// # Errors
-/// [`CalibrateError::Views`] if too few pixels show it.
-pub(super) fn response(stands: &[Lit], layout: &Layout) -> Result<f64, CalibrateError> {
+/// Standard deviation of the response over the sensor's pixels, relative, from the standard at all stands; `None` if too few
+/// pixels show it.
+pub(super) fn response(stands: &[Lit], layout: &Layout) -> Option<f64> {
     let mut masked = Vec::new();
     for Lit { is_whole, halves } in stands {
         let logs = |pixel: usize| {
@@ -256,16 +253,7 @@ pub(super) fn response(stands: &[Lit], layout: &Layout) -> Result<f64, Calibrate
             masked.extend(layout.masked(&|pixel| Some(own(&logs(pixel)?, channel))));
         }
     }
-    if masked.len() < FEWEST {
-        return Err(CalibrateError::Views {
-            expected: format!(
-                "{FEWEST} numbers or more of pixels that see the standard, as all those around them do"
-            ),
-            found: masked.len().to_string(),
-            advice: "take them with a larger --image-size",
-        });
-    }
-    Ok(layout.common(&masked).sqrt())
+    (masked.len() >= FEWEST).then(|| layout.common(&masked).sqrt())
 }
 
 #[cfg(test)]

@@ -76,6 +76,7 @@ fn assert_camera(found: &CameraFound, truth: &Truth, rig: &Rig) {
     );
     assert!(camera.linearity_residual < 5e-3, "{camera:?}");
     let (sensor, pixels) = (found, &truth.flaws.pixels);
+    assert!(!sensor.prnu_is_assumed, "{sensor:?}");
     assert!(
         (sensor.prnu / pixels.prnu - 1.0).abs() < 0.2,
         "{sensor:?} {pixels:?}"

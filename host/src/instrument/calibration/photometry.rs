@@ -238,6 +238,8 @@ pub struct CameraFound {
     pub linearity_residual: f64,
     /// Photo-response non-uniformity (EMVA 1288): standard deviation of the response over the sensor's pixels, relative.
     pub prnu: f64,
+    /// Whether too few pixels showed that, and it is the most that sensors usually have.
+    pub prnu_is_assumed: bool,
     /// Standard deviation of what all pixels of a row of the sensor have in common in one frame, electrons.
     pub row_noise_e: f64,
     /// Dark-signal non-uniformity (EMVA 1288): standard deviation over the sensor's pixels of the level without light at an
@@ -314,6 +316,7 @@ mod tests {
             nonlinearity: 0.01,
             linearity_residual: 0.0,
             prnu: 0.005,
+            prnu_is_assumed: false,
             row_noise_e: 0.3,
             dsnu_e: 1.0,
             hot: 1e-3,
