@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use rcg::base::file_format::TRUTH;
 use rcg::instrument::rig::Rig;
 use rcg::store::whole_file::write_whole;
-use rcg::virtual_rig::{Flaws, Tolerances, Truth};
+use rcg::virtual_rig::{Flaws, PixelTolerances, Tolerances, Truth};
 use serde_json::json;
 
 use crate::Done;
@@ -15,8 +15,8 @@ use crate::output::{Output, to_write};
 /// Draw by chance how a virtual rig really is, where it differs from its rig file.
 ///
 /// Camera, projector, sample and mirror are displaced and turned, lenses distorted; light and throughput are not uniform;
-/// black is not black, the camera not quite linear, the light not steady; glare, the beam splitter's ghost and direct light
-/// come on top. Measurements and calibrations with `--truth FILE` are taken on that rig and are not told.
+/// black is not black, the camera not quite linear, its pixels differ, the light is not steady; glare, the beam splitter's ghost
+/// and direct light come on top. Measurements and calibrations with `--truth FILE` are taken on that rig and are not told.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// The file to write (TOML)
@@ -49,6 +49,14 @@ pub(crate) struct Args {
     /// Standard deviation of the light from exposure to exposure, percent [default: drawn between 0.05 and 0.5; 0.1 or 0.5]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     flicker_percent: Option<f64>,
+    /// Standard deviation over the sensor's pixels of what each shows of the same light, percent; how their dark signals
+    /// differ is drawn along [default: drawn between 0.2 and 1; 0.5 or 1]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
+    prnu_percent: Option<f64>,
+    /// Standard deviation of what all pixels of a row of the sensor have in common in one frame, electrons [default: drawn
+    /// between 0.1 and 1; 0.3 or 1]
+    #[arg(long, value_name = "E", allow_negative_numbers = true)]
+    row_noise_e: Option<f64>,
     /// Standard deviation of the reflectance of each standard from what is stated, percent
     #[arg(
         long,
@@ -113,6 +121,8 @@ enum Flaw {
     Drift,
     /// The light is the same in every exposure
     Flicker,
+    /// The camera's pixels are alike, and none is hot; rows have no noise of their own
+    Pixels,
 }
 
 impl Flaw {
@@ -141,7 +151,19 @@ impl Flaw {
             Self::DirectLight => flaws.direct = none.direct,
             Self::Drift => flaws.lamp.drift_per_h = none.lamp.drift_per_h,
             Self::Flicker => flaws.lamp.flicker = none.lamp.flicker,
+            Self::Pixels => flaws.pixels = none.pixels,
         }
+    }
+}
+
+/// How far the camera's pixels differ.
+fn pixels(args: &Args) -> PixelTolerances {
+    let prnu = args.prnu_percent.map(|percent| percent / 100.0);
+    PixelTolerances {
+        prnu: prnu.or(args.flaws.pick(5e-3, 1e-2)),
+        dsnu_e: args.flaws.pick(1.0, 3.0),
+        hot: args.flaws.pick(1e-4, 1e-3),
+        row_noise_e: args.row_noise_e.or(args.flaws.pick(0.3, 1.0)),
     }
 }
 
@@ -183,6 +205,12 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             .map(|percent| percent / 100.0)
             .or(args.flaws.pick(typical, bad))
     };
+    if let Some(percent) = args.prnu_percent {
+        in_range("prnu-percent", percent, 0.0, 10.0)?;
+    }
+    if let Some(row_noise_e) = args.row_noise_e {
+        in_range("row-noise-e", row_noise_e, 0.0, 100.0)?;
+    }
     let tolerances = Tolerances {
         position_m: position_mm * 1e-3,
         angle_deg,
@@ -194,6 +222,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         flicker: share(args.flicker_percent, 1e-3, 5e-3),
         standard: args.standard_percent / 100.0,
         direct: args.flaws.pick(7e-4, 3e-3),
+        pixels: pixels(args),
     };
     to_write(&args.out, TRUTH)?;
     let rig = Rig::load(rig)?;

@@ -15,7 +15,11 @@
 //! is taken away (`assemble/stray.rs`).
 //!
 //! Camera pixels are interpolated linearly onto the outgoing disk. The standard uncertainty of noise follows from the
-//! variance above, 1/6 for rounding with dither, and that of the mean dark frame; `correction` adds what else there is.
+//! variance above, 1/6 for rounding with dither, and that of the mean dark frame; `correction` adds what else there is. With
+//! noise go what the pixels' responses differ by, each pixel's own, and the noise of rows, which pixels of a row have in common.
+//! Calibration saw pixels of another size of image: what each of these responds by is not known, and stated for all alike.
+//! What pixels differ by in the dark is in the black frames, of the same exposure time; beside it the dark level that
+//! linearisation starts from errs by 2β·offset/range, 10⁻⁵ of the signal.
 //!
 //! What no pixel sees, what saturated and what nothing lit is NaN from the first step on: no sum may take it for a dark sample.
 //!

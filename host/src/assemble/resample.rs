@@ -17,7 +17,7 @@ use crate::instrument::optics::{DirectionMap, Unmeasurable, View};
 pub(crate) struct Taps {
     /// Index of the cell.
     pub(crate) cell: u32,
-    /// Row-major indices of the pixels.
+    /// Row-major indices of the pixels: two of a row, then two of the next.
     pub(crate) pixel: [u32; 4],
     /// Their weights, which sum to 1.
     pub(crate) weight: [f32; 4],

@@ -2,7 +2,7 @@
 
 use std::ops::RangeInclusive;
 
-use rand::RngExt as _;
+use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
 
@@ -34,6 +34,8 @@ pub struct Flaws {
     pub ghost: Ghost,
     /// Light of the projector that reaches the camera without the sample.
     pub direct: Direct,
+    /// How the pixels of the camera's sensor differ from each other.
+    pub pixels: Pixels,
     /// How steady the light is.
     pub lamp: Lamp,
 }
@@ -109,6 +111,37 @@ pub struct Direct {
     pub camera: Field,
     /// How it varies over the projector's image, relative.
     pub projector: Field,
+}
+
+/// What the pixels of the camera's sensor differ by, each from what a perfect one shows; terms of EMVA 1288 (release 4.0).
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Pixels {
+    /// Seed of what differs and stays: the same sensor whatever the size of its image.
+    pub seed: u64,
+    /// Photo-response non-uniformity: standard deviation over the pixels of what each shows of the same light, relative.
+    pub prnu: f64,
+    /// Dark-signal non-uniformity: standard deviation over the pixels of their offset, electrons.
+    pub dsnu_e: f64,
+    /// Share of pixels that are hot: their dark currents lie between 10² and 10⁵ e⁻/s, log-uniformly.
+    pub hot: f64,
+    /// Standard deviation of what all pixels of a row have in common in one frame, electrons.
+    pub row_noise_e: f64,
+}
+
+impl Pixels {
+    /// A sensor by chance. Its chance is its own, so that it changes no other flaw that follows from the `seed`.
+    pub(super) fn drawn(seed: u64) -> Self {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed ^ SENSOR_STREAM);
+        Self {
+            // Files hold no larger numbers.
+            seed: rng.random::<u64>() >> 33,
+            prnu: log_uniform(PRNUS, &mut rng),
+            dsnu_e: log_uniform(DSNUS_E, &mut rng),
+            hot: log_uniform(HOT_SHARES, &mut rng),
+            row_noise_e: log_uniform(ROW_NOISES_E, &mut rng),
+        }
+    }
 }
 
 impl Glare {
@@ -224,3 +257,17 @@ pub const FLICKERS: RangeInclusive<f64> = 5e-4..=5e-3;
 /// Half the range by which the light of black pixels varies over the image beside that of lit ones: black depends on the angle
 /// at which light meets the modulator.
 pub(super) const BLACK_FIELD: f64 = 0.2;
+
+/// What tells the chance of a sensor from that of the rest of the rig: the letters of `pixels`.
+const SENSOR_STREAM: u64 = 0x7069_7865_6c73;
+/// PRNU of CMOS sensors with a global shutter: 0.2 to 1 %, usually 0.5 % (data sheets by EMVA 1288).
+pub const PRNUS: RangeInclusive<f64> = 2e-3..=1e-2;
+/// DSNU of such sensors in electrons: 0.3 to 3, usually 1 (the same data sheets).
+pub(super) const DSNUS_E: RangeInclusive<f64> = 0.3..=3.0;
+/// Shares of hot pixels: some ten to some thousand in a sensor of 1 to 4 million (defect maps that makers deliver).
+pub(super) const HOT_SHARES: RangeInclusive<f64> = 1e-5..=1e-3;
+/// Dark currents of hot pixels, electrons per second.
+pub(super) const HOT_E_PER_S: RangeInclusive<f64> = 1e2..=1e5;
+/// Row noise of such sensors in electrons: a tenth of the read noise where rows are read well (0.1 to 0.3), as much as a third
+/// of it where they are not.
+pub const ROW_NOISES_E: RangeInclusive<f64> = 0.1..=1.0;

@@ -14,6 +14,7 @@
 //! - `flaws`: imperfections that no rig file has
 //! - `truth`: how the rig really is, if that is not what its rig file says
 //! - `sensor`: charge → digital numbers, with noise
+//! - `pixels`: what the sensor's pixels differ by
 //! - `controller`: the firmware's own library in virtual time
 //! - `wires`: the edges of a trigger box elsewhere, in place of the simulated one
 //!
@@ -24,6 +25,7 @@ mod controller;
 mod flaws;
 mod held;
 mod light;
+mod pixels;
 mod scene;
 mod sensor;
 pub mod setup;
@@ -45,10 +47,13 @@ use crate::plan::Faults;
 use crate::plan::pattern::BitPattern;
 
 pub use controller::{CLOCK_HZ, VirtualController};
-pub use flaws::{CONTRASTS, DRIFTS, Direct, FLICKERS, Field, Flaws, GHOSTS, GLARES, Ghost, Glare, Lamp};
+pub use flaws::{
+    CONTRASTS, DRIFTS, Direct, FLICKERS, Field, Flaws, GHOSTS, GLARES, Ghost, Glare, Lamp, PRNUS, Pixels,
+    ROW_NOISES_E,
+};
 pub use held::{FlatMirror, Held};
 pub use sensor::Noise;
-pub use truth::{Tolerances, Truth};
+pub use truth::{PixelTolerances, Tolerances, Truth};
 pub use wires::{Wires, WiresError};
 
 use scene::Scene;
@@ -112,7 +117,7 @@ impl VirtualRig {
 /// Digital numbers of pixels of `rig`'s camera that collected `signal_e` electrons of light in `exposure_s` seconds.
 #[must_use]
 pub fn sense(rig: &Rig, signal_e: &[f32], exposure_s: f64, noise: Noise, seed: u64) -> Vec<u16> {
-    Sensor::of(rig).digitise(signal_e, exposure_s, noise, seed)
+    Sensor::of(rig).digitise(signal_e, &[], exposure_s, noise, seed)
 }
 
 fn optics_of(
@@ -210,18 +215,10 @@ impl Camera for VirtualCamera {
             let shots: Vec<Shot> = self.stage.lock().take_shots(images);
             let frames: Vec<Frame> = shots
                 .into_par_iter()
-                .map(|shot| {
-                    let charge_e = self.scene.charge_e(&shot);
-                    let noise = self.behaviour.noise;
-                    let dn = self
-                        .scene
-                        .sensor()
-                        .digitise(&charge_e, shot.exposure_s, noise, shot.seed);
-                    Frame {
-                        id: shot.id,
-                        timestamp_s: shot.timestamp_s,
-                        dn,
-                    }
+                .map(|shot| Frame {
+                    id: shot.id,
+                    timestamp_s: shot.timestamp_s,
+                    dn: self.scene.frame(&shot, self.behaviour.noise),
                 })
                 .collect();
             self.ready = frames.into_iter();

@@ -16,7 +16,8 @@ use rayon::prelude::*;
 
 use super::held::{Held, Reflections};
 use super::light::{AtSample, Glow, Light};
-use super::sensor::Sensor;
+use super::pixels::PixelMaps;
+use super::sensor::{Noise, Sensor};
 use super::stage::Shot;
 use super::stray::Stray;
 use super::truth::Truth;
@@ -87,6 +88,8 @@ pub(super) struct Scene {
     intensity: Vec<f64>,
     gamma: f64,
     sensor: Sensor,
+    /// What its pixels differ by; `None` if they do not.
+    maps: Option<PixelMaps>,
     /// Electrons per (f in sr⁻¹ × irradiance × second).
     sensitivity: f64,
     interreflection: Option<Interreflection>,
@@ -150,6 +153,7 @@ impl Scene {
                 .collect(),
             gamma: if flaws.gamma > 0.0 { flaws.gamma } else { 1.0 },
             sensor: Sensor::of(rig).with_nonlinearity(flaws.nonlinearity),
+            maps: PixelMaps::of(&flaws.pixels, rig),
             sensitivity: rig.sensitivity_e(),
             black: None,
             black_intensity: Vec::new(),
@@ -180,10 +184,6 @@ impl Scene {
 
     pub(super) const fn format(&self) -> FrameFormat {
         self.format
-    }
-
-    pub(super) const fn sensor(&self) -> &Sensor {
-        &self.sensor
     }
 
     pub(super) fn projector_size_px(&self) -> (usize, usize) {
@@ -271,8 +271,20 @@ impl Scene {
         f.map(|f| f * pixel.throughput)
     }
 
+    /// Digital numbers of `shot`, [row, column, channel].
+    pub(super) fn frame(&self, shot: &Shot, noise: Noise) -> Vec<u16> {
+        let mut charge_e = self.charge_e(shot);
+        let mut offset_e = Vec::new();
+        if let Some(maps) = &self.maps {
+            maps.expose(&mut charge_e, shot.exposure_s);
+            offset_e = maps.offset_e(noise, shot.seed);
+        }
+        self.sensor
+            .digitise(&charge_e, &offset_e, shot.exposure_s, noise, shot.seed)
+    }
+
     /// Electrons of light in every pixel, [row, column, channel].
-    pub(super) fn charge_e(&self, shot: &Shot) -> Vec<f32> {
+    fn charge_e(&self, shot: &Shot) -> Vec<f32> {
         let channels = self.format.channels;
         let mut charge_e = vec![0.0; self.format.len()];
         let mut add = |pixel: &Pixel, scale: f64, mut f: [f64; 3]| {

@@ -63,15 +63,24 @@ impl Sensor {
         Self { nonlinearity, ..self }
     }
 
-    /// Digital numbers of pixels that collected `signal_e` electrons of light in `exposure_s` seconds.
-    pub(super) fn digitise(&self, signal_e: &[f32], exposure_s: f64, noise: Noise, seed: u64) -> Vec<u16> {
+    /// Digital numbers of pixels that collected `signal_e` electrons of light in `exposure_s` seconds, and show `offset_e`
+    /// electrons more; nothing where that is empty.
+    pub(super) fn digitise(
+        &self,
+        signal_e: &[f32],
+        offset_e: &[f32],
+        exposure_s: f64,
+        noise: Noise,
+        seed: u64,
+    ) -> Vec<u16> {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
         let dark_e = self.dark_current_e_per_s * exposure_s;
         let per_e = 1.0 / self.gain_e_per_dn;
         let deviations = self.deviations(noise);
         signal_e
             .iter()
-            .map(|&signal_e| {
+            .enumerate()
+            .map(|(at, &signal_e)| {
                 let mean_e = f64::from(signal_e) + dark_e;
                 let charge_e = match noise {
                     Noise::Off => mean_e,
@@ -80,7 +89,8 @@ impl Sensor {
                 if self.may_saturate(mean_e, deviations) {
                     return self.saturation_dn as u16;
                 }
-                let signal_dn = (charge_e + self.rounding_e(mean_e)) * per_e;
+                let offset_e = offset_e.get(at).map_or(0.0, |offset_e| f64::from(*offset_e));
+                let signal_dn = (charge_e + offset_e + self.rounding_e(mean_e)) * per_e;
                 let fill = (signal_dn / (self.saturation_dn - self.dark_dn)).clamp(0.0, 1.0);
                 let dn = self.dark_dn + signal_dn * (1.0 - self.nonlinearity * fill);
                 let dither = match noise {
@@ -149,7 +159,7 @@ mod tests {
     #[test]
     fn mean_and_variance_follow_the_photon_transfer_curve() {
         for signal_e in [0.0_f32, 5.0, 40.0, 60.0, 1000.0, 15_000.0] {
-            let dn = SENSOR.digitise(&vec![signal_e; 200_000], 0.01, Noise::On, 1);
+            let dn = SENSOR.digitise(&vec![signal_e; 200_000], &[], 0.01, Noise::On, 1);
             let mean = dn.iter().map(|&v| f64::from(v)).sum::<f64>() / dn.len() as f64;
             let var = dn.iter().map(|&v| (f64::from(v) - mean).powi(2)).sum::<f64>() / dn.len() as f64;
             let expected = 64.0 + f64::from(signal_e) / 5.0;
@@ -168,11 +178,11 @@ mod tests {
 
     #[test]
     fn saturation_clips_and_the_same_seed_repeats() {
-        assert_eq!(SENSOR.digitise(&[1e9], 0.01, Noise::On, 1), [4095]);
+        assert_eq!(SENSOR.digitise(&[1e9], &[], 0.01, Noise::On, 1), [4095]);
         let signal = [100.0; 50];
-        let first = SENSOR.digitise(&signal, 0.01, Noise::On, 7);
-        assert_eq!(first, SENSOR.digitise(&signal, 0.01, Noise::On, 7));
-        assert_ne!(first, SENSOR.digitise(&signal, 0.01, Noise::On, 8));
-        assert_eq!(SENSOR.digitise(&[100.0], 0.01, Noise::Off, 7), [84]);
+        let first = SENSOR.digitise(&signal, &[], 0.01, Noise::On, 7);
+        assert_eq!(first, SENSOR.digitise(&signal, &[], 0.01, Noise::On, 7));
+        assert_ne!(first, SENSOR.digitise(&signal, &[], 0.01, Noise::On, 8));
+        assert_eq!(SENSOR.digitise(&[100.0], &[], 0.01, Noise::Off, 7), [84]);
     }
 }

@@ -18,11 +18,19 @@ use serde::{Deserialize, Serialize};
 use crate::brdf::sample::Sample;
 use crate::instrument::rig::{Lens, Rig, RigError, explain};
 
-use super::flaws::{BLACK_FIELD, CONTRASTS, Direct, Field, Flaws, Ghost, Glare, Lamp, log_uniform};
+use super::flaws::{BLACK_FIELD, CONTRASTS, Direct, Field, Flaws, Ghost, Glare, Lamp, Pixels, log_uniform};
 use super::held::Off;
 
-/// Version of a truth's file: 3 has the lamp's drift and flicker, 2 glare, ghost and direct light, 1 (which does not say so) neither.
+/// Version of a truth's file; 1 does not say so.
 const VERSION: u32 = 3;
+/// What came with each later version.
+const NEWS: [(u32, &str); 2] = [
+    (2, "glare, the splitter's ghost and direct light"),
+    (
+        3,
+        "the lamp's drift and flicker and pixels of the camera that differ",
+    ),
+];
 
 /// A virtual rig as it really is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -63,6 +71,42 @@ pub struct Tolerances {
     /// Standard uncertainty of the reflectance of each standard, relative: a certificate of a pressed or sintered PTFE standard
     /// says 0.25 to 0.5 %.
     pub standard: f64,
+    /// How the camera's pixels differ.
+    pub pixels: PixelTolerances,
+}
+
+/// How far the camera's pixels differ; see [`Pixels`]. `None` draws each log-uniformly.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PixelTolerances {
+    /// As [`Pixels::prnu`], drawn from [`PRNUS`](super::PRNUS).
+    pub prnu: Option<f64>,
+    /// As [`Pixels::dsnu_e`], drawn between 0.3 and 3 electrons.
+    pub dsnu_e: Option<f64>,
+    /// As [`Pixels::hot`], drawn between 10⁻⁵ and 10⁻³.
+    pub hot: Option<f64>,
+    /// As [`Pixels::row_noise_e`], drawn from [`ROW_NOISES_E`](super::ROW_NOISES_E).
+    pub row_noise_e: Option<f64>,
+}
+
+impl PixelTolerances {
+    /// All of it drawn.
+    pub const DRAWN: Self = Self {
+        prnu: None,
+        dsnu_e: None,
+        hot: None,
+        row_noise_e: None,
+    };
+
+    fn drawn(self, seed: u64) -> Pixels {
+        let drawn = Pixels::drawn(seed);
+        Pixels {
+            prnu: self.prnu.unwrap_or(drawn.prnu),
+            dsnu_e: self.dsnu_e.unwrap_or(drawn.dsnu_e),
+            hot: self.hot.unwrap_or(drawn.hot),
+            row_noise_e: self.row_noise_e.unwrap_or(drawn.row_noise_e),
+            ..drawn
+        }
+    }
 }
 
 impl Tolerances {
@@ -78,6 +122,7 @@ impl Tolerances {
         drift: None,
         flicker: None,
         standard: 0.0,
+        pixels: PixelTolerances::DRAWN,
     };
 }
 
@@ -110,6 +155,7 @@ impl Truth {
             drift,
             flicker,
             standard,
+            pixels,
         } = tolerances;
         // Shapes and lenses are made better than they are mounted: a tenth of the way in the same proportion.
         let relative = position_m / nominal.mirror.a_m;
@@ -158,6 +204,7 @@ impl Truth {
             ghost: Ghost::drawn(&mut rng),
             direct: Direct::drawn(&mut rng),
             lamp: Lamp::default(),
+            pixels: pixels.drawn(seed),
         };
         flaws.standards = std::array::from_fn(|_| {
             let normal: f64 = rng.sample(StandardNormal);
@@ -200,10 +247,14 @@ impl Truth {
             found,
         };
         if self.version != VERSION {
-            let expected = format!(
-                "{VERSION}, which also has glare, the splitter's ghost, direct light, and the lamp's drift and flicker; `rcg \
-                 truth` draws one"
-            );
+            let news = NEWS.iter().filter(|(since, _)| *since > self.version);
+            let news: Vec<&str> = news.map(|(_, what)| *what).collect();
+            let also = if news.is_empty() {
+                String::new()
+            } else {
+                format!(", which also has {}", news.join(", and "))
+            };
+            let expected = format!("{VERSION}{also}; `rcg truth` draws one");
             let found = if self.version == 0 {
                 "none".to_owned()
             } else {
@@ -217,6 +268,7 @@ impl Truth {
             ghost,
             direct,
             lamp,
+            pixels,
             ..
         } = &self.flaws;
         let of_glare = |low: f64| if glare.share > 0.0 { low } else { 0.0 };
@@ -239,6 +291,10 @@ impl Truth {
             ("flaws.lamp.change", lamp.change, -0.9, 9.0),
             ("flaws.lamp.drift_per_h", lamp.drift_per_h, -0.2, 0.2),
             ("flaws.lamp.flicker", lamp.flicker, 0.0, 0.1),
+            ("flaws.pixels.prnu", pixels.prnu, 0.0, 0.1),
+            ("flaws.pixels.dsnu_e", pixels.dsnu_e, 0.0, 100.0),
+            ("flaws.pixels.hot", pixels.hot, 0.0, 0.1),
+            ("flaws.pixels.row_noise_e", pixels.row_noise_e, 0.0, 100.0),
         ] {
             if !(low..=high).contains(&found) {
                 return Err(refuse(
@@ -275,7 +331,7 @@ impl Truth {
 mod tests {
     use glam::DVec3;
 
-    use super::super::flaws::{GHOSTS, GLARES};
+    use super::super::flaws::{GHOSTS, GLARES, PRNUS, ROW_NOISES_E};
     use super::*;
 
     #[test]
@@ -294,6 +350,8 @@ mod tests {
             squares += truth.rig.camera.lens.offset_m.map(|m| m * m).iter().sum::<f64>();
             assert!(CONTRASTS.contains(&truth.flaws.black_level.recip()));
             assert!(GLARES.contains(&truth.flaws.glare.share) && GHOSTS.contains(&truth.flaws.ghost.share));
+            let pixels = &truth.flaws.pixels;
+            assert!(PRNUS.contains(&pixels.prnu) && ROW_NOISES_E.contains(&pixels.row_noise_e));
             truth.check(Path::new("truth.toml")).unwrap();
             for field in [&truth.flaws.throughput, &truth.flaws.intensity] {
                 let values = field.over(64, 64);
@@ -325,6 +383,11 @@ mod tests {
             older.contains("version: expected 3, which also has glare") && older.ends_with("found none"),
             "{older}"
         );
+        let before = refusal(truth.to_toml().replacen("version = 3\n", "version = 2\n", 1));
+        assert!(
+            before.contains("version: expected 3, which also has pixels") && before.ends_with("found 2"),
+            "{before}"
+        );
         for (field, spoil) in [
             (
                 "flaws.glare.share",
@@ -333,6 +396,12 @@ mod tests {
             ("flaws.glare.core", |flaws| flaws.glare.share = 0.01),
             ("flaws.ghost.shift[1]", |flaws| flaws.ghost.shift[1] = -1.5),
             ("flaws.standards[0]", |flaws| flaws.standards[0] = -0.9),
+            ("flaws.pixels.prnu", |flaws| flaws.pixels.prnu = 0.2),
+            ("flaws.pixels.dsnu_e", |flaws| flaws.pixels.dsnu_e = -1.0),
+            ("flaws.pixels.hot", |flaws| flaws.pixels.hot = f64::INFINITY),
+            ("flaws.pixels.row_noise_e", |flaws| {
+                flaws.pixels.row_noise_e = f64::NAN;
+            }),
             ("flaws.black_level", |flaws| flaws.black_level = f64::NAN),
         ] {
             let mut wrong = truth.clone();

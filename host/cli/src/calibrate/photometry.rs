@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use rcg::base::progress::Progress as _;
 use rcg::brdf::sample::parse;
 use rcg::calibrate::photometry::{Request, Views, calibrate, capture};
-use rcg::instrument::calibration::{LampFound, Photometry, RIG};
+use rcg::instrument::calibration::{CameraFound, LampFound, Photometry, RIG};
 use rcg::instrument::rig::{Rig, Tilt};
 use rcg::store::Lock;
 use rcg::store::whole_file::write_whole;
@@ -126,6 +126,20 @@ fn lamp(found: &Photometry) -> String {
     }
 }
 
+fn pixels(camera: &CameraFound) -> String {
+    let assumed = if camera.prnu_is_assumed {
+        " (assumed: too few show it; take a larger --image-size)"
+    } else {
+        ""
+    };
+    format!(
+        "differ by {:.2} % in response{assumed}, {:.2} e⁻ in the dark; {:.4} % or more are hot",
+        100.0 * camera.prnu,
+        camera.dsnu_e,
+        100.0 * camera.hot
+    )
+}
+
 fn text(found: &Photometry) -> String {
     let camera = &found.camera;
     let percent = |share: f64| format!("{:.3} %", 100.0 * share);
@@ -135,7 +149,14 @@ fn text(found: &Photometry) -> String {
             format!("{:.2} DN + {:.2} DN/s", camera.dark_dn, camera.dark_dn_per_s),
         ),
         ("gain", format!("{:.4} e⁻/DN", camera.gain_e_per_dn)),
-        ("read noise", format!("{:.2} e⁻", camera.read_noise_e)),
+        (
+            "read noise",
+            format!(
+                "{:.2} e⁻, of rows {:.2} e⁻",
+                camera.read_noise_e, camera.row_noise_e
+            ),
+        ),
+        ("pixels", pixels(camera)),
         (
             "nonlinearity",
             format!(

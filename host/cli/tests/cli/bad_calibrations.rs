@@ -141,6 +141,10 @@ fn a_calibration_of_something_else_than_numbers_is_refused_by_its_field() {
         ("field_residual", json!(-0.1)),
         ("sensitivity", json!(0.0)),
         ("share", json!(3.0)),
+        ("prnu", json!(-0.1)),
+        ("row_noise_e", json!(-0.1)),
+        ("dsnu_e", json!(-1.0)),
+        ("hot", json!(1.5)),
         ("version", json!(5)),
         ("version", json!(7)),
     ] {

@@ -36,6 +36,8 @@ struct Bracket {
     time: f32,
     /// Variance by reading out and rounding, in DN².
     dark_variance: f32,
+    /// Variance of what a row has in common, in DN².
+    row_variance: f32,
 }
 
 /// How the exposures of one pattern become an image.
@@ -49,8 +51,10 @@ pub(super) struct Merge<'a> {
 pub(super) struct Merged {
     /// Rate in DN per exposure time of the first; NaN where all exposures saturated.
     pub(super) signal: Vec<Vec4>,
-    /// Its variance.
+    /// Its variance by noise that is its own.
     pub(super) variance: Vec<Vec4>,
+    /// Standard deviation of what its row has in common.
+    pub(super) of_row: Vec<Vec4>,
     /// Whether more than one exposure took part, in any channel.
     pub(super) several: Vec<bool>,
     /// Which exposure counts most.
@@ -66,6 +70,7 @@ impl<'a> Merge<'a> {
             .map(|one| Bracket {
                 time: (one.exposure_s / first_s) as f32,
                 dark_variance: one.dark_variance,
+                row_variance: one.row_variance,
             })
             .collect();
         Self { exposures, brackets }
@@ -77,6 +82,7 @@ impl<'a> Merge<'a> {
         let pixels = samples / CHANNELS;
         out.signal.clear();
         out.variance.clear();
+        out.of_row.clear();
         out.several.clear();
         out.heaviest.clear();
         let saturation = Vec4::splat(f32::from(self.exposures[0].saturation));
@@ -104,17 +110,18 @@ impl<'a> Merge<'a> {
                     dark_variance: radiometry.dark_shot_variance(dark) + self.brackets[k].dark_variance,
                 };
             }
-            let (signal, variance, used, heaviest) = self.pixel::<CHANNELS>(&numbers[..self.brackets.len()]);
-            out.heaviest.push(heaviest);
-            out.signal.push(signal);
-            out.variance.push(variance);
+            let found = self.pixel::<CHANNELS>(&numbers[..self.brackets.len()]);
+            out.signal.push(found.signal);
+            out.variance.push(found.variance);
+            out.of_row.push(found.of_row);
+            out.heaviest.push(found.heaviest);
             out.several
-                .push(used.to_array()[..CHANNELS].iter().any(|&used| used > 1.0));
+                .push(found.used.to_array()[..CHANNELS].iter().any(|&used| used > 1.0));
         }
     }
 
-    /// Rate, its variance, how many exposures made it and which counts most, from the numbers of each exposure.
-    fn pixel<const CHANNELS: usize>(&self, numbers: &[Number]) -> (Vec4, Vec4, Vec4, u8) {
+    /// From the numbers of each exposure.
+    fn pixel<const CHANNELS: usize>(&self, numbers: &[Number]) -> Pixel {
         let shot_per_dn = self.exposures[0].shot_per_dn;
         let (mut sum, mut weights) = (Vec4::ZERO, Vec4::ZERO);
         for (bracket, number) in self.brackets.iter().zip(numbers) {
@@ -132,16 +139,39 @@ impl<'a> Merge<'a> {
             best = best.max(*weight);
         }
         let (mut sum, mut weights, mut used) = (Vec4::ZERO, Vec4::ZERO, Vec4::ZERO);
+        let mut of_row = Vec4::ZERO;
         for ((bracket, number), &weight) in self.brackets.iter().zip(numbers).zip(&weight) {
             let takes_part = Vec4::select(weight.cmpge(best * DARK_SHARE), Vec4::ONE, Vec4::ZERO);
             sum += takes_part * weight * number.signal / bracket.time;
             weights += takes_part * weight;
             used += takes_part;
+            // Exposures have rows of their own.
+            let part = takes_part * weight / bracket.time;
+            of_row += part * part * bracket.row_variance;
         }
         let all = |weight: &Vec4| weight.to_array()[..CHANNELS].iter().sum::<f32>();
         let heaviest = (0..numbers.len()).max_by(|a, b| all(&weight[*a]).total_cmp(&all(&weight[*b])));
-        (sum / weights, 1.0 / weights, used, heaviest.unwrap_or(0) as u8)
+        Pixel {
+            heaviest: heaviest.unwrap_or(0) as u8,
+            signal: sum / weights,
+            variance: 1.0 / weights,
+            of_row: Vec4::from_array(of_row.to_array().map(f32::sqrt)) / weights,
+            used,
+        }
     }
+}
+
+/// One pixel of the merged image, channels in the lanes.
+struct Pixel {
+    /// Rate.
+    signal: Vec4,
+    /// Its variance.
+    variance: Vec4,
+    /// Standard deviation of what its row has in common.
+    of_row: Vec4,
+    /// How many exposures made it, and which of them counts most.
+    used: Vec4,
+    heaviest: u8,
 }
 
 /// One pixel of one exposure, channels in the lanes.

@@ -137,7 +137,7 @@ fn no_other_weights_do_better() {
                 }
             })
             .collect();
-        let (signal, variance, ..) = merge.pixel::<1>(&numbers);
+        let Pixel { signal, variance, .. } = merge.pixel::<1>(&numbers);
         assert!((f64::from(signal.x) / first_dn - 1.0).abs() < 1e-5);
         let shot = f64::from(exposures[0].shot_per_dn);
         let alone = merge

@@ -13,6 +13,7 @@
 //! s'·(1 + β·s'/range) brings it back to first order. All pixels together determine β by least squares, each with a rate of
 //! its own.
 
+use super::pixels::{DarkPattern, Layout};
 use crate::instrument::calibration::CameraFound;
 use crate::instrument::rig::ROUNDING_DN2;
 
@@ -99,14 +100,19 @@ fn moments_of(frames: &[&[u16]], of: impl Fn(usize, f64) -> f64) -> (Vec<f64>, V
         .unzip()
 }
 
-/// What the series says of the camera; `saturation_dn` is its largest number.
+/// What the series says of the camera but for the response of its pixels; `saturation_dn` is its largest number.
 ///
 /// # Errors
 /// [`CalibrateError::Views`] if noise or brightness of the series say nothing.
-pub(super) fn camera(series: &[Times], saturation_dn: f64) -> Result<CameraFound, CalibrateError> {
+pub(super) fn camera(
+    series: &[Times],
+    saturation_dn: f64,
+    layout: &Layout,
+) -> Result<CameraFound, CalibrateError> {
     let (dark_dn, dark_dn_per_s) = dark(series);
     let range = saturation_dn - dark_dn;
-    let transfer = photon_transfer(series, (dark_dn, dark_dn_per_s), range);
+    let pattern = DarkPattern::of(series, layout);
+    let transfer = photon_transfer(series, (dark_dn, dark_dn_per_s), range, pattern.row_dn2);
     let (gain_e_per_dn, read_noise_dn) = transfer.ok_or_else(|| CalibrateError::Views {
         expected: "frames whose noise grows with the light".to_owned(),
         found: "noise that does not".to_owned(),
@@ -127,6 +133,11 @@ pub(super) fn camera(series: &[Times], saturation_dn: f64) -> Result<CameraFound
         read_noise_e: read_noise_dn * gain_e_per_dn,
         nonlinearity,
         linearity_residual,
+        prnu: 0.0,
+        prnu_is_assumed: false,
+        row_noise_e: pattern.row_dn2.sqrt() * gain_e_per_dn,
+        dsnu_e: pattern.offset_dn2.sqrt() * gain_e_per_dn,
+        hot: pattern.hot,
     })
 }
 
@@ -152,8 +163,9 @@ fn line(points: &[(f64, f64, f64)]) -> (f64, f64) {
     ((wy - slope * wx) / w, slope)
 }
 
-/// Gain in electrons per digital number and read noise in digital numbers; `None` if the noise does not show them.
-fn photon_transfer(series: &[Times], dark: (f64, f64), range: f64) -> Option<(f64, f64)> {
+/// Gain in electrons per digital number and read noise in digital numbers, without that of rows, which has the variance
+/// `row_dn2`; `None` if the noise does not show them.
+fn photon_transfer(series: &[Times], dark: (f64, f64), range: f64, row_dn2: f64) -> Option<(f64, f64)> {
     let (dark_dn, dark_dn_per_s) = dark;
     let mut bins = vec![(0.0, 0.0, 0_u32); BINS];
     for times in series {
@@ -191,7 +203,8 @@ fn photon_transfer(series: &[Times], dark: (f64, f64), range: f64) -> Option<(f6
     }
     without /= series.len() as f64;
     // With a single bin there is no line, and no number.
-    (slope > 0.0 && slope.is_finite()).then(|| (slope.recip(), (without - ROUNDING_DN2).max(0.0).sqrt()))
+    (slope > 0.0 && slope.is_finite())
+        .then(|| (slope.recip(), (without - row_dn2 - ROUNDING_DN2).max(0.0).sqrt()))
 }
 
 /// What a pixel shows of light, how far nonlinearity of β = 1 bends it, and its weight.

@@ -14,6 +14,7 @@
 //! | `contrast` | light of black projector pixels |
 //! | `stray` | glare, ghost and direct light |
 //! | `share` | what of both images the standard truly filled |
+//! | `pixels` | how the camera's pixels and rows differ |
 //! | `sight` | that as files and assembly have it |
 //!
 //! The standard may be seen at several tilts, as samples will be.
@@ -32,6 +33,7 @@ mod contrast;
 mod exposure;
 mod in_holder;
 mod linear;
+mod pixels;
 mod rank_one;
 mod share;
 mod stray;
@@ -45,6 +47,7 @@ pub use capture::{Request, Views, capture};
 use camera::{Times, camera, flicker};
 use capture::{SEGMENT, Shows, VIEWS};
 use linear::Linear;
+use pixels::{Layout, every_second};
 use rank_one::Seen;
 use share::{Frames, fit_whole};
 
@@ -64,6 +67,9 @@ use crate::store::{RawStore, Segment};
 const APART: f64 = 0.3;
 /// Share of saturated values in frames of the standard that is too much.
 const SATURATED: f64 = 0.002;
+
+/// What the response of pixels is taken for where too few show it, relative: data sheets by EMVA 1288 have 0.2 to 1 %.
+const MOST_PRNU: f64 = 0.01;
 
 /// Level of grey of the exposure `index` of the series of levels.
 fn level(index: usize) -> u8 {
@@ -112,6 +118,9 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         found: "too little of the image lit".to_owned(),
         advice: "is the standard in place, and lit?",
     })?;
+    let prnu = captured.prnu(&all, &linear, &Layout::of(&rig));
+    let mut camera = linear.sensor;
+    (camera.prnu, camera.prnu_is_assumed) = (prnu.unwrap_or(MOST_PRNU), prnu.is_none());
     let own = interreflected(standard.as_ref());
     let interreflection = match &views.second_standard {
         None => None,
@@ -125,7 +134,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         rig_sha256: rig_hash(&views.rig),
         standard: views.standard.clone(),
         standard_uncertainty,
-        camera: linear.sensor,
+        camera,
         contrast: contrast::contrast(
             &all[0],
             (&rig, views.times_s[0]),
@@ -135,6 +144,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         ),
         gamma: gamma(&projector_response),
         projector_response,
+        field_residual: fields.residual_beside(&camera.of_image(&rig.camera.binned)),
         // The standard's own interreflection is no property of the instrument.
         sensitivity: fields
             .sensitivity
@@ -144,7 +154,6 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         throughput: fields.throughput,
         intensity: fields.intensity,
         field_uncertainty: fields.uncertainty,
-        field_residual: fields.residual,
         interreflection,
         stray: stray_light,
         lamp,
@@ -273,6 +282,34 @@ impl<'a> Captured<'a> {
         Ok((seen, frames))
     }
 
+    /// Standard deviation of the response over the sensor's pixels, from all that was `seen` of the standard; `None` if that is
+    /// too little.
+    fn prnu(&self, seen: &[Seen], linear: &Linear, layout: &Layout) -> Option<f64> {
+        // Of the exposure time of the standard.
+        let dark = self.frames(Shows::Dark(self.views.times_s.len() - 1));
+        let lit = seen.iter().enumerate().map(|(stand, seen)| {
+            let is_of_it = |shows: &Shows| match shows {
+                Shows::Black(of) | Shows::Directions(of, _) => *of == stand,
+                _ => false,
+            };
+            let wanted = self.shows.iter().copied().filter(is_of_it);
+            let frames: Vec<&[u16]> = wanted.flat_map(|shows| self.frames(shows)).collect();
+            let half = |first: usize| {
+                let [light, dark] = [&frames, &dark].map(|frames| linear.mean(&every_second(frames, first)));
+                light
+                    .into_iter()
+                    .zip(dark)
+                    .map(|(light, dark)| light - dark)
+                    .collect()
+            };
+            pixels::Lit {
+                is_whole: seen.whole_pixels(),
+                halves: [half(0), half(1)],
+            }
+        });
+        pixels::response(&lit.collect::<Vec<_>>(), layout)
+    }
+
     /// How frames of the standard at the stand of this index lose `other` light.
     fn removal(&self, stand: usize, other: OtherLight) -> Result<Removal, CalibrateError> {
         let side = self.views.stray.watching_side;
@@ -328,7 +365,7 @@ fn camera_of(series: &mut [Times], rig: &Rig) -> Result<(Linear, f64), Calibrate
                 times.lamp = lamp;
             }
         }
-        let camera = camera(series, saturation_dn)?.of_sensor(&rig.camera.binned);
+        let camera = camera(series, saturation_dn, &Layout::of(rig))?.of_sensor(&rig.camera.binned);
         let of_image = camera.of_image(&rig.camera.binned);
         let flicker = flicker(series, of_image.dark_dn, of_image.gain_e_per_dn);
         let linear = Linear {

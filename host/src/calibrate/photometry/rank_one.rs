@@ -19,7 +19,9 @@ use crate::base::linear_fit::least_squares;
 use crate::brdf::sample::Sample;
 use crate::calibrate::CalibrateError;
 use crate::instrument::calibration::stray::{PROJECTOR_TERMS, lit_terms};
-use crate::instrument::calibration::{CalibrationError, HIGHEST, SmoothField, TERMS, degree, lights, terms};
+use crate::instrument::calibration::{
+    CalibrationError, CameraFound, HIGHEST, SmoothField, TERMS, degree, lights, terms,
+};
 use crate::instrument::optics::{DirectionMap, Unmeasurable, View};
 use crate::instrument::rig::Rig;
 
@@ -99,6 +101,15 @@ pub(super) struct Fields {
     pub(super) intensity: SmoothField,
     pub(super) uncertainty: f64,
     pub(super) residual: f64,
+}
+
+impl Fields {
+    /// What pair and fields differ by beside the noise and the response of the pixels of the image's `camera`: that is each
+    /// pixel's own, and not common to all that is measured.
+    pub(super) fn residual_beside(&self, camera: &CameraFound) -> f64 {
+        let known = if camera.prnu_is_assumed { 0.0 } else { camera.prnu };
+        (self.residual.powi(2) - known.powi(2)).max(0.0).sqrt()
+    }
 }
 
 /// Whether the sample's horizon or border is the reason.

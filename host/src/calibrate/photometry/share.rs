@@ -174,6 +174,15 @@ impl Seen<'_> {
         });
     }
 
+    /// Whether each pixel of the image takes part and sees nothing but the standard.
+    pub(super) fn whole_pixels(&self) -> Vec<bool> {
+        let mut whole = vec![false; self.judged.pixels.len()];
+        for (index, ..) in &self.pixels {
+            whole[*index] = self.judged.pixels[*index];
+        }
+        whole
+    }
+
     /// Signal and its variance by noise, in linear digital numbers, of one number of a frame; `None` if it saturated.
     fn signal(&self, frames: &Frames, place: usize, at: usize) -> Option<(f64, f64)> {
         let lit = &frames.lit[place];

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::base::progress::Silent;
+use crate::instrument::calibration::CameraFound;
 use crate::instrument::optics::{DirectionMap, View};
 use crate::instrument::rig::{ROUNDING_DN2, Tilt};
 use crate::plan::Virtual;
@@ -50,13 +51,9 @@ fn calibrated(
     (truth, found)
 }
 
-#[test]
-fn fields_camera_response_and_interreflection_are_found() {
-    let (truth, found) = calibrated(Some("lambert:0.2"), |_| {});
-    let found = found.unwrap();
-    let rig = truth.rig.with_image_size(SIZE).unwrap();
-    println!("{:?} {:?}", found.camera, found.interreflection);
-    let camera = found.camera.of_image(&rig.camera.binned);
+/// The camera was `found` as it truly is; `rig` has its image as captured.
+fn assert_camera(found: &CameraFound, truth: &Truth, rig: &Rig) {
+    let camera = found.of_image(&rig.camera.binned);
     assert!(
         (camera.gain_e_per_dn / rig.gain_e_per_dn() - 1.0).abs() < 0.02,
         "{camera:?}"
@@ -75,6 +72,31 @@ fn fields_camera_response_and_interreflection_are_found() {
         "{camera:?}"
     );
     assert!(camera.linearity_residual < 5e-3, "{camera:?}");
+    let (sensor, pixels) = (found, &truth.flaws.pixels);
+    assert!(!sensor.prnu_is_assumed, "{sensor:?}");
+    assert!(
+        (sensor.prnu / pixels.prnu - 1.0).abs() < 0.2,
+        "{sensor:?} {pixels:?}"
+    );
+    assert!(
+        (sensor.row_noise_e / pixels.row_noise_e - 1.0).abs() < 0.2,
+        "{sensor:?} {pixels:?}"
+    );
+    assert!(
+        (sensor.dsnu_e / pixels.dsnu_e - 1.0).abs() < 0.2,
+        "{sensor:?} {pixels:?}"
+    );
+    // Of many pixels behind one the dim ones are lost in the noise.
+    assert!(sensor.hot < 1.2 * pixels.hot, "{sensor:?} {pixels:?}");
+}
+
+#[test]
+fn fields_camera_response_and_interreflection_are_found() {
+    let (truth, found) = calibrated(Some("lambert:0.2"), |_| {});
+    let found = found.unwrap();
+    let rig = truth.rig.with_image_size(SIZE).unwrap();
+    println!("{:?} {:?}", found.camera, found.interreflection);
+    assert_camera(&found.camera, &truth, &rig);
     assert!((found.gamma - truth.flaws.gamma).abs() < 0.02, "{}", found.gamma);
     let contrast = found.contrast.unwrap() * truth.flaws.black_level;
     assert!((contrast - 1.0).abs() < 0.15, "{contrast}");

@@ -16,7 +16,7 @@ pub const PHOTOMETRY: &str = "photometry.json";
 /// What writes the files of this calibration.
 pub(crate) const COMMAND: &str = "rcg calibrate photometry --out DIR";
 /// Version of `photometry.json`: 2 says where the standard was seen, 3 what the end of a field's series leaves; 4
-/// describes pixels of the sensor, not of the image; 5 has stray light, 6 the lamp.
+/// describes pixels of the sensor, not of the image; 5 has stray light, 6 the lamp and what pixels and rows differ by.
 pub(crate) const PHOTOMETRY_VERSION: u32 = 6;
 
 /// What calibration found, as `photometry.json` has it.
@@ -49,7 +49,8 @@ pub struct Photometry {
     pub intensity: SmoothField,
     /// Relative standard uncertainty (k = 1) of K·T_o·E_p by noise, median over the pairs.
     pub field_uncertainty: f64,
-    /// What is left between the product and the frames of the standard beyond their noise, relative, RMS.
+    /// What is left between the product and the frames of the standard beyond their noise and what pixels differ by, relative,
+    /// RMS.
     pub field_residual: f64,
     /// Share of the light from the sample that returns onto it, if a second standard showed it.
     pub interreflection: Option<Interreflection>,
@@ -183,6 +184,10 @@ impl Photometry {
             // Beyond a half the camera would show less of more light.
             ("camera.nonlinearity", camera.nonlinearity, -0.49, 0.49),
             ("camera.linearity_residual", camera.linearity_residual, 0.0, 1.0),
+            ("camera.prnu", camera.prnu, 0.0, 0.5),
+            ("camera.row_noise_e", camera.row_noise_e, 0.0, 1e12),
+            ("camera.dsnu_e", camera.dsnu_e, 0.0, 1e12),
+            ("camera.hot", camera.hot, 0.0, 1.0),
             ("field_uncertainty", self.field_uncertainty, 0.0, 1.0),
             ("field_residual", self.field_residual, 0.0, 1.0),
         ]
@@ -233,12 +238,23 @@ pub struct CameraFound {
     pub dark_dn_per_s: f64,
     /// Electrons per digital number, of one pixel of the sensor.
     pub gain_e_per_dn: f64,
-    /// Standard deviation of the read-out, electrons, of one pixel of the sensor; with what its steps add.
+    /// Standard deviation of the read-out, electrons, of one pixel of the sensor; with what its steps add, without row noise.
     pub read_noise_e: f64,
     /// β: of a signal s the camera shows s·(1 − β·s/range), the range being that above the dark level.
     pub nonlinearity: f64,
     /// Largest deviation from a straight line that is left, of the mean over all pixels, relative.
     pub linearity_residual: f64,
+    /// Photo-response non-uniformity (EMVA 1288): standard deviation of the response over the sensor's pixels, relative.
+    pub prnu: f64,
+    /// Whether too few pixels showed that, and it is the most that sensors usually have.
+    pub prnu_is_assumed: bool,
+    /// Standard deviation of what all pixels of a row of the sensor have in common in one frame, electrons.
+    pub row_noise_e: f64,
+    /// Dark-signal non-uniformity (EMVA 1288): standard deviation over the sensor's pixels of the level without light at an
+    /// exposure time of zero, electrons. Black frames take it away.
+    pub dsnu_e: f64,
+    /// Share of the sensor's pixels that are hot: whose dark current stands out of the noise.
+    pub hot: f64,
 }
 
 impl CameraFound {
@@ -249,13 +265,27 @@ impl CameraFound {
         Self {
             gain_e_per_dn: self.gain_e_per_dn * binned.pixels,
             read_noise_e: (self.read_noise_e * binned.pixels.sqrt()).hypot(binned.common_e()),
+            prnu: self.prnu / binned.pixels.sqrt(),
+            row_noise_e: self.row_noise_e * row_share(binned),
+            dsnu_e: self.dsnu_e * binned.pixels.sqrt(),
+            hot: 1.0 - (1.0 - self.hot).powf(binned.pixels),
             ..*self
         }
     }
 
-    /// Variance of a pixel without charge by reading out and rounding, in DN².
+    /// Variance of a pixel without charge by reading out and rounding, in DN², alone and with what its row has in common.
     pub(crate) fn read_variance_dn2(&self) -> f64 {
+        self.own_variance_dn2() + self.row_variance_dn2()
+    }
+
+    /// The part of it that differs from pixel to pixel.
+    pub(crate) fn own_variance_dn2(&self) -> f64 {
         (self.read_noise_e / self.gain_e_per_dn).powi(2) + ROUNDING_DN2
+    }
+
+    /// The part of it that all pixels of a row have in common in one frame.
+    pub(crate) fn row_variance_dn2(&self) -> f64 {
+        (self.row_noise_e / self.gain_e_per_dn).powi(2)
     }
 
     /// What was found with an image that is `binned`, for one pixel of the sensor.
@@ -264,7 +294,59 @@ impl CameraFound {
         Self {
             gain_e_per_dn: self.gain_e_per_dn / binned.pixels,
             read_noise_e: self.read_noise_e / binned.pixels.sqrt(),
+            prnu: self.prnu * binned.pixels.sqrt(),
+            row_noise_e: self.row_noise_e / row_share(binned),
+            dsnu_e: self.dsnu_e / binned.pixels.sqrt(),
+            hot: 1.0 - (1.0 - self.hot).powf(binned.pixels.recip()),
             ..*self
+        }
+    }
+}
+
+/// Row noise in the charge of all pixels behind one of an image that is `binned`, over that of a row of the sensor: of N
+/// pixels in √N rows, N times the mean over the rows.
+fn row_share(binned: &Binned) -> f64 {
+    binned.pixels / binned.pixels.sqrt().sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_found_at_one_size_of_the_image_holds_at_another() {
+        let rig = Rig::load("rcg-3").unwrap();
+        let sensor = CameraFound {
+            dark_dn: 64.0,
+            dark_dn_per_s: 1.0,
+            gain_e_per_dn: 2.5,
+            read_noise_e: 3.0,
+            nonlinearity: 0.01,
+            linearity_residual: 0.0,
+            prnu: 0.005,
+            prnu_is_assumed: false,
+            row_noise_e: 0.3,
+            dsnu_e: 1.0,
+            hot: 1e-3,
+        };
+        let image = |size_px: u32| rig.with_image_size(size_px).unwrap().camera.binned;
+        for size_px in [1024, 512, 96] {
+            let binned = image(size_px);
+            let of = sensor.of_image(&binned);
+            let along = 1024.0 / f64::from(size_px);
+            assert!((of.prnu * along / sensor.prnu - 1.0).abs() < 1e-9, "{of:?}");
+            // In numbers of the image, a row of it has the mean of those behind it.
+            let row_dn = (of.row_noise_e / of.gain_e_per_dn) / (sensor.row_noise_e / sensor.gain_e_per_dn);
+            assert!((row_dn * along.sqrt() - 1.0).abs() < 1e-9, "{of:?}");
+            let back = of.of_sensor(&binned);
+            for (found, expected) in [
+                (back.prnu, sensor.prnu),
+                (back.row_noise_e, sensor.row_noise_e),
+                (back.dsnu_e, sensor.dsnu_e),
+                (back.hot, sensor.hot),
+            ] {
+                assert!((found / expected - 1.0).abs() < 1e-9, "{back:?}");
+            }
         }
     }
 }

@@ -29,6 +29,10 @@ pub(super) struct Radiometry {
     pub(super) means: f32,
     /// Variance of a dark-corrected number by reading out and rounding, in DN².
     pub(super) dark_variance: f32,
+    /// Variance of what all dark-corrected numbers of an image's row have in common, in DN².
+    pub(super) row_variance: f32,
+    /// Standard deviation of the response of pixels, relative.
+    pub(super) prnu: f32,
     /// Variance per DN of signal, in DN.
     pub(super) shot_per_dn: f32,
     /// f per (DN / (s × irradiance)).
@@ -89,6 +93,8 @@ impl Radiometry {
             level: level as f32,
             means: means as f32,
             dark_variance: (one * means) as f32,
+            row_variance: camera.map_or(0.0, |camera| camera.row_variance_dn2() * means) as f32,
+            prnu: camera.map_or(0.0, |camera| camera.prnu) as f32,
             shot_per_dn: (1.0 / gain) as f32,
             scale: rig.gain_e_per_dn() / rig.sensitivity_e(),
             saturation,
@@ -289,12 +295,15 @@ pub(super) fn project<const CHANNELS: usize>(
     let variance = |pixel: usize, signal: Vec4| {
         let dark = lanes::<CHANNELS, f32>(&radiometry.dark[pixel * CHANNELS..]);
         let stray = room.stray.get(pixel).copied().unwrap_or(Vec4::ZERO);
-        let shot = (signal + stray).max(Vec4::ZERO) * radiometry.shot_per_dn;
-        shot + radiometry.dark_shot_variance(dark) + radiometry.dark_variance
+        let shown = signal + stray;
+        let shot = shown.max(Vec4::ZERO) * radiometry.shot_per_dn;
+        let response = shown * radiometry.prnu;
+        shot + response * response + radiometry.dark_shot_variance(dark) + radiometry.dark_variance
     };
+    let of_row = Vec4::splat(radiometry.row_variance.sqrt());
     resample::<CHANNELS>(
         (signal, room),
-        variance,
+        (variance, |_| of_row),
         |_| Provenance::Measured,
         factor,
         way.resampling,
@@ -333,6 +342,7 @@ pub(super) fn project_merged<const CHANNELS: usize>(
     let Merged {
         signal,
         variance,
+        of_row,
         several,
         ..
     } = &**merged;
@@ -344,9 +354,14 @@ pub(super) fn project_merged<const CHANNELS: usize>(
             Provenance::Measured
         }
     };
+    let variance = |pixel: usize, signal: Vec4| {
+        let stray = room.stray.get(pixel).copied().unwrap_or(Vec4::ZERO);
+        let response = (signal + stray) * radiometry[0].prnu;
+        variance[pixel] + response * response
+    };
     resample::<CHANNELS>(
         (signal, room),
-        |pixel, _| variance[pixel],
+        (variance, |pixel| of_row[pixel]),
         provenance,
         factor,
         way.resampling,
@@ -355,11 +370,12 @@ pub(super) fn project_merged<const CHANNELS: usize>(
 }
 
 /// Writes f, sigma and provenance at the cells that have taps (NaN where a pixel saturated), from the signal of the pixels, its
-/// standard uncertainties by stray light and by the lamp (nothing if there are none), which neighbours have in common, and its
-/// variance by noise, given the pixel and its signal. `factor` is f per signal. Returns as [`project`] does.
+/// standard uncertainties by stray light and by the lamp (nothing if there are none), which neighbours have in common, its variance
+/// by noise and response, given the pixel and its signal, and the standard deviation of what its row has in common, given the
+/// pixel. `factor` is f per signal. Returns as [`project`] does.
 fn resample<const CHANNELS: usize>(
     (signal, room): (&[Vec4], &Room),
-    variance_of: impl Fn(usize, Vec4) -> Vec4,
+    (variance_of, of_row): (impl Fn(usize, Vec4) -> Vec4, impl Fn(usize) -> Vec4),
     provenance_of: impl Fn(&Taps) -> Provenance,
     factor: f32,
     resampling: &Resampling,
@@ -370,17 +386,19 @@ fn resample<const CHANNELS: usize>(
         let cell = taps.cell as usize;
         let mut sum = Vec4::ZERO;
         let (mut variance, mut stray, mut lamp) = (Vec4::ZERO, Vec4::ZERO, Vec4::ZERO);
-        for (&pixel, &weight) in taps.pixel.iter().zip(&taps.weight) {
+        let mut rows = [Vec4::ZERO; 2];
+        for (tap, (&pixel, &weight)) in taps.pixel.iter().zip(&taps.weight).enumerate() {
             let signal = signal[pixel as usize];
             sum += signal * weight;
             variance += variance_of(pixel as usize, signal) * (weight * weight);
+            rows[tap / 2] += of_row(pixel as usize) * weight;
             for (sum, doubt) in [(&mut stray, &room.doubt), (&mut lamp, &room.lamp)] {
                 if let Some(doubt) = doubt.get(pixel as usize) {
                     *sum += *doubt * weight;
                 }
             }
         }
-        variance += stray * stray + lamp * lamp;
+        variance += stray * stray + lamp * lamp + rows[0] * rows[0] + rows[1] * rows[1];
         let f = sum * factor;
         let clear = f.is_finite();
         let (f, uncertainty) = if clear {
@@ -410,45 +428,4 @@ fn resample<const CHANNELS: usize>(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::store::ExposureRecord;
-
-    #[test]
-    fn numbers_above_saturation_are_saturated_in_black_and_lit_frames_alike() {
-        let mut rig = Rig::load("rcg-1").unwrap();
-        (rig.camera.bits, rig.camera.dark_dn) = (12, 16.0);
-        let camera = CameraFound {
-            dark_dn: 16.0,
-            dark_dn_per_s: 0.0,
-            gain_e_per_dn: rig.gain_e_per_dn(),
-            read_noise_e: 3.0,
-            nonlinearity: 0.01,
-            linearity_residual: 0.0,
-        };
-        let record = ExposureRecord {
-            incident: -1,
-            exposure_s: 0.01,
-            ..ExposureRecord::default()
-        };
-        // A file can hold any number of 16 bits, whatever the rig's camera can show.
-        for dn in [4094, 4095, 4096, 4097, 8191, u16::MAX] {
-            for camera in [None, Some(&camera)] {
-                let black = Segment {
-                    frames: vec![16, dn],
-                    records: vec![record],
-                    ..Segment::default()
-                };
-                let radiometry = Radiometry::new(&rig, camera, &[black], 0.01, 2).unwrap();
-                assert!(radiometry.dark.iter().all(|dark| dark.is_finite()), "{dn}");
-                assert!(radiometry.linear(dn).is_finite(), "{dn}");
-                if camera.is_some() && dn >= 4095 {
-                    assert!(
-                        radiometry.linear(dn).total_cmp(&radiometry.linear(4095)).is_eq(),
-                        "{dn}"
-                    );
-                }
-            }
-        }
-    }
-}
+mod tests;
