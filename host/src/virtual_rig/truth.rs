@@ -385,7 +385,8 @@ mod tests {
         );
         let before = refusal(truth.to_toml().replacen("version = 3\n", "version = 2\n", 1));
         assert!(
-            before.contains("version: expected 3, which also has the lamp's drift") && before.ends_with("found 2"),
+            before.contains("version: expected 3, which also has the lamp's drift")
+                && before.ends_with("found 2"),
             "{before}"
         );
         for (field, spoil) in [
