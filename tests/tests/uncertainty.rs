@@ -293,10 +293,12 @@ fn over_many_seeded_runs_the_interval_of_k_2_holds_the_truth() {
     let (mut count, mut within, mut squares) = (0_u32, 0_u32, 0.0);
     let runs = if is_full() { 200 } else { 40 };
     for run in 0..runs {
-        // What the calibration did not know: the standard's reflectance and the directions, by as much as it states.
+        // What the calibration did not know: the standard's reflectance and the directions, by as much as it states. Had the
+        // standard been brighter, so would be what is taken for the sample; the light it would not do for, that is watched.
         let draw = |purpose: u64| normal(run * 10 + purpose);
+        let brighter = 1.0 + STANDARD * draw(0);
+        let held = format!("ggx:f0={},ax=0.5,ay=0.6,rd={}", 0.4 * brighter, 0.3 * brighter);
         let mut truth = truth.clone();
-        truth.rig.light.full_scale_f_sr *= 1.0 + STANDARD * draw(0);
         for axis in 0..2 {
             // A turn of a device by ψ at F2 turns the direction at the sample by some four times as much.
             truth.rig.camera.lens.rotation_deg[axis] +=
@@ -317,7 +319,7 @@ fn over_many_seeded_runs_the_interval_of_k_2_holds_the_truth() {
             Some(&calibration),
             &nominal,
             request,
-            holding(spec, &path, run),
+            holding(&held, &path, run),
         );
         exposure_s = Some(measurement.plan.exposure_s);
         let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
@@ -336,7 +338,8 @@ fn over_many_seeded_runs_the_interval_of_k_2_holds_the_truth() {
     println!("{share:.4} of {count} samples within k = 2, scores spread by {spread:.3}");
     assert!(u64::from(count) > 2500 * runs, "{count}");
     assert!(
-        (0.93..=0.97).contains(&share),
+        // Of a coarse projector few blocks watch the lamp: what is stated of it is more than it is off by.
+        (0.93..=0.995).contains(&share),
         "{share:.4}, scores spread by {spread:.3}"
     );
 }

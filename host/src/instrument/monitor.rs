@@ -13,8 +13,8 @@ use crate::instrument::rig::Rig;
 
 /// Side of a block in pixels, and so the largest side of what is lit in it.
 pub const BLOCK_PX: u32 = 16;
-/// No block is nearer to what the mirror may reflect, pixels.
-const CLEAR_PX: f64 = 24.0;
+/// No block is nearer to what the mirror may reflect, heights of the image.
+const CLEAR: f64 = 0.022;
 
 /// Row-major indices of the pixels of the projector of `rig` that watch the lamp, with a square of `side` pixels (up to
 /// [`BLOCK_PX`]) in each block; none for 0.
@@ -41,8 +41,8 @@ pub fn watching(rig: &Rig, side: u32) -> Vec<u32> {
 
 /// Whether all light of the block at (`left`, `top`), pixels, passes beside the mirror, and more than a little.
 fn is_beside(projector: &View, left: f64, top: f64) -> bool {
-    let block = f64::from(BLOCK_PX);
-    let places = [-CLEAR_PX, block / 2.0, block + CLEAR_PX];
+    let (block, clear_px) = (f64::from(BLOCK_PX), CLEAR * projector.size_px().1 as f64);
+    let places = [-clear_px, block / 2.0, block + clear_px];
     let rim_rad = |dx: &f64, dy: &f64| projector.edge_distances_rad(left + dx, top + dy)[1];
     places.iter().all(|dy| {
         places

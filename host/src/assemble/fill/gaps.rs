@@ -50,8 +50,8 @@ pub(super) fn fill(
     for chunk in 0..brdf.chunks() {
         let mut image = Chunk::read(brdf, chunk)?;
         image.exchange(brdf)?;
-        image.bridge_cells(brdf);
-        image.bridge_rows(brdf)?;
+        image.bridge_cells(brdf, &modelled);
+        image.bridge_rows(brdf, &modelled)?;
         image.model(brdf, &modelled);
         writer.write_chunk(chunk, &image.rows)?;
         progress.reach(chunk + 1);
@@ -152,7 +152,7 @@ impl Chunk {
     }
 
     /// Occluded cells from those on both sides, along the line on which the two are nearest.
-    fn bridge_cells(&mut self, brdf: &Brdf) {
+    fn bridge_cells(&mut self, brdf: &Brdf, modelled: &Modelled) {
         let size = brdf.disk().size();
         let before = self.rows.provenance.clone();
         for sample in 0..before.len() {
@@ -193,14 +193,22 @@ impl Chunk {
                         farther: if diagonal { 2_f32.sqrt() } else { 1.0 },
                     }
                 };
-                let (f, sigma) = between(&side(a, da, beyond_a), &side(b, db, beyond_b));
+                let wi = brdf.grid().direction(self.first + sample / self.cells);
+                let seen = [sample, a, b].map(|at| self.directions[at % self.cells]);
+                let hump = match seen {
+                    [Some(wo), Some(a), Some(b)] => {
+                        modelled.hump((wi, wo), [(wi, a), (wi, b)], da / (da + db))
+                    }
+                    _ => [0.0; 3],
+                };
+                let (f, sigma) = between(&side(a, da, beyond_a), &side(b, db, beyond_b), hump);
                 self.put(sample, f, sigma, Provenance::Interpolated);
             }
         }
     }
 
     /// Images of occluded incident directions from those on both sides.
-    fn bridge_rows(&mut self, brdf: &Brdf) -> Result<(), StoreError> {
+    fn bridge_rows(&mut self, brdf: &Brdf, modelled: &Modelled) -> Result<(), StoreError> {
         for place in 0..self.rows.provenance.len() / self.cells {
             let index = self.first + place;
             if brdf.incident_reason(index) != Some(Unmeasurable::Occluded) {
@@ -223,7 +231,7 @@ impl Chunk {
                 .flat_map(|&(_, wo)| lights.map(|light| (light, wo)))
                 .collect();
             let found = brdf.with_sigma(&pairs)?;
-            for ((sample, _), found) in missing.iter().zip(found.chunks_exact(lights.len())) {
+            for ((sample, wo), found) in missing.iter().zip(found.chunks_exact(lights.len())) {
                 if let [Some([fa, sa]), Some([fb, sb]), beyond_a, beyond_b] = *found {
                     let side = |f, sigma, far: f64, beyond: Option<[[f32; 3]; 2]>| Side {
                         f,
@@ -232,7 +240,9 @@ impl Chunk {
                         beyond: beyond.map(|[f, _]| f),
                         farther: far as f32,
                     };
-                    let (f, sigma) = between(&side(fa, sa, da, beyond_a), &side(fb, sb, db, beyond_b));
+                    let share = (da / (da + db)) as f32;
+                    let hump = modelled.hump((w, *wo), [(a, *wo), (b, *wo)], share);
+                    let (f, sigma) = between(&side(fa, sa, da, beyond_a), &side(fb, sb, db, beyond_b), hump);
                     self.put(*sample, f, sigma, Provenance::Interpolated);
                 }
             }
@@ -270,8 +280,9 @@ impl Side {
 }
 
 /// Linear interpolation between both sides of a gap; the uncertainty takes in half of what the two disagree by, and what
-/// lies between if f bends there as its slopes on both sides say: a lobe may have its peak in the gap.
-fn between(a: &Side, b: &Side) -> ([f32; 3], [f32; 3]) {
+/// lies between if f bends there as its slopes on both sides say, or has the `hump` of a model: a lobe may have its peak in the
+/// gap, and a narrow one all of it.
+fn between(a: &Side, b: &Side, hump: [f32; 3]) -> ([f32; 3], [f32; 3]) {
     let width = a.far + b.far;
     let share = a.far / width;
     let f = std::array::from_fn(|c| a.f[c] + share * (b.f[c] - a.f[c]));
@@ -279,7 +290,9 @@ fn between(a: &Side, b: &Side) -> ([f32; 3], [f32; 3]) {
         let own = ((1.0 - share) * a.sigma[c]).hypot(share * b.sigma[c]);
         // Slopes are those between the sides and what is beyond them.
         let bend = (a.rise(c) + b.rise(c)) / (width + 0.5 * (a.farther + b.farther));
-        own.hypot(0.5 * (a.f[c] - b.f[c])).hypot(bend * a.far * b.far)
+        own.hypot(0.5 * (a.f[c] - b.f[c]))
+            .hypot(bend * a.far * b.far)
+            .hypot(hump[c])
     });
     (f, sigma)
 }
@@ -370,6 +383,13 @@ impl Modelled {
         })
     }
 
+    /// By how much f at a pair of directions is more than what lies between two other pairs, of the second of which it has
+    /// this `share`.
+    fn hump(&self, at: (DVec3, DVec3), sides: [(DVec3, DVec3); 2], share: f32) -> [f32; 3] {
+        let [f, a, b] = [at, sides[0], sides[1]].map(|(wi, wo)| self.f(wi, wo));
+        std::array::from_fn(|c| f[c] - (a[c] + share * (b[c] - a[c])))
+    }
+
     /// Standard uncertainty of the value `f`: the most that the residuals of the fit are within [`NEAR_DEG`] of that half vector,
     /// a tenth at least, because nobody saw whether the model goes on, and more of a fit that does not describe what was seen;
     /// without a lobe the scatter of the samples too.
@@ -422,6 +442,7 @@ fn mean(brdf: &Brdf) -> Result<([f32; 3], [f32; 3]), FillError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::hemisphere::direction::from_degrees;
 
     /// A Gaussian lobe of this standard width about 0, seen from −3 and 3 on.
     fn across(width: f32) -> (f32, f32) {
@@ -433,7 +454,7 @@ mod tests {
             beyond: Some([f(4.0); 3]),
             farther: 1.0,
         };
-        let (found, sigma) = between(&side(), &side());
+        let (found, sigma) = between(&side(), &side(), [0.0; 3]);
         ((found[0] - f(0.0)).abs(), sigma[0])
     }
 
@@ -453,10 +474,23 @@ mod tests {
             beyond,
             farther: 1.0,
         };
-        let flat = between(&alone(Some([1.0; 3])), &alone(Some([1.0; 3])));
+        let flat = between(&alone(Some([1.0; 3])), &alone(Some([1.0; 3])), [0.0; 3]);
         assert_eq!(flat, ([1.0; 3], [0.0; 3]));
         // What nobody knows of what is beyond is no certainty.
-        let (_, sigma) = between(&alone(None), &alone(None));
+        let (_, sigma) = between(&alone(None), &alone(None), [0.0; 3]);
         assert!(sigma[0] > 0.3, "{sigma:?}");
+        // A lobe that is in the gap with all of it is what a model says.
+        let modelled = Modelled {
+            fit: None,
+            samples: vec![Model::Ggx.sample([0.02, 0.02], 0.1, 0.5)],
+            lambert: [0.0; 3],
+            scatter: [0.0; 3],
+        };
+        let [light, view, left, right] =
+            [(40.0, 0.0), (40.0, 180.0), (40.0, 170.0), (40.0, 190.0)].map(|(t, p)| from_degrees(t, p));
+        let hump = modelled.hump((light, view), [(light, left), (light, right)], 0.5);
+        let (_, sigma) = between(&alone(Some([1.0; 3])), &alone(Some([1.0; 3])), hump);
+        let peak = modelled.f(light, view);
+        assert!(peak[0] > 10.0 && sigma[0] > 0.9 * peak[0], "{peak:?} {sigma:?}");
     }
 }
