@@ -148,9 +148,8 @@ impl Correction {
         self.cells[cell] * self.rows[row].factor
     }
 
-    /// Corrects the rows of the incident directions from `first` on, of whose uncertainties stray light and lamp make
-    /// what is in `common`. What is
-    /// missing stays NaN. Returns what makes the uncertainties.
+    /// Corrects the rows of the incident directions from `first` on, of whose uncertainties stray light and lamp make what
+    /// is in `common`. What is missing stays NaN. Returns what makes the uncertainties.
     pub(super) fn apply(&self, first: usize, rows: &mut BrdfRows, common: &Common) -> BudgetSums {
         let (cells, values) = (self.size * self.size, self.cells.len());
         let mut budget = BudgetSums::default();

@@ -129,7 +129,7 @@ impl Blame for AssembleError {
 #[must_use]
 pub fn dynamic_range(rig: &Rig, exposures_s: &[f64]) -> Option<f64> {
     let (shortest_s, longest_s) = (exposures_s.first()?, exposures_s.last()?);
-    let range_dn = f64::from(rig.saturation_dn()) - rig.camera.dark_dn;
+    let range_dn = rig.range_dn();
     let ratio = (range_dn / shortest_s) / (dark_noise_dn(rig, *longest_s) / longest_s);
     (ratio.is_finite() && ratio > 0.0).then_some(ratio)
 }

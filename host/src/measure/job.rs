@@ -200,8 +200,8 @@ impl Job {
             .as_ref()
             .and_then(|found| found.photometry.as_ref());
         let longest_s = self.plan.exposures_s().into_iter().fold(0.0, f64::max);
-        let range_dn = f64::from(self.rig.saturation_dn()) - self.rig.camera.dark_dn;
-        self.plan.watching_side = photometry.map_or(0, |found| found.lamp.side(longest_s, range_dn));
+        self.plan.watching_side =
+            photometry.map_or(0, |found| found.lamp.side(longest_s, self.rig.range_dn()));
     }
 
     /// Plans with the exposure times that a pilot capture finds.

@@ -120,8 +120,7 @@ impl Brackets {
 /// is still `CLEAR` times its noise without light.
 #[must_use]
 pub fn largest_ratio(rig: &Rig) -> f64 {
-    let range_dn = f64::from(rig.saturation_dn()) - rig.camera.dark_dn;
-    range_dn / (CLEAR * dark_noise_dn(rig, 0.0))
+    rig.range_dn() / (CLEAR * dark_noise_dn(rig, 0.0))
 }
 
 /// Standard deviation of a pixel without light in an exposure of `exposure_s` seconds, in digital numbers: read noise,

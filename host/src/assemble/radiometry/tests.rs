@@ -9,22 +9,30 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::*;
 use crate::store::ExposureRecord;
 
+/// A camera whose pixels are alike.
+const LINEAR: CameraFound = CameraFound {
+    dark_dn: 0.0,
+    dark_dn_per_s: 0.0,
+    gain_e_per_dn: 1.0,
+    read_noise_e: 3.0,
+    nonlinearity: 0.0,
+    linearity_residual: 0.0,
+    prnu: 0.0,
+    prnu_is_assumed: false,
+    row_noise_e: 0.0,
+    dsnu_e: 0.0,
+    hot: 0.0,
+};
+
 #[test]
 fn numbers_above_saturation_are_saturated_in_black_and_lit_frames_alike() {
     let mut rig = Rig::load("rcg-1").unwrap();
     (rig.camera.bits, rig.camera.dark_dn) = (12, 16.0);
     let camera = CameraFound {
         dark_dn: 16.0,
-        dark_dn_per_s: 0.0,
         gain_e_per_dn: rig.gain_e_per_dn(),
-        read_noise_e: 3.0,
         nonlinearity: 0.01,
-        linearity_residual: 0.0,
-        prnu: 0.0,
-        prnu_is_assumed: false,
-        row_noise_e: 0.0,
-        dsnu_e: 0.0,
-        hot: 0.0,
+        ..LINEAR
     };
     let record = ExposureRecord {
         incident: -1,
@@ -106,16 +114,10 @@ fn responses_and_rows_are_stated_by_as_much_as_they_scatter() {
     let rig = Rig::load("rcg-1").unwrap();
     let camera = |prnu: f64, row_noise_e: f64| CameraFound {
         dark_dn: rig.camera.dark_dn,
-        dark_dn_per_s: 0.0,
         gain_e_per_dn: rig.gain_e_per_dn(),
-        read_noise_e: 3.0,
-        nonlinearity: 0.0,
-        linearity_residual: 0.0,
         prnu,
-        prnu_is_assumed: false,
         row_noise_e,
-        dsnu_e: 0.0,
-        hot: 0.0,
+        ..LINEAR
     };
     let times_s = [0.01, 0.02];
     // So many black frames that their mean is known.

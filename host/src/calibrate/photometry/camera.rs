@@ -118,27 +118,42 @@ pub(super) fn camera(
         found: "noise that does not".to_owned(),
         advice: "take them with --noise on, with more pixels, and with the standard in place",
     })?;
-    let linearity = linearity(series, (dark_dn, dark_dn_per_s), range, gain_e_per_dn);
-    let (nonlinearity, linearity_residual) = linearity.ok_or_else(|| CalibrateError::Views {
+    let mut found = CameraFound {
+        dark_dn,
+        dark_dn_per_s,
+        gain_e_per_dn,
+        read_noise_e: read_noise_dn * gain_e_per_dn,
+        nonlinearity: 0.0,
+        linearity_residual: 0.0,
+        prnu: 0.0,
+        prnu_is_assumed: false,
+        row_noise_e: pattern.row_dn2.sqrt() * gain_e_per_dn,
+        dsnu_e: pattern.offset_dn2.sqrt() * gain_e_per_dn,
+        hot: pattern.hot,
+    };
+    set_linearity(&mut found, series, saturation_dn)?;
+    Ok(found)
+}
+
+/// Finds how linear the camera `found` is, with the lamp as the `series` knows it.
+///
+/// # Errors
+/// [`CalibrateError::Views`] if too little of the series is bright.
+pub(super) fn set_linearity(
+    found: &mut CameraFound,
+    series: &[Times],
+    saturation_dn: f64,
+) -> Result<(), CalibrateError> {
+    let dark = (found.dark_dn, found.dark_dn_per_s);
+    let linearity = linearity(series, dark, saturation_dn - found.dark_dn, found.gain_e_per_dn);
+    (found.nonlinearity, found.linearity_residual) = linearity.ok_or_else(|| CalibrateError::Views {
         expected: format!(
             "{BRIGHT} pixels or more that the light brings above a twentieth of the range in {LEAST_TIMES} exposure times"
         ),
         found: "fewer".to_owned(),
         advice: "take them with a longer --exposure-ms, with more light, or with a brighter --standard",
     })?;
-    Ok(CameraFound {
-        dark_dn,
-        dark_dn_per_s,
-        gain_e_per_dn,
-        read_noise_e: read_noise_dn * gain_e_per_dn,
-        nonlinearity,
-        linearity_residual,
-        prnu: 0.0,
-        prnu_is_assumed: false,
-        row_noise_e: pattern.row_dn2.sqrt() * gain_e_per_dn,
-        dsnu_e: pattern.offset_dn2.sqrt() * gain_e_per_dn,
-        hot: pattern.hot,
-    })
+    Ok(())
 }
 
 /// Level and slope over time of the dark frames' mean.

@@ -34,12 +34,7 @@ pub(super) fn contrast(
     for (pixel, [x, y], wo) in &seen.pixels {
         let f = lobe.f(*wo);
         for (channel, k) in fields.sensitivity.iter().enumerate() {
-            let f = if seen.channels == 1 {
-                f.iter().sum::<f64>() / 3.0
-            } else {
-                f[channel]
-            };
-            lit += exposure_s * k * fields.throughput.at(*x, *y) * f * irradiance;
+            lit += exposure_s * k * fields.throughput.at(*x, *y) * seen.f_of(f, channel) * irradiance;
             unlit += black[pixel * seen.channels + channel];
         }
     }

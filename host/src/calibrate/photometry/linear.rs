@@ -15,6 +15,17 @@ pub(super) struct Linear {
 }
 
 impl Linear {
+    /// The camera that was `found` with the image of `rig`.
+    pub(super) fn new(found: &CameraFound, rig: &Rig) -> Self {
+        let binned = &rig.camera.binned;
+        let sensor = found.of_sensor(binned);
+        Self {
+            camera: sensor.of_image(binned),
+            sensor,
+            range: f64::from(rig.saturation_dn()) - found.dark_dn,
+        }
+    }
+
     /// The camera with the image of `rig`.
     pub(super) fn camera_of(&self, rig: &Rig) -> CameraFound {
         self.sensor.of_image(&rig.camera.binned)

@@ -44,7 +44,7 @@ use std::path::Path;
 
 pub use capture::{Request, Views, capture};
 
-use camera::{Times, camera, flicker};
+use camera::{Times, camera, flicker, set_linearity};
 use capture::{SEGMENT, Shows, VIEWS};
 use linear::Linear;
 use pixels::{Layout, every_second};
@@ -355,27 +355,16 @@ impl<'a> Captured<'a> {
 /// The camera of `rig` by the `series`, which then know how bright the lamp was, and by how much it flickers.
 fn camera_of(series: &mut [Times], rig: &Rig) -> Result<(Linear, f64), CalibrateError> {
     let saturation_dn = f64::from(rig.saturation_dn());
-    let pixels = dark_of(rig);
-    let mut found: Option<(Linear, f64)> = None;
-    // What tells the lamp's light has to be linear itself.
-    for _ in 0..2 {
-        if let Some((linear, flicker)) = &found {
-            let lamp = linear.lamp(series, &pixels, rig.camera.channels as usize, *flicker);
-            for (times, lamp) in series.iter_mut().zip(lamp) {
-                times.lamp = lamp;
-            }
-        }
-        let camera = camera(series, saturation_dn, &Layout::of(rig))?.of_sensor(&rig.camera.binned);
-        let of_image = camera.of_image(&rig.camera.binned);
-        let flicker = flicker(series, of_image.dark_dn, of_image.gain_e_per_dn);
-        let linear = Linear {
-            camera: of_image,
-            sensor: camera,
-            range: saturation_dn - camera.dark_dn,
-        };
-        found = Some((linear, flicker));
+    let mut found = camera(series, saturation_dn, &Layout::of(rig))?;
+    let linear = Linear::new(&found, rig);
+    let flicker = flicker(series, found.dark_dn, linear.camera.gain_e_per_dn);
+    // What tells the lamp's light has to be linear itself, and how linear the camera is shows beside it.
+    let lamp = linear.lamp(series, &dark_of(rig), rig.camera.channels as usize, flicker);
+    for (times, lamp) in series.iter_mut().zip(lamp) {
+        times.lamp = lamp;
     }
-    Ok(found.expect("invariant: two turns"))
+    set_linearity(&mut found, series, saturation_dn)?;
+    Ok((Linear::new(&found, rig), flicker))
 }
 
 /// Refuses frames of the standard that are saturated in more than [`SATURATED`] of their values.

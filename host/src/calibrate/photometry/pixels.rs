@@ -15,8 +15,8 @@
 //! noise. What all rows of a frame have in common is none.
 //!
 //! *Dark signal.* Of each pixel a line over the exposure times: its level is the offset, its slope dark current and what black
-//! projector pixels send into the camera, which is smooth; so offsets are compared by the same mask. A pixel is hot whose slope stands out from those around it by more
-//! than others scatter.
+//! projector pixels send into the camera, which is smooth; so offsets are compared by the same mask. A pixel is hot whose slope
+//! stands out from those around it by more than others scatter.
 //!
 //! # Tradeoffs
 //! A camera of one channel cannot tell what is of the light: edges of stray light count as response then.

@@ -254,12 +254,7 @@ impl<'a> Seen<'a> {
                 let f = lobe.f(wo);
                 for channel in 0..self.channels {
                     let at = index * self.channels + channel;
-                    let f = if self.channels == 1 {
-                        f.iter().sum::<f64>() / 3.0
-                    } else {
-                        f[channel]
-                    };
-                    let f = positive(f, spec, wi, wo)?;
+                    let f = positive(self.f_of(f, channel), spec, wi, wo)?;
                     let dn = f64::from(frame.dn[at]);
                     self.values += 1;
                     if dn >= self.saturation_dn {

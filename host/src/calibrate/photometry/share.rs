@@ -17,7 +17,7 @@ use super::rank_one::{Fields, Held, Seen, fit};
 use crate::brdf::sample::Sample;
 use crate::instrument::calibration::lamp::SLOW;
 use crate::instrument::calibration::lights;
-use crate::instrument::calibration::stray::{Level, Removal, Room};
+use crate::instrument::calibration::stray::{Level, Removal, Room, lanes};
 use crate::instrument::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
 
 /// Turns of fitting and judging, at most.
@@ -122,22 +122,17 @@ impl Seen<'_> {
         let channels = self.channels;
         let saturation = linear.of(self.saturation_dn) as f32;
         let one = |room: &mut Room, (place, dn): (usize, &&'b [u16])| {
-            let shown: Vec<Vec4> = dn
-                .chunks_exact(channels)
-                .zip(black.chunks_exact(channels))
-                .map(|(dn, black)| {
-                    let mut lanes = [0.0; 4];
-                    for ((lane, dn), black) in lanes.iter_mut().zip(dn).zip(black) {
-                        let dn = f64::from(*dn);
-                        let is_saturated = dn >= self.saturation_dn;
-                        *lane = if is_saturated {
-                            f32::NAN
-                        } else {
-                            (linear.of(dn) - black) as f32
-                        };
-                    }
-                    Vec4::from_array(lanes)
-                })
+            let more = |at: usize| {
+                let dn = f64::from(dn[at]);
+                let is_saturated = dn >= self.saturation_dn;
+                if is_saturated {
+                    f64::NAN
+                } else {
+                    linear.of(dn) - black[at]
+                }
+            };
+            let shown: Vec<Vec4> = (0..dn.len() / channels)
+                .map(|pixel| lanes(channels, |channel| more(pixel * channels + channel)))
                 .collect();
             removal.find(
                 &shown,
@@ -148,7 +143,7 @@ impl Seen<'_> {
             );
             let lamp = removal.level(
                 |pixel| shown[pixel] - room.stray[pixel],
-                |pixel| lanes(&black[pixel * channels..][..channels]),
+                |pixel| lanes(channels, |channel| black[pixel * channels + channel]),
                 |pixel| room.doubt[pixel],
             );
             let stray = room.stray.iter().map(|stray| (*stray / lamp.light).to_array());
@@ -167,7 +162,10 @@ impl Seen<'_> {
 
     /// Compares the lamp in the `black` frame of the stand, linear, with that of the calibration.
     pub(super) fn compare_lamp(&mut self, removal: &Removal, black: &[f64], linear: &Linear) {
-        let light: Vec<Vec4> = black.chunks_exact(self.channels).map(lanes).collect();
+        let light: Vec<Vec4> = black
+            .chunks_exact(self.channels)
+            .map(|black| lanes(self.channels, |channel| black[channel]))
+            .collect();
         let level = removal.level_of_black(&light, self.exposure_s, linear.of(self.saturation_dn) as f32);
         self.lamp = level.map_or([1.0, SLOW], |level| {
             [level.light, level.uncertainty].map(f64::from)
@@ -200,7 +198,7 @@ impl Seen<'_> {
     }
 
     /// f in sr⁻¹ of `channel`.
-    fn f_of(&self, f: [f64; 3], channel: usize) -> f64 {
+    pub(super) fn f_of(&self, f: [f64; 3], channel: usize) -> f64 {
         if self.channels == 1 {
             f.iter().sum::<f64>() / 3.0
         } else {
@@ -367,15 +365,6 @@ impl Seen<'_> {
         }
         Sight::new(self.stand.tilt, &camera, width, &incident)
     }
-}
-
-/// Values of the channels in the lanes.
-fn lanes(values: &[f64]) -> Vec4 {
-    let mut lanes = [0.0; 4];
-    for (lane, value) in lanes.iter_mut().zip(values) {
-        *lane = *value as f32;
-    }
-    Vec4::from_array(lanes)
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {

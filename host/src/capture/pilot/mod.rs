@@ -91,7 +91,7 @@ impl TestExposures {
         patterns: &[Vec<u32>],
         instrument: &mut Instrument,
     ) -> Result<Self, MeasurementError> {
-        let range = f64::from(rig.saturation_dn()) - rig.camera.dark_dn;
+        let range = rig.range_dn();
         let judged: Vec<bool> = judged(rig).collect();
         let mut exposure_s = rig
             .camera

@@ -1,13 +1,14 @@
 //! How steady the projector's light is, and what tells it.
 //!
 //! # Design
-//! Pixels of the projector that light no sample are lit in every pattern ([`crate::instrument::monitor`]); what of their light comes
-//! directly shines in pixels of the camera that are dark otherwise. Calibration knows how bright that was
-//! with the light that the standard had. How a frame is compared with it stands in `stray`.
+//! Pixels of the projector that light no sample are lit in every pattern ([`crate::instrument::monitor`]); what of their light
+//! comes directly shines in pixels of the camera that are dark otherwise. Calibration knows how bright that was with the
+//! light that the standard had. How a frame is compared with it stands in `stray`.
 
 use serde::{Deserialize, Serialize};
 
 use super::stray::CAMERA_TERMS;
+use crate::instrument::monitor::BLOCK_PX;
 
 /// Share of the camera's range that what watches the lamp comes to in the longest exposure.
 const SHARE: f64 = 0.05;
@@ -69,8 +70,8 @@ impl LampFound {
             return Some(("flicker", "a number from 0 to 0.5".to_owned()));
         }
         let monitor = self.monitor.as_ref()?;
-        if !(1..=crate::instrument::monitor::BLOCK_PX).contains(&monitor.side) {
-            let expected = format!("a number from 1 to {}", crate::instrument::monitor::BLOCK_PX);
+        if !(1..=BLOCK_PX).contains(&monitor.side) {
+            let expected = format!("a number from 1 to {BLOCK_PX}");
             return Some(("monitor.side", expected));
         }
         let is_row = |row: &Vec<f64>| row.len() == CAMERA_TERMS && row.iter().all(|c| c.is_finite());
@@ -108,12 +109,11 @@ impl Monitor {
 /// Side in pixels of squares that come to [`SHARE`] of `range_dn`, if each pixel of their sides' squares gives `each_dn`; 0 if
 /// the largest give nothing to speak of.
 pub(crate) fn side(each_dn: f64, range_dn: f64) -> u32 {
-    let largest = crate::instrument::monitor::BLOCK_PX;
     let light = |side: u32| each_dn * f64::from(side * side);
-    if light(largest) < LEAST_SHARE * range_dn {
+    if light(BLOCK_PX) < LEAST_SHARE * range_dn {
         return 0;
     }
-    (1..=largest)
+    (1..=BLOCK_PX)
         .rev()
         .find(|side| light(*side) <= SHARE * range_dn)
         .unwrap_or(1)

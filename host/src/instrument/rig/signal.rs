@@ -22,10 +22,16 @@ impl Rig {
         self.frame_format().saturation_dn()
     }
 
+    /// Digital numbers from the dark level to saturation.
+    #[must_use]
+    pub fn range_dn(&self) -> f64 {
+        f64::from(self.saturation_dn()) - self.camera.dark_dn
+    }
+
     /// Electrons per digital number: the full well fills the range above the dark level.
     #[must_use]
     pub fn gain_e_per_dn(&self) -> f64 {
-        self.camera.full_well_e / (f64::from(self.saturation_dn()) - self.camera.dark_dn)
+        self.camera.full_well_e / self.range_dn()
     }
 
     /// Variance of a pixel without light in an exposure of `exposure_s` seconds, in electrons²: read noise, rounding, and the

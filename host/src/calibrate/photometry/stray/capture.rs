@@ -208,8 +208,7 @@ fn watching_side(rig: &Rig, trap: &Held, exposure_s: f64, world: &World) -> Resu
     let mean = |dn: &[u16]| dn.iter().map(|dn| f64::from(*dn)).sum::<f64>() / dn.len() as f64;
     let light_dn = mean(&tests.shots[1].dn) - mean(&tests.shots[0].dn);
     let each_dn = light_dn * exposure_s / tests.exposure_s / f64::from(BLOCK_PX * BLOCK_PX);
-    let range_dn = f64::from(rig.saturation_dn()) - rig.camera.dark_dn;
-    Ok(side(each_dn, range_dn))
+    Ok(side(each_dn, rig.range_dn()))
 }
 
 /// The exposures of one segment, of which `draw` says which pixels each lights.

@@ -18,9 +18,8 @@ use super::capture::{BLACK, DISCS, FIRST_PARTED, PATTERNS, RAW, SEGMENTS, StrayV
 use super::glare::{Mirrored, luminance, sources};
 use crate::base::text::by;
 use crate::calibrate::{CalibrateError, open_raw};
-use crate::instrument::calibration::stray::{CAMERA_TERMS, PROJECTOR_TERMS, camera_terms, lit_terms};
+use crate::instrument::calibration::stray::{CAMERA_TERMS, PROJECTOR_TERMS, camera_terms, lanes, lit_terms};
 use crate::instrument::calibration::{CalibrationError, Monitor, Stray};
-use crate::instrument::frame_format::place_of_pixel;
 use crate::instrument::rig::Rig;
 
 /// A frame whose brightest pixel is dimmer than this share of that of all frames shows nothing.
@@ -99,13 +98,7 @@ impl Frames {
             .into());
         }
         let (channels, length) = (found.channels, rig.frame_format().len());
-        let lanes = |values: &[f64]| {
-            let mut lanes = [0.0; 4];
-            for (lane, value) in lanes.iter_mut().zip(values) {
-                *lane = *value as f32;
-            }
-            Vec4::from_array(lanes)
-        };
+        let of_pixel = |values: &[f64]| lanes(channels, |channel| values[channel]);
         let (mut segments, mut darkness, mut last) = (Vec::new(), 0.0_f64, Vec::new());
         for number in 0..raw.segments() {
             let segment = raw.read_segment(number)?;
@@ -121,10 +114,10 @@ impl Frames {
                     .zip(&black)
                     .map(|(dn, black)| linear.of(f64::from(*dn)) - black)
                     .collect();
-                lit.chunks_exact(channels).map(lanes).collect::<Vec<_>>()
+                lit.chunks_exact(channels).map(of_pixel).collect::<Vec<_>>()
             };
             segments.push(all[..PATTERNS].par_iter().map(shown).collect());
-            last = black.chunks_exact(channels).map(lanes).collect();
+            last = black.chunks_exact(channels).map(of_pixel).collect();
         }
         let camera = linear.camera_of(&rig);
         let one = camera.read_variance_dn2() + darkness.max(0.0) / camera.gain_e_per_dn;
@@ -149,10 +142,7 @@ impl Frames {
         let camera = DMatrix::from_row_iterator(
             width * height,
             CAMERA_TERMS,
-            (0..width * height).flat_map(|pixel| {
-                let [x, y] = place_of_pixel(pixel, width, height);
-                camera_terms(x, y)
-            }),
+            (0..width * height).flat_map(|pixel| camera_terms(pixel, width, height)),
         );
         let shown: Vec<&Vec<Vec4>> = self.segments[FIRST_PARTED..WATCHED].iter().flatten().collect();
         let exposure_s = self.parts_s;

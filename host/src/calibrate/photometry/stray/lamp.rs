@@ -5,7 +5,6 @@ use super::fit::Frames;
 use crate::base::linear_fit::least_squares;
 use crate::instrument::calibration::Monitor;
 use crate::instrument::calibration::stray::{CAMERA_TERMS, camera_terms, dark_of};
-use crate::instrument::frame_format::place_of_pixel;
 use crate::instrument::rig::Rig;
 
 /// How much more a pixel counts that is dark in measurements than one that is not, of which every so manieth takes part.
@@ -60,10 +59,7 @@ impl Frames {
     /// groups of them agree.
     fn smooth(&self, dark: &[u32], shown: &dyn Fn(usize) -> f64) -> Option<(Vec<f64>, f64, f64)> {
         let (width, height) = self.size_px;
-        let terms = |pixel: usize| -> [f64; CAMERA_TERMS] {
-            let [x, y] = place_of_pixel(pixel, width, height);
-            camera_terms(x, y)
-        };
+        let terms = |pixel: usize| camera_terms(pixel, width, height);
         let row = |pixel: usize, weight: f64| (terms(pixel).to_vec(), shown(pixel), weight);
         let all = (0..width * height).step_by(EVERY).map(|pixel| row(pixel, 1.0));
         let of_dark = dark.iter().map(|pixel| row(*pixel as usize, DARK_WEIGHT));

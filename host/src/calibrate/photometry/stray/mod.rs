@@ -1,8 +1,8 @@
 //! Stray light: glare, the ghost of the beam splitter, and direct light of the projector.
 //!
 //! # Design
-//! `capture` takes the views, `fit` finds direct light in them, `lamp` what watches the lamp and `glare` the rest; what it is, and how images lose it, stands in
-//! [`crate::instrument::calibration`].
+//! `capture` takes the views, `fit` finds direct light in them, `lamp` what watches the lamp and `glare` the rest; what it is,
+//! and how images lose it, stands in [`crate::instrument::calibration`].
 
 mod capture;
 mod fit;

@@ -9,8 +9,9 @@ pub(crate) const CAMERA_TERMS: usize = (CAMERA_DEGREE + 1) * (CAMERA_DEGREE + 2)
 const PROJECTOR_DEGREE: usize = 4;
 pub(crate) const PROJECTOR_TERMS: usize = (PROJECTOR_DEGREE + 1) * (PROJECTOR_DEGREE + 2) / 2;
 
-/// The terms at (`x`, `y`), −1 to 1 over the camera's image.
-pub(crate) fn camera_terms(x: f64, y: f64) -> [f64; CAMERA_TERMS] {
+/// The terms at the centre of this pixel (row-major) of a camera's image of this size.
+pub(crate) fn camera_terms(pixel: usize, width_px: usize, height_px: usize) -> [f64; CAMERA_TERMS] {
+    let [x, y] = place_of_pixel(pixel, width_px, height_px);
     terms::<CAMERA_DEGREE, CAMERA_TERMS>(x, y)
 }
 

@@ -11,10 +11,8 @@
 
 use glam::Vec4;
 
-use super::{GROUPS, Removal, Room};
-use crate::instrument::calibration::lamp::{LampFound, Monitor};
-use crate::instrument::calibration::stray::{CAMERA_TERMS, camera_terms};
-use crate::instrument::frame_format::place_of_pixel;
+use super::{CAMERA_TERMS, GROUPS, PROJECTOR_TERMS, Removal, Room, lanes};
+use crate::instrument::calibration::lamp::Monitor;
 
 /// Light of the lamp in a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,13 +51,7 @@ impl Watch {
     pub(super) fn new(monitor: &Monitor, side: u32) -> Self {
         let scale = f64::from(side * side) / f64::from(monitor.side * monitor.side);
         let terms = |rows: &[Vec<f64>], scale: f64| {
-            std::array::from_fn(|term| {
-                let mut lanes = [0.0; 4];
-                for (lane, row) in lanes.iter_mut().zip(rows) {
-                    *lane = (row[term] * scale) as f32;
-                }
-                Vec4::from_array(lanes)
-            })
+            std::array::from_fn(|term| lanes(rows.len(), |channel| rows[channel][term] * scale))
         };
         Self {
             light: terms(&monitor.light, scale),
@@ -77,6 +69,21 @@ impl Watch {
         };
         let light = sum(&self.light);
         [light, light + sum(&self.black)]
+    }
+
+    /// How much each of the dark `pixels` counts, of an image with these camera terms: as much as it shines by what watches the
+    /// lamp, all alike if nothing does.
+    pub(super) fn weights(
+        watch: Option<&Self>,
+        pixels: &[u32],
+        camera_terms: &[[f32; CAMERA_TERMS]],
+        channels: usize,
+    ) -> Vec<Vec4> {
+        let weight = |pixel: &u32| match watch {
+            Some(watch) => watch.at(&camera_terms[*pixel as usize])[0],
+            None => lanes(channels, |_| 1.0),
+        };
+        pixels.iter().map(weight).collect()
     }
 }
 
@@ -126,7 +133,7 @@ impl Removal {
         let mut room = Room::default();
         self.find(
             &of_sample,
-            &[0.0; super::PROJECTOR_TERMS],
+            &[0.0; PROJECTOR_TERMS],
             exposure_s,
             saturation,
             &mut room,
@@ -175,28 +182,5 @@ impl Removal {
             .sum();
         let variance = squares * (GROUPS - 1) as f32 / GROUPS as f32 + (doubt / black).powi(2);
         (black > 0.0 && variance.is_finite()).then_some((off, variance))
-    }
-
-    /// How much each of the dark `pixels` counts: as much as it shines by what watches the lamp, all alike if nothing does.
-    pub(super) fn weigh(
-        watch: Option<&Watch>,
-        pixels: &[u32],
-        size_px: (usize, usize),
-        channels: usize,
-    ) -> Vec<Vec4> {
-        let mut all = [0.0; 4];
-        all[..channels].fill(1.0);
-        let weight = |pixel: &u32| {
-            watch.map_or(Vec4::from_array(all), |watch| {
-                let [x, y] = place_of_pixel(*pixel as usize, size_px.0, size_px.1);
-                watch.at(&camera_terms(x, y).map(|term| term as f32))[0]
-            })
-        };
-        pixels.iter().map(weight).collect()
-    }
-
-    /// Variance of the light of an exposure as far as nothing watches it.
-    pub(super) fn prior_of(lamp: &LampFound) -> f32 {
-        lamp.prior_variance() as f32
     }
 }

@@ -19,7 +19,7 @@ use glam::{DVec3, Vec4};
 use serde::{Deserialize, Serialize};
 
 use super::lamp::LampFound;
-use crate::instrument::frame_format::{FrameFormat, place_of_pixel};
+use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
 
@@ -224,37 +224,28 @@ impl Removal {
     ) -> Self {
         let monitor = lamp.monitor.as_ref().filter(|_| side > 0);
         let watch = monitor.map(|monitor| Watch::new(monitor, side));
-        let lanes = |of: &dyn Fn(usize) -> f64| {
-            let mut lanes = [0.0; 4];
-            for (channel, lane) in lanes.iter_mut().enumerate().take(found.halo.len()) {
-                *lane = of(channel) as f32;
-            }
-            Vec4::from_array(lanes)
-        };
+        let channels = found.halo.len();
+        let terms = |pixel| camera_terms(pixel, width_px, height_px).map(|term| term as f32);
+        let camera_terms: Vec<_> = (0..width_px * height_px).map(terms).collect();
         Self {
             halo: Halo::new(width_px, height_px),
             shares: (0..WIDTHS.len())
-                .map(|width| lanes(&|channel| found.halo[channel][width]))
+                .map(|width| lanes(channels, |channel| found.halo[channel][width]))
                 .collect(),
             halo_uncertainty: found.halo_uncertainty as f32,
             ghost: found.ghost.as_ref().map(|ghost| {
                 (
                     Shifted::new(ghost.shift, width_px, height_px),
-                    lanes(&|channel| ghost.share[channel]),
+                    lanes(channels, |channel| ghost.share[channel]),
                     ghost.standard_uncertainty as f32,
                 )
             }),
-            camera_terms: (0..width_px * height_px)
-                .map(|pixel| {
-                    let [x, y] = place_of_pixel(pixel, width_px, height_px);
-                    camera_terms(x, y).map(|term| term as f32)
-                })
-                .collect(),
             direct: found.direct.clone(),
             direct_uncertainty: found.direct_uncertainty as f32,
-            weights: Self::weigh(watch.as_ref(), &dark, (width_px, height_px), found.halo.len()),
+            weights: Watch::weights(watch.as_ref(), &dark, &camera_terms, channels),
+            camera_terms,
             watch,
-            prior_variance: Self::prior_of(lamp),
+            prior_variance: lamp.prior_variance() as f32,
             monitors: dark,
         }
     }
@@ -354,13 +345,11 @@ impl Removal {
     /// Direct light of a pattern, digital numbers of each term over the camera's image.
     fn direct_coefficients(&self, lit: &[f64; PROJECTOR_TERMS], exposure_s: f64) -> [Vec4; CAMERA_TERMS] {
         std::array::from_fn(|term| {
-            let mut lanes = [0.0; 4];
-            for (lane, coefficients) in lanes.iter_mut().zip(&self.direct) {
-                let row = &coefficients[term * PROJECTOR_TERMS..][..PROJECTOR_TERMS];
+            lanes(self.direct.len(), |channel| {
+                let row = &self.direct[channel][term * PROJECTOR_TERMS..][..PROJECTOR_TERMS];
                 let sum: f64 = row.iter().zip(lit).map(|(c, lit)| c * lit).sum();
-                *lane = (sum * exposure_s) as f32;
-            }
-            Vec4::from_array(lanes)
+                sum * exposure_s
+            })
         })
     }
 
@@ -409,6 +398,15 @@ impl Beyond {
         let xx = self.xx - share * self.xz;
         ((self.xy - share * self.yz) / xx.max(Vec4::splat(LEAST)), xx)
     }
+}
+
+/// What `of` makes of each of the `channels` in the lanes, zeros behind them.
+pub(crate) fn lanes(channels: usize, of: impl Fn(usize) -> f64) -> Vec4 {
+    let mut lanes = [0.0; 4];
+    for (channel, lane) in lanes.iter_mut().enumerate().take(channels) {
+        *lane = of(channel) as f32;
+    }
+    Vec4::from_array(lanes)
 }
 
 /// √(a² + b²) of each lane.

@@ -10,6 +10,12 @@ fn found(halo: [f64; WIDTHS.len()], ghost: Option<GhostFound>) -> Stray {
     }
 }
 
+/// Pixels of the left quarter of an image of this size, which are dark.
+fn left_quarter(size: usize) -> Vec<u32> {
+    let all = 0..(size * size) as u32;
+    all.filter(|pixel| *pixel as usize % size < size / 4).collect()
+}
+
 #[test]
 fn a_halo_is_the_sum_of_its_gaussians() {
     let size = 64;
@@ -76,11 +82,7 @@ fn an_image_loses_what_was_added() {
 fn light_beyond_saturation_is_told_by_what_is_dark() {
     let size = 48;
     let found = found([0.0, 0.0, 0.0, 0.002, 0.0, 0.0, 0.004], None);
-    // Dark: the left quarter.
-    let dark: Vec<u32> = (0..size * size)
-        .filter(|pixel| pixel % size < 12)
-        .map(|pixel| pixel as u32)
-        .collect();
+    let dark = left_quarter(size);
     let removal = Removal::new(&found, (&LampFound::default(), 0), (size, size), dark);
     let background = |pixel: usize| if pixel % size < 12 { 0.0 } else { 200.0 };
     let mut truth: Vec<Vec4> = (0..size * size)
@@ -120,10 +122,7 @@ fn light_beyond_saturation_is_told_by_what_is_dark() {
 fn the_lamp_of_a_frame_is_told_by_what_is_dark_beside_stray_light() {
     let size = 48;
     let found = found([0.0, 0.0, 0.001, 0.001, 0.0, 0.001, 0.003], None);
-    let dark: Vec<u32> = (0..size * size)
-        .filter(|pixel| pixel % size < 12)
-        .map(|pixel| pixel as u32)
-        .collect();
+    let dark = left_quarter(size);
     let rows = |scale: f64| {
         let mut row = vec![0.0; CAMERA_TERMS];
         (row[0], row[1], row[2]) = (5000.0 * scale, 1200.0 * scale, -900.0 * scale);
@@ -142,7 +141,7 @@ fn the_lamp_of_a_frame_is_told_by_what_is_dark_beside_stray_light() {
     let (removal, exposure_s) = (Removal::new(&found, (&lamp, 8), (size, size), dark), 0.1);
     let direct: Vec<Vec4> = (0..size * size)
         .map(|pixel| {
-            let [x, y] = place_of_pixel(pixel, size, size);
+            let [x, y] = crate::instrument::frame_format::place_of_pixel(pixel, size, size);
             Vec4::new((420.0 * (5.0 + 1.2 * y - 0.9 * x)) as f32, 0.0, 0.0, 0.0)
         })
         .collect();
