@@ -21,7 +21,8 @@ use crate::request::{CalibrationArgs, GridArgs, spot_deg};
 /// Write the patterns that a measurement shows.
 ///
 /// One black and white PNG per incident direction that the projector reaches, in the projector's native resolution,
-/// and patterns.csv with what each one lights.
+/// and patterns.csv with what each one lights. What a calibrated measurement lights beside the mirror in every pattern, to watch
+/// the lamp, is left out.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// New or empty directory for the pictures
