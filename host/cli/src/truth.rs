@@ -49,6 +49,10 @@ pub(crate) struct Args {
     /// Standard deviation of the light from exposure to exposure, percent [default: drawn between 0.05 and 0.5; 0.1 or 0.5]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     flicker_percent: Option<f64>,
+    /// By how much the light of the projector's pupil is dimmer at its edge than in its middle, percent; what it lights of the
+    /// sample is its image [default: drawn between 2 and 20; 5 or 20]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
+    falloff_percent: Option<f64>,
     /// Standard deviation over the sensor's pixels of what each shows of the same light, percent; how their dark signals
     /// differ is drawn along [default: drawn between 0.2 and 1; 0.5 or 1]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
@@ -123,6 +127,8 @@ enum Flaw {
     Flicker,
     /// The camera's pixels are alike, and none is hot; rows have no noise of their own
     Pixels,
+    /// All of the sample is lit, and a point of it seen
+    Pupils,
 }
 
 impl Flaw {
@@ -152,6 +158,7 @@ impl Flaw {
             Self::Drift => flaws.lamp.drift_per_h = none.lamp.drift_per_h,
             Self::Flicker => flaws.lamp.flicker = none.lamp.flicker,
             Self::Pixels => flaws.pixels = none.pixels,
+            Self::Pupils => flaws.pupils = none.pupils,
         }
     }
 }
@@ -194,6 +201,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         ("ghost-percent", args.ghost_percent, 50.0),
         ("drift-percent", args.drift_percent, 20.0),
         ("flicker-percent", args.flicker_percent, 10.0),
+        ("falloff-percent", args.falloff_percent, 100.0),
     ];
     for (name, percent, most) in percents {
         if let Some(percent) = percent {
@@ -220,6 +228,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         ghost: share(args.ghost_percent, 1e-2, 4e-2),
         drift: share(args.drift_percent, 5e-3, 2e-2),
         flicker: share(args.flicker_percent, 1e-3, 5e-3),
+        falloff: share(args.falloff_percent, 5e-2, 2e-1),
         standard: args.standard_percent / 100.0,
         direct: args.flaws.pick(7e-4, 3e-3),
         pixels: pixels(args),

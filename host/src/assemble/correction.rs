@@ -4,7 +4,9 @@
 //! [`project`](super::radiometry::project) takes light and throughput as the rig file has them, which are uniform, and
 //! knows noise only. Here follow, image by image:
 //!
-//! 1. light and throughput: f is divided by K·T_o·E_p as calibrated, where E_p is that of the pixels that were lit;
+//! 1. light and throughput: f is divided by K·T_o·E_p as calibrated, where E_p is that of the pixels that were lit, and by the
+//!    share that is lit of what the pixel sees of the sample; pairs of which too little is lit, or nobody knows how much, have
+//!    no value;
 //! 2. interreflection: of the light that leaves the sample a share r returns onto it, so that f + r·ρ(ω_i)·ρ(ω_o)/π was
 //!    seen, ρ being the sample's directional albedo. It is subtracted with the image's own albedo in both places, what was
 //!    not seen of the hemisphere taken to be like the rest;
@@ -12,6 +14,7 @@
 //!    - standards: what their reflectances make of light and of r together;
 //!    - fields: the relative uncertainties that photometry states, by their covariance at the pixels that see and light,
 //!      which grows where the standard was not seen;
+//!    - seen part: that of the share;
 //!    - interreflection: that of r by noise, and a quarter of the correction for its simple model;
 //!    - directions (as they are known, and as far as whole projector pixels light beside them), interpolation and blur: what they make of an image that is not even (`shape`).
 //!
@@ -22,13 +25,13 @@ use glam::{DVec2, DVec3};
 
 use super::radiometry::Common;
 use super::shape::{ByShape, Shape};
-use crate::assemble::resample::Resampling;
+use crate::assemble::resample::{Resampling, Taps};
 use crate::brdf::BANDS_DEG;
 use crate::brdf::budget::{BudgetSums, band};
 use crate::brdf::quadrature::spot_rad;
 use crate::hemisphere::disk::Disk;
-use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, lit_terms};
+use crate::instrument::calibration::{AppliedCalibration, Share, Shares};
 use crate::instrument::calibration::{Interreflection, Photometry};
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
@@ -55,6 +58,9 @@ pub(super) struct Correction {
     lamp2: f32,
     /// Relative variance of f by the throughput of each cell.
     cell_relative2: Vec<f32>,
+    /// What part of the sample pixels and incident directions have in common, if calibration found that, and the pixels of each
+    /// cell.
+    shares: Option<(Shares, Vec<Taps>)>,
     interreflection: Option<Interreflection>,
     /// cosθ times solid angle of each cell, 0 beyond the horizon.
     cosine_sr: Vec<f32>,
@@ -105,6 +111,7 @@ impl Correction {
             residual2: residual.powi(2) as f32,
             lamp2: 0.0,
             cell_relative2,
+            shares: shares(rig, directions, applied).map(|shares| (shares, resampling.taps.clone())),
             interreflection: applied
                 .photometry
                 .as_ref()
@@ -164,16 +171,17 @@ impl Correction {
             .zip(common.lamp.chunks_exact(values));
         for (index, ((((f, half_sigma), provenance), stray), lamp)) in (first..).zip(images) {
             let lit = &self.rows[index];
-            let scale = lit.factor;
-            for ((f, (sigma, half)), cell) in f
+            let shown = self.shown(index, provenance);
+            for (at, (f, (sigma, half))) in f
                 .iter_mut()
                 .zip(sigma.iter_mut().zip(half_sigma.iter()))
-                .zip(&self.cells)
+                .enumerate()
             {
-                *f *= cell * scale;
-                *sigma = half.to_f32() * cell * scale;
+                let factor = self.cells[at] * lit.factor * shown[at / self.channels].factor;
+                *f *= factor;
+                *sigma = half.to_f32() * factor;
             }
-            let measured = |cell: usize| provenance[cell] != Provenance::Missing.code();
+            let measured = |cell: usize| shown[cell].factor.is_finite();
             for channel in 0..self.channels {
                 let back = self.interreflected(f, &measured, channel);
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
@@ -183,10 +191,11 @@ impl Correction {
                     .uncertainties(f, &sigma, &measured, channel, lit.beside2, &mut room);
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
                     let at = cell * self.channels + channel;
-                    let relative2 = self.residual2 + lit.relative2 + self.cell_relative2[cell];
+                    let part2 = (shown[cell].relative * f[at]).powi(2);
+                    let field2 = (self.residual2 + lit.relative2 + self.cell_relative2[cell]) * f[at] * f[at];
                     let lamp_common2 = self.lamp2 * f[at] * f[at];
                     let standards2 = self.standards_variance(f[at], back.per_share);
-                    let systematic = (relative2 * f[at] * f[at] + lamp_common2 + standards2).sqrt();
+                    let systematic = (part2 + field2 + lamp_common2 + standards2).sqrt();
                     let by_shape = room.total[cell];
                     let total = sigma[at]
                         .hypot(by_shape)
@@ -194,27 +203,67 @@ impl Correction {
                         .hypot(back.uncertainty);
                     half_sigma[at] = stored_sigma(total);
                     if let (Some(row), Some(column)) = (self.row_bands[index], self.cell_bands[cell]) {
-                        let [stray2, lamp2] =
-                            [stray, lamp].map(|of| (of[at] * self.cells[at] * scale).powi(2));
-                        let f = f[at];
+                        let factor = self.cells[at] * lit.factor * shown[cell].factor;
+                        let [stray2, lamp2] = [stray, lamp].map(|of| (of[at] * factor).powi(2));
                         let directed2 = room.directed[cell].powi(2);
-                        let standard2 = (self.standard as f32 * f).powi(2).min(standards2);
+                        let standard2 = (self.standard as f32 * f[at]).powi(2).min(standards2);
                         let variances = [
                             (sigma[at].powi(2) - stray2 - lamp2).max(0.0),
                             stray2,
                             lamp2 + lamp_common2,
                             standard2,
-                            relative2 * f * f,
+                            field2,
+                            part2,
                             directed2,
                             (by_shape.powi(2) - directed2).max(0.0),
                             back.uncertainty.powi(2) + standards2 - standard2,
                         ];
-                        budget.add(row * BANDS_DEG.len() + column, f, variances);
+                        budget.add(row * BANDS_DEG.len() + column, f[at], variances);
                     }
                 }
             }
         }
         budget
+    }
+
+    /// What each cell of the incident direction `row` shows of what it would if all that its pixels see were lit; NaN where there
+    /// is no value, as `provenance` says or because too little is lit.
+    fn shown(&self, row: usize, provenance: &[u8]) -> Vec<Shown> {
+        let Some((shares, taps)) = &self.shares else {
+            let of = |code: &u8| {
+                if *code == Provenance::Missing.code() {
+                    Shown::NOTHING
+                } else {
+                    Shown::ALL
+                }
+            };
+            return provenance.iter().map(of).collect();
+        };
+        let mut shown = vec![Shown::NOTHING; provenance.len()];
+        // Pixels serve several cells.
+        let mut of_pixels: Vec<Option<Share>> = Vec::new();
+        for taps in taps {
+            let cell = taps.cell as usize;
+            if provenance[cell] == Provenance::Missing.code() {
+                continue;
+            }
+            let mut mean = Share::default();
+            for (pixel, weight) in taps.pixel.iter().zip(taps.weight) {
+                let pixel = *pixel as usize;
+                if of_pixels.len() <= pixel {
+                    of_pixels.resize(pixel + 1, None);
+                }
+                let share = of_pixels[pixel].get_or_insert_with(|| shares.share(row, pixel));
+                mean.add(share, weight);
+            }
+            if let Some((share, relative)) = mean.known() {
+                shown[cell] = Shown {
+                    factor: share.recip(),
+                    relative,
+                };
+            }
+        }
+        shown
     }
 
     /// Variance of f in sr⁻² by the reflectances of the standards; interreflection of share 1 adds `per_share`.
@@ -255,6 +304,26 @@ impl Correction {
     }
 }
 
+/// What the share that is lit of what a pixel sees makes of f.
+#[derive(Clone, Copy, Debug)]
+struct Shown {
+    /// What f is to be multiplied with; NaN where there is no value.
+    factor: f32,
+    /// Relative standard uncertainty (k = 1) of it.
+    relative: f32,
+}
+
+impl Shown {
+    const ALL: Self = Self {
+        factor: 1.0,
+        relative: 0.0,
+    };
+    const NOTHING: Self = Self {
+        factor: f32::NAN,
+        relative: f32::NAN,
+    };
+}
+
 /// What interreflection adds to f, sr⁻¹.
 #[derive(Clone, Copy, Debug, Default)]
 struct Back {
@@ -289,6 +358,19 @@ fn throughput(rig: &Rig, photometry: &Photometry, disk: Disk) -> (Vec<f32>, Vec<
         variances.push((relative * relative) as f32);
     }
     (factors, variances)
+}
+
+/// What part of the sample camera pixels and incident directions have in common.
+fn shares(rig: &Rig, directions: &Directions, applied: &AppliedCalibration) -> Option<Shares> {
+    let part = applied.photometry.as_ref()?.seen_part.as_ref()?;
+    let lit: Vec<Option<DVec3>> = (0..directions.grid.len())
+        .map(|index| {
+            directions.reasons[index]
+                .is_none()
+                .then(|| directions.grid.direction(index))
+        })
+        .collect();
+    Some(Shares::new(part, rig, &lit))
 }
 
 /// What the lit pixels of one incident direction are to its images.

@@ -10,12 +10,13 @@ use serde::Serialize;
 use crate::store::{BrdfReader, SmallArray, SmallData, StoreError};
 
 /// What makes uncertain, in the order of the columns.
-pub const CAUSES: [&str; 8] = [
+pub const CAUSES: [&str; 9] = [
     "noise",
     "stray light",
     "lamp",
     "standard",
     "light and throughput",
+    "seen part",
     "directions",
     "blur",
     "interreflection",
@@ -100,7 +101,7 @@ impl BudgetSums {
                 data: SmallData::F64(shares),
                 units: "1",
                 long_name: "share of each cause in the variance of f: noise, stray light, lamp, standard, light and throughput, \
-                            directions, blur, interreflection; regions: incident theta up to 30, 60, 80 degrees, within each \
+                            seen part, directions, blur, interreflection; regions: incident theta up to 30, 60, 80 degrees, within each \
                             outgoing theta up to 30, 60, 80 degrees",
                 codes: &[],
             },
@@ -194,11 +195,11 @@ mod tests {
     #[test]
     fn shares_are_means_over_samples_and_sum_to_one() {
         let mut sums = BudgetSums::default();
-        sums.add(4, 1.0, [1e-4, 0.0, 0.0, 3e-4, 0.0, 0.0, 0.0, 0.0]);
+        sums.add(4, 1.0, [1e-4, 0.0, 0.0, 3e-4, 0.0, 0.0, 0.0, 0.0, 0.0]);
         let mut more = BudgetSums::default();
-        more.add(4, 100.0, [4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        more.add(4, 100.0, [4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         // What nobody knows counts for nothing.
-        more.add(4, 1.0, [f32::INFINITY; 8]);
+        more.add(4, 1.0, [f32::INFINITY; CAUSES.len()]);
         sums.merge(&more);
         let [shares, relative] = BudgetSums::arrays(Some(&sums));
         let found = regions(shares.data.as_f64().unwrap(), relative.data.as_f64().unwrap());

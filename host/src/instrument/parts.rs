@@ -97,6 +97,9 @@ pub struct Lens {
     /// degrees; the one about z acts first, then y, then x.
     #[serde(default, deserialize_with = "exactly")]
     pub rotation_deg: [f64; 3],
+    /// Diameter of the pupil, metres; 0 stands for a point. Its image is what a pixel sees, or lights, of the sample.
+    #[serde(default, skip_serializing_if = "is_point")]
+    pub pupil_m: f64,
 }
 
 /// The camera: its lens, sensor and timing.
@@ -182,6 +185,12 @@ pub struct Light {
     pub full_scale_f_sr: f64,
     /// Diameter of the cone that one pattern lights, degrees; its solid angle is the same for all patterns.
     pub spot_deg: f64,
+}
+
+/// Whether a diameter is that of a point: rigs of before there were pupils keep their hash.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_point(diameter_m: &f64) -> bool {
+    *diameter_m == 0.0
 }
 
 /// Reads an array of exactly `N` numbers.

@@ -38,6 +38,47 @@ pub struct Flaws {
     pub pixels: Pixels,
     /// How steady the light is.
     pub lamp: Lamp,
+    /// Pupils that are no points.
+    pub pupils: Pupils,
+}
+
+/// The pupils of camera and projector, whose images are what is seen and lit of the sample.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Pupils {
+    /// Diameter of the camera's, metres; if either is 0 both are points.
+    pub camera_m: f64,
+    /// Diameter of the projector's, metres.
+    pub projector_m: f64,
+    /// By which share the light of the projector's pupil is dimmer at its edge than in its middle.
+    pub falloff: f64,
+    /// By how much the camera's iris is turned, degrees.
+    pub blades_deg: f64,
+}
+
+/// How well diameters of pupils are known, relative: f-numbers are marked to a sixth of a stop and better.
+const PUPIL: f64 = 0.03;
+
+impl Pupils {
+    /// Those of lenses that are said to have these diameters.
+    pub(super) fn drawn([camera_m, projector_m]: [f64; 2], rng: &mut Xoshiro256PlusPlus) -> Self {
+        let mut near = |said: f64| -> f64 {
+            let normal: f64 = rng.sample(rand_distr::StandardNormal);
+            said * (1.0 + PUPIL * normal.clamp(-3.0, 3.0))
+        };
+        let [camera_m, projector_m] = [near(camera_m), near(projector_m)];
+        Self {
+            camera_m,
+            projector_m,
+            falloff: log_uniform(FALLOFFS, rng),
+            blades_deg: rng.random_range(0.0..60.0),
+        }
+    }
+
+    /// Whether they are more than points.
+    pub(super) fn are_wide(&self) -> bool {
+        self.camera_m > 0.0 && self.projector_m > 0.0
+    }
 }
 
 /// The projector's lamp or LED over time.
@@ -257,6 +298,9 @@ pub const FLICKERS: RangeInclusive<f64> = 5e-4..=5e-3;
 /// Half the range by which the light of black pixels varies over the image beside that of lit ones: black depends on the angle
 /// at which light meets the modulator.
 pub(super) const BLACK_FIELD: f64 = 0.2;
+/// Falloffs of light over the image of a pupil: of integrators that mix the light well 2 %, without one 20 % (uniformity in data
+/// sheets of projectors is that of the picture; that of a pupil is no better).
+pub const FALLOFFS: RangeInclusive<f64> = 2e-2..=0.2;
 
 /// What tells the chance of a sensor from that of the rest of the rig: the letters of `pixels`.
 const SENSOR_STREAM: u64 = 0x7069_7865_6c73;

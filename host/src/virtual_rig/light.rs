@@ -18,6 +18,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use super::areas::LitArea;
 use crate::instrument::optics::DirectionTiles;
 
 /// What one pattern does.
@@ -32,7 +33,7 @@ pub(super) struct Glow {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum AtSample {
     /// Spots of light; none for a black pattern.
-    Spots(Arc<[Light]>),
+    Spots(Arc<[Spot]>),
     /// Relative radiance of every camera pixel, where a mirror shows the pattern itself.
     Image(Arc<[f32]>),
 }
@@ -49,6 +50,13 @@ impl Glow {
         let is_dark = matches!(&self.at_sample, AtSample::Spots(spots) if spots.is_empty());
         is_dark && self.direct <= 0.0
     }
+}
+
+/// Light from one spot of a pattern, and what it lights of the sample: all, if that is `None`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Spot {
+    pub(super) light: Light,
+    pub(super) area: Option<LitArea>,
 }
 
 /// Light from one spot of a pattern.

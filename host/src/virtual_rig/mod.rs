@@ -9,6 +9,7 @@
 //! - `stage`: edges → which pattern was lit for how long in which exposure
 //! - `light`: lit pixels → light at the sample
 //! - `scene`: light and sample → charge of every camera pixel
+//! - `areas`: what part of the sample a pixel sees and a spot lights
 //! - `stray`: light that goes other ways: glare, ghost and direct light
 //! - `held`: what stands in the holder: a sample or, for calibration, a flat mirror
 //! - `flaws`: imperfections that no rig file has
@@ -21,6 +22,7 @@
 //! Everything is a function of the rig, the sample and a seed: the same measurement, even if it was
 //! interrupted and resumed, gives the same bits.
 
+mod areas;
 mod controller;
 mod flaws;
 mod held;
@@ -48,8 +50,8 @@ use crate::plan::pattern::BitPattern;
 
 pub use controller::{CLOCK_HZ, VirtualController};
 pub use flaws::{
-    CONTRASTS, DRIFTS, Direct, FLICKERS, Field, Flaws, GHOSTS, GLARES, Ghost, Glare, Lamp, PRNUS, Pixels,
-    ROW_NOISES_E,
+    CONTRASTS, DRIFTS, Direct, FALLOFFS, FLICKERS, Field, Flaws, GHOSTS, GLARES, Ghost, Glare, Lamp, PRNUS,
+    Pixels, Pupils, ROW_NOISES_E,
 };
 pub use held::{FlatMirror, Held};
 pub use sensor::Noise;

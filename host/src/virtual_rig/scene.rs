@@ -14,8 +14,10 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::areas::{LitArea, SeenArea};
+use super::flaws::{Flaws, Pupils};
 use super::held::{Held, Reflections};
-use super::light::{AtSample, Glow, Light};
+use super::light::{AtSample, Glow, Light, Spot};
 use super::pixels::PixelMaps;
 use super::sensor::{Noise, Sensor};
 use super::stage::Shot;
@@ -26,6 +28,7 @@ use crate::brdf::sample::{Outgoing, Sample, albedo};
 use crate::hemisphere::direction::from_angles;
 use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::optics::{DirectionTiles, View};
+use crate::instrument::rig::Rig;
 use crate::plan::pattern::BitPattern;
 
 /// Offset of the two Gauss points from the centre of a pixel: 1/(2√3).
@@ -34,6 +37,8 @@ const GAUSS: f64 = 0.288_675_134_594_812_9;
 const PART_DEG: f64 = 2.5;
 /// … as far as so many parts along an axis do.
 const MOST_PARTS: f64 = 4.0;
+/// Beams reach so far beyond the sample at most, metres: half the mirror.
+const BEAM_M: f64 = 0.1;
 /// Side of the blocks of black pixels that count as one light.
 const BLOCK_PX: usize = 64;
 
@@ -47,6 +52,8 @@ struct Pixel {
     one: DVec3,
     seen: f64,
     throughput: f64,
+    /// What it sees of the sample: a point, if that is `None`.
+    area: Option<SeenArea>,
 }
 
 impl Pixel {
@@ -78,12 +85,58 @@ fn parts(view: &View, u: f64, v: f64) -> Vec<[Option<DVec3>; 4]> {
         .collect()
 }
 
+/// The pixels of the camera with this `view` that see the sample.
+fn pixels(view: &View, flaws: &Flaws, format: FrameFormat, pupils: Option<&Pupils>) -> Vec<Pixel> {
+    let throughput = flaws.throughput.over(format.width_px, format.height_px);
+    (0..format.width_px * format.height_px)
+        .filter_map(|index| {
+            let (u, v) = (
+                (index % format.width_px) as f64 + 0.5,
+                (index / format.width_px) as f64 + 0.5,
+            );
+            let parts = parts(view, u, v);
+            let seen = parts.iter().flatten().flatten();
+            let one = *seen.clone().next()?;
+            let area = match pupils {
+                // What is seen edge on is nothing.
+                Some(pupils) => Some(SeenArea::new(
+                    view,
+                    seen.clone().sum::<DVec3>().normalize(),
+                    pupils,
+                )?),
+                None => None,
+            };
+            Some(Pixel {
+                index,
+                one,
+                area,
+                seen: seen.count() as f64 / (4 * parts.len()) as f64,
+                parts,
+                throughput: throughput[index],
+            })
+        })
+        .collect()
+}
+
+/// The rig for rays that wide pupils make of a beam: one that meets the plane beside the sample may still be of a beam that
+/// meets the sample.
+fn rays(rig: &Rig, is_wide: bool) -> Rig {
+    let mut rays = rig.clone();
+    if is_wide {
+        rays.sample.radius_m += BEAM_M;
+    }
+    rays
+}
+
 /// What is held in the rig.
 pub(super) struct Scene {
     held: Held,
     format: FrameFormat,
     pixels: Vec<Pixel>,
     projector: DirectionTiles,
+    /// If they are more than points.
+    pupils: Option<Pupils>,
+    sample_radius_m: f64,
     /// `E_p`, relative, row by row.
     intensity: Vec<f64>,
     gamma: f64,
@@ -109,27 +162,12 @@ pub(super) struct Scene {
 impl Scene {
     pub(super) fn new(truth: &Truth, held: Held) -> Self {
         let Truth { rig, flaws, .. } = truth;
+        let pupils = flaws.pupils.are_wide().then(|| flaws.pupils.clone());
+        let rays = rays(rig, pupils.is_some());
         let format = rig.frame_format();
-        let view = View::camera(rig);
-        let throughput = flaws.throughput.over(format.width_px, format.height_px);
-        let pixels = (0..format.width_px * format.height_px)
-            .filter_map(|index| {
-                let (u, v) = (
-                    (index % format.width_px) as f64 + 0.5,
-                    (index / format.width_px) as f64 + 0.5,
-                );
-                let parts = parts(&view, u, v);
-                let seen = parts.iter().flatten().flatten();
-                Some(Pixel {
-                    index,
-                    one: *seen.clone().next()?,
-                    seen: seen.count() as f64 / (4 * parts.len()) as f64,
-                    parts,
-                    throughput: throughput[index],
-                })
-            })
-            .collect();
-        let projector = DirectionTiles::of(View::projector(rig));
+        let view = View::camera(&rays);
+        let pixels = pixels(&view, flaws, format, pupils.as_ref());
+        let projector = DirectionTiles::of(View::projector(&rays));
         let (width_px, height_px) = projector.view().size_px();
         let intensity = flaws.intensity.over(width_px, height_px);
         let mut scene = Self {
@@ -147,6 +185,8 @@ impl Scene {
             format,
             pixels,
             projector,
+            pupils,
+            sample_radius_m: rig.sample.radius_m,
             intensity: intensity
                 .into_iter()
                 .map(|field| field * rig.projector.irradiance)
@@ -219,7 +259,20 @@ impl Scene {
             return AtSample::Image(reflections.image(&intensity).into());
         }
         let intensity = |pixel: usize| level * self.intensity[pixel];
-        AtSample::Spots(Light::spots(lit, &self.projector, &intensity).into())
+        let lights = Light::spots(lit, &self.projector, &intensity);
+        AtSample::Spots(lights.into_iter().filter_map(|light| self.spot(light)).collect())
+    }
+
+    /// With what it lights of the sample; `None` where it meets the sample edge on.
+    fn spot(&self, light: Light) -> Option<Spot> {
+        let area = match &self.pupils {
+            Some(pupils) => {
+                let middle = light.nodes.iter().sum::<DVec3>().normalize();
+                Some(LitArea::new(self.projector.view(), middle, pupils)?)
+            }
+            None => None,
+        };
+        Some(Spot { light, area })
     }
 
     /// f × irradiance of all projector pixels as black ones.
@@ -232,26 +285,27 @@ impl Scene {
         let blocks = (0..height_px)
             .step_by(BLOCK_PX)
             .flat_map(|top| (0..width_px).step_by(BLOCK_PX).map(move |left| (top, left)));
-        let lights: Vec<Light> = blocks
+        let spots: Vec<Spot> = blocks
             .filter_map(|(top, left)| {
                 let rows = top..(top + BLOCK_PX).min(height_px);
                 let columns = left..(left + BLOCK_PX).min(width_px);
                 let block: Vec<u32> = rows
                     .flat_map(|y| columns.clone().map(move |x| (y * width_px + x) as u32))
                     .collect();
-                Light::of(&block, &self.projector, &|pixel| self.black_intensity[pixel])
+                let light = Light::of(&block, &self.projector, &|pixel| self.black_intensity[pixel])?;
+                self.spot(light)
             })
             .collect();
-        let lobes: Vec<_> = lights
+        let lobes: Vec<_> = spots
             .iter()
-            .map(|light| light.nodes.map(|node| sample.incident(node)))
+            .map(|spot| spot.light.nodes.map(|node| sample.incident(node)))
             .collect();
         let of = |pixel: &Pixel| {
             let mut sum = [0.0; 3];
-            for (light, lobes) in lights.iter().zip(&lobes) {
-                let f = self.f(light, pixel.mean_f(lobes), pixel);
+            for (spot, lobes) in spots.iter().zip(&lobes) {
+                let f = self.f(spot, pixel.mean_f(lobes), pixel);
                 for (sum, f) in sum.iter_mut().zip(f) {
-                    *sum += light.irradiance * f;
+                    *sum += spot.light.irradiance * f;
                 }
             }
             sum
@@ -259,16 +313,18 @@ impl Scene {
         self.pixels.par_iter().map(of).collect()
     }
 
-    /// f and what interreflection adds to it, in sr⁻¹ × throughput.
-    fn f(&self, light: &Light, mean: [f64; 3], pixel: &Pixel) -> [f64; 3] {
+    /// f of what is both seen and lit, with what interreflection adds to it, in sr⁻¹ × throughput.
+    fn f(&self, spot: &Spot, mean: [f64; 3], pixel: &Pixel) -> [f64; 3] {
+        let areas = pixel.area.as_ref().zip(spot.area.as_ref());
+        let share = areas.map_or(1.0, |(seen, lit)| seen.share(lit, self.sample_radius_m));
         let mut f = mean;
         if let Some(interreflection) = &self.interreflection {
-            let back = interreflection.f(light.nodes[0], pixel.one);
+            let back = interreflection.f(spot.light.nodes[0], pixel.one);
             for (f, back) in f.iter_mut().zip(back) {
                 *f += pixel.seen * back;
             }
         }
-        f.map(|f| f * pixel.throughput)
+        f.map(|f| f * share * pixel.throughput)
     }
 
     /// Digital numbers of `shot`, [row, column, channel].
@@ -301,8 +357,8 @@ impl Scene {
             match (&glow.at_sample, &self.held) {
                 (AtSample::Spots(spots), Held::Sample(sample)) => {
                     for spot in spots.iter() {
-                        let lobes = spot.nodes.map(|node| sample.incident(node));
-                        let scale = light_e * spot.irradiance * visible_s;
+                        let lobes = spot.light.nodes.map(|node| sample.incident(node));
+                        let scale = light_e * spot.light.irradiance * visible_s;
                         for pixel in &self.pixels {
                             let f = self.f(spot, pixel.mean_f(&lobes), pixel);
                             add(pixel, scale, f);

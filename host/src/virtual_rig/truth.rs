@@ -18,18 +18,21 @@ use serde::{Deserialize, Serialize};
 use crate::brdf::sample::Sample;
 use crate::instrument::rig::{Lens, Rig, RigError, explain};
 
-use super::flaws::{BLACK_FIELD, CONTRASTS, Direct, Field, Flaws, Ghost, Glare, Lamp, Pixels, log_uniform};
+use super::flaws::{
+    BLACK_FIELD, CONTRASTS, Direct, Field, Flaws, Ghost, Glare, Lamp, Pixels, Pupils, log_uniform,
+};
 use super::held::Off;
 
 /// Version of a truth's file; 1 does not say so.
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 /// What came with each later version.
-const NEWS: [(u32, &str); 2] = [
+const NEWS: [(u32, &str); 3] = [
     (2, "glare, the splitter's ghost and direct light"),
     (
         3,
         "the lamp's drift and flicker and pixels of the camera that differ",
     ),
+    (4, "pupils, whose images are what is seen and lit of the sample"),
 ];
 
 /// A virtual rig as it really is.
@@ -68,6 +71,9 @@ pub struct Tolerances {
     /// Standard deviation of the light from exposure to exposure, relative; `None` draws it from
     /// [`FLICKERS`](super::FLICKERS), log-uniformly.
     pub flicker: Option<f64>,
+    /// By which share the edge of the projector's pupil is dimmer than its middle; `None` draws it from
+    /// [`FALLOFFS`](super::FALLOFFS), log-uniformly.
+    pub falloff: Option<f64>,
     /// Standard uncertainty of the reflectance of each standard, relative: a certificate of a pressed or sintered PTFE standard
     /// says 0.25 to 0.5 %.
     pub standard: f64,
@@ -121,9 +127,48 @@ impl Tolerances {
         direct: None,
         drift: None,
         flicker: None,
+        falloff: None,
         standard: 0.0,
         pixels: PixelTolerances::DRAWN,
     };
+}
+
+impl Tolerances {
+    /// Flaws of a rig that should be `nominal`, drawn from `rng`, those of its sensor from `seed`.
+    fn flaws(self, nominal: &Rig, seed: u64, rng: &mut Xoshiro256PlusPlus) -> Flaws {
+        let (throughput, intensity) = (Field::drawn(self.field, rng), Field::drawn(self.field, rng));
+        let drawn = log_uniform(CONTRASTS, rng);
+        let mut flaws = Flaws {
+            throughput,
+            intensity,
+            black_level: self.contrast.unwrap_or(drawn).recip(),
+            black: Field::drawn(BLACK_FIELD, rng),
+            gamma: 2.2,
+            nonlinearity: 0.01,
+            interreflection: 0.005,
+            standards: [0.0; 2],
+            glare: Glare::drawn(rng),
+            ghost: Ghost::drawn(rng),
+            direct: Direct::drawn(rng),
+            lamp: Lamp::default(),
+            pixels: self.pixels.drawn(seed),
+            pupils: Pupils::default(),
+        };
+        flaws.standards = std::array::from_fn(|_| {
+            let normal: f64 = rng.sample(StandardNormal);
+            self.standard * normal
+        });
+        flaws.glare.share = self.glare.unwrap_or(flaws.glare.share);
+        flaws.ghost.share = self.ghost.unwrap_or(flaws.ghost.share);
+        flaws.direct.share = self.direct.unwrap_or(flaws.direct.share);
+        flaws.lamp = Lamp::drawn(rng);
+        let sign = flaws.lamp.drift_per_h.signum();
+        flaws.lamp.drift_per_h = self.drift.map_or(flaws.lamp.drift_per_h, |drift| sign * drift);
+        flaws.lamp.flicker = self.flicker.unwrap_or(flaws.lamp.flicker);
+        flaws.pupils = Pupils::drawn([nominal.camera.lens.pupil_m, nominal.projector.lens.pupil_m], rng);
+        flaws.pupils.falloff = self.falloff.unwrap_or(flaws.pupils.falloff);
+        flaws
+    }
 }
 
 impl Truth {
@@ -147,15 +192,7 @@ impl Truth {
         let Tolerances {
             position_m,
             angle_deg,
-            field,
-            contrast,
-            glare,
-            ghost,
-            direct,
-            drift,
-            flicker,
-            standard,
-            pixels,
+            ..
         } = tolerances;
         // Shapes and lenses are made better than they are mounted: a tenth of the way in the same proportion.
         let relative = position_m / nominal.mirror.a_m;
@@ -189,34 +226,7 @@ impl Truth {
         rig.camera.read_noise_e *= 1.0 + 0.1 * normal().clamp(-3.0, 3.0);
         rig.camera.full_well_e *= 1.0 + 0.05 * normal().clamp(-3.0, 3.0);
         rig.validate()?;
-        let (throughput, intensity) = (Field::drawn(field, &mut rng), Field::drawn(field, &mut rng));
-        let drawn = log_uniform(CONTRASTS, &mut rng);
-        let mut flaws = Flaws {
-            throughput,
-            intensity,
-            black_level: contrast.unwrap_or(drawn).recip(),
-            black: Field::drawn(BLACK_FIELD, &mut rng),
-            gamma: 2.2,
-            nonlinearity: 0.01,
-            interreflection: 0.005,
-            standards: [0.0; 2],
-            glare: Glare::drawn(&mut rng),
-            ghost: Ghost::drawn(&mut rng),
-            direct: Direct::drawn(&mut rng),
-            lamp: Lamp::default(),
-            pixels: pixels.drawn(seed),
-        };
-        flaws.standards = std::array::from_fn(|_| {
-            let normal: f64 = rng.sample(StandardNormal);
-            standard * normal
-        });
-        flaws.glare.share = glare.unwrap_or(flaws.glare.share);
-        flaws.ghost.share = ghost.unwrap_or(flaws.ghost.share);
-        flaws.direct.share = direct.unwrap_or(flaws.direct.share);
-        flaws.lamp = Lamp::drawn(&mut rng);
-        let sign = flaws.lamp.drift_per_h.signum();
-        flaws.lamp.drift_per_h = drift.map_or(flaws.lamp.drift_per_h, |drift| sign * drift);
-        flaws.lamp.flicker = flicker.unwrap_or(flaws.lamp.flicker);
+        let flaws = tolerances.flaws(nominal, seed, &mut rng);
         Ok(Self {
             version: VERSION,
             rig,
@@ -269,6 +279,7 @@ impl Truth {
             direct,
             lamp,
             pixels,
+            pupils,
             ..
         } = &self.flaws;
         let of_glare = |low: f64| if glare.share > 0.0 { low } else { 0.0 };
@@ -295,6 +306,10 @@ impl Truth {
             ("flaws.pixels.dsnu_e", pixels.dsnu_e, 0.0, 100.0),
             ("flaws.pixels.hot", pixels.hot, 0.0, 0.1),
             ("flaws.pixels.row_noise_e", pixels.row_noise_e, 0.0, 100.0),
+            ("flaws.pupils.camera_m", pupils.camera_m, 0.0, 0.2),
+            ("flaws.pupils.projector_m", pupils.projector_m, 0.0, 0.2),
+            ("flaws.pupils.falloff", pupils.falloff, 0.0, 1.0),
+            ("flaws.pupils.blades_deg", pupils.blades_deg, -360.0, 360.0),
         ] {
             if !(low..=high).contains(&found) {
                 return Err(refuse(
@@ -378,14 +393,14 @@ mod tests {
             std::fs::write(&path, text).unwrap();
             Truth::load(&path).unwrap_err().to_string()
         };
-        let older = refusal(truth.to_toml().replacen("version = 3\n", "", 1));
+        let older = refusal(truth.to_toml().replacen("version = 4\n", "", 1));
         assert!(
-            older.contains("version: expected 3, which also has glare") && older.ends_with("found none"),
+            older.contains("version: expected 4, which also has glare") && older.ends_with("found none"),
             "{older}"
         );
-        let before = refusal(truth.to_toml().replacen("version = 3\n", "version = 2\n", 1));
+        let before = refusal(truth.to_toml().replacen("version = 4\n", "version = 2\n", 1));
         assert!(
-            before.contains("version: expected 3, which also has the lamp's drift")
+            before.contains("version: expected 4, which also has the lamp's drift")
                 && before.ends_with("found 2"),
             "{before}"
         );

@@ -109,6 +109,21 @@ fn ghost(found: &Photometry) -> String {
     )
 }
 
+fn seen_part(found: &Photometry) -> String {
+    let Some(part) = &found.seen_part else {
+        return "of the sample: not asked for; the rig does not say how wide the pupils are".to_owned();
+    };
+    let mm = |m: f64| 1e3 * m;
+    let [x, y, z] = part.offset_m.map(mm);
+    let [camera, projector] = part.pupils_m.map(mm);
+    format!(
+        "sample beside its place by {x:.2}, {y:.2}, {z:.2} mm ± {:.2} mm (k = 1, the worst), pupils of {camera:.1} and \
+         {projector:.0} mm; the edge of what is lit is {:.0} % darker",
+        mm(part.worst_m()),
+        100.0 * part.falloff
+    )
+}
+
 fn lamp(found: &Photometry) -> String {
     let flicker = format!(
         "flickers by {:.3} % from exposure to exposure",
@@ -200,6 +215,7 @@ fn text(found: &Photometry) -> String {
                 percent(found.standard_uncertainty)
             ),
         ),
+        ("seen part", seen_part(found)),
         (
             "interreflection",
             found.interreflection.map_or_else(

@@ -1,7 +1,7 @@
 //! The contrast of the projector: light of all its pixels lit over that of all black.
 //!
 //! What all of them lit would show of the standard follows from light and throughput; what they show black is seen. Both are means
-//! over the pixels of the camera that see the standard.
+//! over the pixels of the camera that see the standard. Of what each of them sees not all is lit from everywhere.
 
 use super::rank_one::{Fields, Seen};
 use crate::brdf::sample::Sample;
@@ -33,6 +33,7 @@ pub(super) fn contrast(
     let (mut lit, mut unlit) = (0.0, 0.0);
     for (pixel, [x, y], wo) in &seen.pixels {
         let f = lobe.f(*wo);
+        let irradiance = irradiance * seen.mean_share(*pixel);
         for (channel, k) in fields.sensitivity.iter().enumerate() {
             lit += exposure_s * k * fields.throughput.at(*x, *y) * seen.f_of(f, channel) * irradiance;
             unlit += black[pixel * seen.channels + channel];

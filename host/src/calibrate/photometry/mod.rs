@@ -57,8 +57,8 @@ use crate::brdf::sample::{Sample, albedo};
 use crate::hemisphere::direction::from_degrees;
 use crate::instrument::calibration::stray::{Removal, dark_of};
 use crate::instrument::calibration::{
-    CalibrationError, Interreflection, LampFound, PHOTOMETRY, PHOTOMETRY_VERSION, Photometry, Stray,
-    check_rig, file, rig_hash,
+    CalibrationError, Interreflection, LampFound, PHOTOMETRY, PHOTOMETRY_VERSION, Photometry, SeenPart,
+    Stray, check_rig, file, rig_hash,
 };
 use crate::instrument::rig::Rig;
 use crate::store::{RawStore, Segment};
@@ -70,6 +70,9 @@ const SATURATED: f64 = 0.002;
 
 /// What the response of pixels is taken for where too few show it, relative: data sheets by EMVA 1288 have 0.2 to 1 %.
 const MOST_PRNU: f64 = 0.01;
+
+/// The most that light and throughput may leave of what the standard shows, relative, RMS.
+const WORST_RESIDUAL: f64 = 0.02;
 
 /// Level of grey of the exposure `index` of the series of levels.
 fn level(index: usize) -> u8 {
@@ -113,11 +116,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         frames.push(shown);
     }
     check_saturated(&all)?;
-    let fields = fit_whole(&mut all, &frames).ok_or_else(|| CalibrateError::Views {
-        expected: "frames of the standard that determine light and throughput".to_owned(),
-        found: "too little of the image lit".to_owned(),
-        advice: "is the standard in place, and lit?",
-    })?;
+    let (fields, seen_part) = explain(&mut all, &frames)?;
     let prnu = captured.prnu(&all, &linear, &Layout::of(&rig));
     let mut camera = linear.sensor;
     (camera.prnu, camera.prnu_is_assumed) = (prnu.unwrap_or(MOST_PRNU), prnu.is_none());
@@ -157,6 +156,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         interreflection,
         stray: stray_light,
         lamp,
+        seen_part,
     };
     super::check(&photometry)?;
     let path = dir.join(PHOTOMETRY);
@@ -385,6 +385,33 @@ fn check_saturated(all: &[Seen]) -> Result<(), CalibrateError> {
         });
     }
     Ok(())
+}
+
+/// What explains all that was `seen` in the `frames`: light and throughput, and what part of the standard is seen.
+///
+/// # Errors
+/// [`CalibrateError::Views`] if they leave more than [`WORST_RESIDUAL`], or nothing does.
+fn explain(
+    seen: &mut [Seen],
+    frames: &[Frames],
+) -> Result<(rank_one::Fields, Option<SeenPart>), CalibrateError> {
+    let (fields, part) = fit_whole(seen, frames).ok_or_else(|| CalibrateError::Views {
+        expected: "frames of the standard that determine light and throughput".to_owned(),
+        found: "too little of the image lit".to_owned(),
+        advice: "is the standard in place, and lit?",
+    })?;
+    if fields.residual <= WORST_RESIDUAL {
+        return Ok((fields, part));
+    }
+    Err(CalibrateError::Views {
+        expected: format!(
+            "light and throughput that explain what the standard shows to {:.0} %",
+            100.0 * WORST_RESIDUAL
+        ),
+        found: format!("{:.1} % that they do not", 100.0 * fields.residual),
+        advice: "is the standard flat, in the middle of the holder and at its height? Are the pupils those of the rig file \
+                 (pupil_m)?",
+    })
 }
 
 /// What of the light in frames is not the spot's, or not the lamp's as it was.

@@ -13,15 +13,15 @@ use glam::{DVec3, Vec4};
 use rayon::prelude::*;
 
 use super::Linear;
-use super::rank_one::{Fields, Held, Seen, fit};
+use super::rank_one::{Fields, Held, Seen, fit, with_height};
 use crate::brdf::sample::Sample;
 use crate::instrument::calibration::lamp::SLOW;
 use crate::instrument::calibration::lights;
 use crate::instrument::calibration::stray::{Level, Removal, Room, lanes};
-use crate::instrument::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
+use crate::instrument::calibration::{BLIND, EDGE, SEEN, SeenPart, Sight, UNSEEN};
 
 /// Turns of fitting and judging, at most.
-const TURNS: usize = 8;
+const TURNS: usize = 12;
 /// Up to which θ in degrees the turns before them reach, and how little of its prediction is whole then.
 const GROWTH_DEG: [f64; 6] = [52.0, 60.0, 66.0, 72.0, 76.0, 80.0];
 const GROWTH_LEAST: f64 = 0.8;
@@ -32,6 +32,9 @@ const LEAST: f64 = 0.02;
 const LARGEST_DEFICIT: f64 = 0.5;
 /// Before there are fields, what shines less than this share of the usual does not take part.
 const DIM: f64 = 0.4;
+/// In one turn what part of the standard is seen changes by so many tolerances at most, and by less it counts as found.
+const FARTHEST: f64 = 0.5;
+const STILL: f64 = 0.02;
 /// Directions that judge a pixel, and pixels that judge a direction, about.
 const LIGHTS: usize = 48;
 const PIXELS: usize = 400;
@@ -286,10 +289,11 @@ impl Seen<'_> {
                 * irradiance
                 * fields.throughput.at(o[0], o[1])
                 * fields.intensity.at(p[0], p[1]);
+            let lit = self.share(place, index);
             for channel in 0..self.channels {
                 if let Some((signal, variance)) = self.signal(frames, place, index * self.channels + channel)
                 {
-                    let predicted = scale * fields.sensitivity[channel] * self.f_of(f, channel);
+                    let predicted = scale * fields.sensitivity[channel] * self.f_of(f, channel) * lit;
                     share.add(signal, predicted, variance);
                 }
             }
@@ -373,8 +377,10 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
 }
 
 /// Fields from what is whole of all that was `seen`, and what that is; `frames` are those of each stand. `None` if what is
-/// whole does not determine them.
-pub(super) fn fit_whole(seen: &mut [Seen], frames: &[Frames]) -> Option<Fields> {
+/// whole does not determine them. With them what part of the standard was seen and lit, if the rig says anything of that.
+pub(super) fn fit_whole(seen: &mut [Seen], frames: &[Frames]) -> Option<(Fields, Option<SeenPart>)> {
+    let mut part = SeenPart::of(seen[0].rig()).map(|part| with_height(seen, part));
+    set_part(seen, part.as_ref());
     for (seen, frames) in seen.iter_mut().zip(frames) {
         seen.drop_the_dim(frames);
     }
@@ -383,7 +389,7 @@ pub(super) fn fit_whole(seen: &mut [Seen], frames: &[Frames]) -> Option<Fields> 
         for seen in seen.iter_mut() {
             seen.keep_within(theta_deg);
         }
-        let Some(fields) = fit(seen, Held::Smooth) else {
+        let Some(fields) = fit_with(seen, Held::Smooth, &mut part) else {
             // Nothing is lit so near to the normal: not yet.
             for (seen, before) in seen.iter_mut().zip(before) {
                 seen.judged = before;
@@ -395,7 +401,7 @@ pub(super) fn fit_whole(seen: &mut [Seen], frames: &[Frames]) -> Option<Fields> 
         }
     }
     for _ in 0..TURNS {
-        let fields = fit(seen, Held::Loosely)?;
+        let fields = fit_with(seen, Held::Loosely, &mut part)?;
         let before: Vec<Judged> = seen.iter().map(|seen| seen.judged.clone()).collect();
         for (seen, frames) in seen.iter_mut().zip(frames) {
             seen.judge(frames, &fields, None);
@@ -404,9 +410,41 @@ pub(super) fn fit_whole(seen: &mut [Seen], frames: &[Frames]) -> Option<Fields> 
             .iter()
             .zip(&before)
             .all(|(seen, before)| seen.takes_the_same(before));
-        if is_same {
-            return Some(fields);
+        if is_same
+            && fields
+                .part
+                .is_none_or(|(by, _)| by.iter().all(|by| by.abs() < STILL))
+        {
+            return Some((fields, part));
         }
     }
-    fit(seen, Held::Loosely)
+    let fields = fit_with(seen, Held::Loosely, &mut part)?;
+    Some((fields, part))
+}
+
+/// Takes what is seen and lit for as in `part`, if anything is known of it.
+fn set_part(seen: &mut [Seen], part: Option<&SeenPart>) {
+    if let Some(part) = part {
+        for seen in seen {
+            seen.set_part(part);
+        }
+    }
+}
+
+/// Fits the fields, and goes on with the `part` of the sample that is seen.
+fn fit_with(seen: &mut [Seen], held: Held, part: &mut Option<SeenPart>) -> Option<Fields> {
+    let from = part.as_ref().map(|part| part.beside_nominal(seen[0].rig()));
+    let fields = fit(seen, held, from.as_ref())?;
+    if let Some((before, (by, covariance))) = part.as_mut().zip(fields.part) {
+        // What shares do is far from linear where edges are.
+        let by = by.map(|by| by.clamp(-FARTHEST, FARTHEST));
+        *before = before
+            .moved(&by)
+            .with_covariance(|row, column| covariance[row][column]);
+    }
+    for (stand, seen) in seen.iter_mut().enumerate() {
+        seen.set_trust(&fields, stand);
+    }
+    set_part(seen, part.as_ref());
+    Some(fields)
 }

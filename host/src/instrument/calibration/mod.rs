@@ -22,6 +22,7 @@ pub(crate) mod geometry;
 pub(crate) mod lamp;
 pub(crate) mod lights;
 pub(crate) mod photometry;
+mod seen_part;
 mod sight;
 pub(crate) mod stray;
 
@@ -40,6 +41,8 @@ pub use geometry::{Found, GEOMETRY, Geometry, WORST_DEG};
 pub use lamp::{LampFound, Monitor};
 pub(crate) use photometry::PHOTOMETRY_VERSION;
 pub use photometry::{CameraFound, Interreflection, PHOTOMETRY, Photometry};
+pub use seen_part::SeenPart;
+pub(crate) use seen_part::{ELLIPSE, Patches, Share, Shares, UNKNOWNS, Unknowns, pixel_centre};
 pub use sight::Sight;
 pub(crate) use sight::{BLIND, EDGE, SEEN, UNSEEN};
 pub use stray::{GhostFound, Stray};

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::field::{self, SmoothField};
 use super::lamp::LampFound;
+use super::seen_part::SeenPart;
 use super::sight::Sight;
 use super::stray::Stray;
 use super::{CalibrationError, check_rig, file};
@@ -16,8 +17,9 @@ pub const PHOTOMETRY: &str = "photometry.json";
 /// What writes the files of this calibration.
 pub(crate) const COMMAND: &str = "rcg calibrate photometry --out DIR";
 /// Version of `photometry.json`: 2 says where the standard was seen, 3 what the end of a field's series leaves; 4
-/// describes pixels of the sensor, not of the image; 5 has stray light, 6 the lamp and what pixels and rows differ by.
-pub(crate) const PHOTOMETRY_VERSION: u32 = 6;
+/// describes pixels of the sensor, not of the image; 5 has stray light, 6 the lamp and what pixels and rows differ by, 7 what
+/// part of the sample is seen.
+pub(crate) const PHOTOMETRY_VERSION: u32 = 7;
 
 /// What calibration found, as `photometry.json` has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -60,6 +62,9 @@ pub struct Photometry {
     /// How steady the light is, and what watches it.
     #[serde(default)]
     pub lamp: LampFound,
+    /// What part of the sample is seen and lit, if the rig says how wide the pupils are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seen_part: Option<SeenPart>,
     /// Where the standard was seen, at each of its tilts: there is no throughput elsewhere.
     #[serde(default)]
     pub sights: Vec<Sight>,
@@ -159,6 +164,13 @@ impl Photometry {
         }
         if let Some((field, expected)) = self.lamp.flaw(self.sensitivity.len()) {
             return content(&format!("lamp.{field}"), expected, "another".to_owned());
+        }
+        if let Some((field, expected)) = self.seen_part.as_ref().and_then(SeenPart::flaw) {
+            return content(
+                &format!("seen_part.{field}"),
+                expected.to_owned(),
+                "others".to_owned(),
+            );
         }
         if self.sights.is_empty() {
             return content("sights", "one for each tilt".to_owned(), "none".to_owned());

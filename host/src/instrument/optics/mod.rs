@@ -14,6 +14,7 @@
 //! | `tiles` | those pixels of a view that are asked for |
 //! | `table` | any position of a view, fast, with a stated error |
 //! | `spread` | parallax and blur of a pixel |
+//! | `patch` | what part of the sample a pixel sees or a spot lights |
 //! | `unmeasurable` | why there is no direction or no pixel |
 //!
 //! All geometry is `f64`; lengths are metres, angles radians, image positions pixels with the centre of the
@@ -24,6 +25,7 @@ mod footprint;
 mod frame;
 mod inverse;
 mod map;
+mod patch;
 mod pinhole;
 mod solid_angle;
 mod spread;
@@ -36,6 +38,7 @@ mod wire;
 pub use ellipsoid::{Ellipsoid, reflect};
 pub use frame::SampleFrame;
 pub use map::DirectionMap;
+pub use patch::{LitPatch, Patch};
 pub use pinhole::Pinhole;
 pub use solid_angle::cone_sr;
 pub use spread::Spread;

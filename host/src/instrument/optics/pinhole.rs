@@ -193,6 +193,7 @@ mod tests {
             distortion,
             offset_m: [0.0; 3],
             rotation_deg: [0.0; 3],
+            pupil_m: 0.0,
         }
     }
 

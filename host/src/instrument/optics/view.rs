@@ -224,10 +224,20 @@ impl View {
         Ok(())
     }
 
-    /// Follows a reflected ray to the sample plane.
+    /// Follows a reflected ray to the sample.
     pub(super) fn reach_sample(&self, reflection: &Reflection) -> Result<Trace, Unmeasurable> {
+        let trace = self.meet_plane(reflection)?;
+        if trace.hit_m.length() <= self.sample_radius_m {
+            Ok(trace)
+        } else {
+            Err(Unmeasurable::OffSample)
+        }
+    }
+
+    /// Follows a reflected ray to the sample plane, however far out.
+    pub(super) fn meet_plane(&self, reflection: &Reflection) -> Result<Trace, Unmeasurable> {
         let direction = self.to_sample(reflection.direction);
-        let from_m = self.to_sample(reflection.mirror_m - self.ellipsoid.f1() - self.sample_offset_m);
+        let from_m = self.to_sample_place(reflection.mirror_m);
         let hit_m = if direction.z.abs() > HORIZON {
             from_m - from_m.z / direction.z * direction
         } else if from_m.z.abs() <= IN_PLANE_M {
@@ -236,17 +246,28 @@ impl View {
         } else {
             return Err(Unmeasurable::OffSample);
         };
-        let on_sample = hit_m.length() <= self.sample_radius_m;
-        let trace = Trace {
+        Ok(Trace {
             direction,
             hit_m,
             mirror_m: reflection.mirror_m,
-        };
-        if on_sample {
-            Ok(trace)
-        } else {
-            Err(Unmeasurable::OffSample)
-        }
+        })
+    }
+
+    /// The place `point_m` of the mirror frame in the sample frame, from the sample's centre, metres.
+    pub(super) fn to_sample_place(&self, point_m: DVec3) -> DVec3 {
+        self.to_sample(point_m - self.ellipsoid.f1() - self.sample_offset_m)
+    }
+
+    /// Where the ray that leaves the place `at_m` of the sample plane along `w` (sample frame, unit) crosses the plane of the
+    /// device's pupil, from its middle along the device's x and y, metres; `None` where it does not.
+    pub fn pupil_at(&self, at_m: DVec2, w: DVec3) -> Option<DVec2> {
+        let from_m = self.frame.to_mirror(at_m.extend(0.0)) + self.ellipsoid.f1() + self.sample_offset_m;
+        let along = self.frame.to_mirror(w);
+        let mirror_m = self.ellipsoid.exit_point(from_m, along)?;
+        let back = self.device_to_m.transpose() * reflect(along, self.ellipsoid.normal(mirror_m));
+        let start_m = self.ray_to(mirror_m);
+        let steps = -start_m.z / back.z;
+        (steps > 0.0 && steps.is_finite()).then(|| (start_m + steps * back).truncate())
     }
 }
 

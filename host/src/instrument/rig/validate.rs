@@ -165,6 +165,7 @@ impl Rig {
         check.each(&field("distortion"), &lens.distortion, 1e3, "(no unit)")?;
         check.each(&field("offset_m"), &lens.offset_m, 1.0, "metres")?;
         check.each(&field("rotation_deg"), &lens.rotation_deg, 180.0, "degrees")?;
+        check.range(&field("pupil_m"), lens.pupil_m, 0.0, 0.2, "metres")?;
         let ellipsoid = Ellipsoid::of(self);
         if !ellipsoid.contains(ellipsoid.f2() + glam::DVec3::from_array(lens.offset_m)) {
             let expected = "an optical centre inside the mirror's ellipsoid";

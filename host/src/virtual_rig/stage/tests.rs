@@ -4,19 +4,25 @@ use super::*;
 use crate::instrument::rig::Rig;
 use crate::plan::Faults;
 use crate::virtual_rig::Noise;
-use crate::virtual_rig::light::{AtSample, Light};
+use crate::virtual_rig::light::{AtSample, Light, Spot};
 
 const CLOCK_HZ: u32 = 125_000_000;
 
 fn light(irradiance: f64) -> Glow {
     let nodes = [glam::DVec3::Z; 4];
     Glow {
-        at_sample: AtSample::Spots([Light { irradiance, nodes }].into()),
+        at_sample: AtSample::Spots(
+            [Spot {
+                light: Light { irradiance, nodes },
+                area: None,
+            }]
+            .into(),
+        ),
         direct: 0.0,
     }
 }
 
-fn spots(light: &Glow) -> &[Light] {
+fn spots(light: &Glow) -> &[Spot] {
     match &light.at_sample {
         AtSample::Spots(spots) => spots,
         AtSample::Image(_) => &[],
@@ -54,7 +60,7 @@ fn seen(shots: &[Shot]) -> Vec<Vec<(f64, f64)>> {
     let one = |shot: &Shot| {
         shot.seen
             .iter()
-            .map(|(light, s)| (spots(light)[0].irradiance, (s * 1e6).round()))
+            .map(|(light, s)| (spots(light)[0].light.irradiance, (s * 1e6).round()))
             .collect()
     };
     shots.iter().map(one).collect()

@@ -8,20 +8,29 @@
 //! past the standard and spots that fall beside it (`share`).
 //!
 //! Channels share both fields and have a K each.
+//!
+//! What part of the sample a pixel sees of what a spot lights is no product: where pupils are no points ln q also has the
+//! logarithm of that share, by what is known of it so far ([`SeenPart`]), and how it changes with the six numbers that it depends
+//! on, which are fitted along.
+
+mod area;
+mod fit;
+mod height;
 
 use glam::DVec3;
-use nalgebra::{DMatrix, DVector};
+
+pub(super) use fit::{Fields, Held, fit};
+pub(super) use height::with_height;
+
+use area::Area;
 
 use super::Linear;
 use super::capture::{Stand, Views, maker};
 use super::share::{Judged, Lit};
-use crate::base::linear_fit::least_squares;
 use crate::brdf::sample::Sample;
 use crate::calibrate::CalibrateError;
 use crate::instrument::calibration::stray::{PROJECTOR_TERMS, lit_terms};
-use crate::instrument::calibration::{
-    CalibrationError, CameraFound, HIGHEST, SmoothField, TERMS, degree, lights, terms,
-};
+use crate::instrument::calibration::{CalibrationError, Patches, lights};
 use crate::instrument::optics::{DirectionMap, Unmeasurable, View};
 use crate::instrument::rig::Rig;
 
@@ -50,6 +59,21 @@ struct Pair {
     /// Its variance by noise, and what it counts in a fit: pairs of a frame share what is uncertain of the lamp.
     variance: f64,
     weight: f64,
+    area: Area,
+    /// How far it is to be trusted, 0 to 1.
+    trust: f64,
+}
+
+impl Pair {
+    /// What light and throughput make of it.
+    const fn target(&self) -> f64 {
+        self.log - self.area.log
+    }
+
+    /// What it counts in a fit.
+    fn weight(&self) -> f64 {
+        self.trust / (self.weight.recip() + self.area.variance)
+    }
 }
 
 /// A number of a frame that did not saturate: its place there, what it shows of the spot and the variance of that, in DN
@@ -89,27 +113,15 @@ pub(super) struct Seen<'a> {
     pub(super) lit_terms: Vec<[f64; PROJECTOR_TERMS]>,
     /// What of it the standard truly filled.
     pub(super) judged: Judged,
+    /// The rig with the standard as it stood.
+    rig: Rig,
+    /// What part of it is seen and lit, pixel by pixel and place by place, as far as is known; `None` if all of it is.
+    patches: Option<Patches>,
     pairs: Vec<Pair>,
+    /// Pixels and places that should be bright and are not, in the first channel.
+    dark: Vec<(u32, u32)>,
     saturated: u64,
     values: u64,
-}
-
-/// What was found.
-pub(super) struct Fields {
-    pub(super) sensitivity: Vec<f64>,
-    pub(super) throughput: SmoothField,
-    pub(super) intensity: SmoothField,
-    pub(super) uncertainty: f64,
-    pub(super) residual: f64,
-}
-
-impl Fields {
-    /// What pair and fields differ by beside the noise and the response of the pixels of the image's `camera`: that is each
-    /// pixel's own, and not common to all that is measured.
-    pub(super) fn residual_beside(&self, camera: &CameraFound) -> f64 {
-        let known = if camera.prnu_is_assumed { 0.0 } else { camera.prnu };
-        (self.residual.powi(2) - known.powi(2)).max(0.0).sqrt()
-    }
 }
 
 /// Whether the sample's horizon or border is the reason.
@@ -181,9 +193,9 @@ fn lit_spots(rig: &Rig, stand: &Stand, spot_deg: f64) -> Vec<Option<(Spot, [f64;
 impl<'a> Seen<'a> {
     /// Of the stand of index `stand`, where nothing was seen yet.
     pub(super) fn new(views: &'a Views, stand: usize) -> Result<Self, CalibrateError> {
-        let rig = &views.rig_of(stand)?;
+        let rig = views.rig_of(stand)?;
         let stand = &views.stands[stand];
-        let camera = View::camera(rig);
+        let camera = View::camera(&rig);
         let map = DirectionMap::of(&camera);
         let (width, height) = (map.width_px, map.height_px);
         let is_inner = |index: usize| {
@@ -198,7 +210,7 @@ impl<'a> Seen<'a> {
             .filter(|(index, _, w, _)| w.z > LEAST_COS && is_inner(*index))
             .map(|&(index, at, w, _)| (index, at, w))
             .collect();
-        let spots = lit_spots(rig, stand, views.spot_deg());
+        let spots = lit_spots(&rig, stand, views.spot_deg());
         let all_lit: Vec<Option<Spot>> = spots.iter().map(|spot| spot.map(|(spot, _)| spot)).collect();
         let lit = all_lit
             .iter()
@@ -221,10 +233,18 @@ impl<'a> Seen<'a> {
                 .iter()
                 .map(|spot| spot.map_or([0.0; PROJECTOR_TERMS], |(_, terms)| terms))
                 .collect(),
+            rig,
+            patches: None,
             pairs: Vec::new(),
+            dark: Vec::new(),
             saturated: 0,
             values: 0,
         })
+    }
+
+    /// The rig with the standard as it stood.
+    pub(super) const fn rig(&self) -> &Rig {
+        &self.rig
     }
 
     /// Takes the frames of the directions from the place `first` on. `black` is the black frame, linear; `standard` is what
@@ -281,11 +301,16 @@ impl<'a> Seen<'a> {
     fn pair(&mut self, place: usize, values: &[Value]) {
         let sum = |of: &dyn Fn(&Value) -> f64| values.iter().map(of).sum::<f64>();
         let scale = sum(&|value| value.signal) / sum(&|value| value.uniform);
-        let bright = values.iter().filter(|value| {
-            let expected = scale * value.uniform;
-            // What is far below is off the standard; a logarithm needs more than 0.
-            expected >= LEAST_SNR * value.variance.sqrt() && value.signal > 0.1 * expected
-        });
+        let is_clear = |value: &&Value| scale * value.uniform >= LEAST_SNR * value.variance.sqrt();
+        // What is far below is off the standard, or not lit; a logarithm needs more than 0.
+        let is_bright = |value: &&Value| value.signal > 0.1 * scale * value.uniform;
+        let clear = values.iter().filter(is_clear);
+        let dark = clear
+            .clone()
+            .filter(|value| !is_bright(value) && value.at % self.channels == 0);
+        self.dark
+            .extend(dark.map(|value| ((value.at / self.channels) as u32, place as u32)));
+        let bright = clear.filter(is_bright);
         let count = bright.clone().count() as f64;
         self.pairs.extend(bright.map(|value| {
             let relative = value.variance / (value.signal * value.signal);
@@ -298,6 +323,8 @@ impl<'a> Seen<'a> {
                 log: (value.signal / value.uniform).ln() + 0.5 * relative,
                 variance: relative + lamp,
                 weight: (relative + count * lamp + FIT * FIT).recip(),
+                area: Area::ALL,
+                trust: 1.0,
             }
         }));
     }
@@ -309,7 +336,7 @@ impl<'a> Seen<'a> {
 
     /// Whether light and pixel of a pair are wholly on the standard.
     fn takes_part(&self, pair: &Pair) -> bool {
-        self.judged.pixels[pair.pixel as usize] && self.judged.places[pair.place as usize]
+        self.judged.pixels[pair.pixel as usize] && self.judged.places[pair.place as usize] && pair.area.is_lit
     }
 
     /// Whether spots at `place` take part in the fit, if they are wholly on the standard.
@@ -366,119 +393,4 @@ pub(super) fn positive(f: f64, spec: &str, wi: DVec3, wo: DVec3) -> Result<f64, 
         found: format!("{f}"),
     }
     .into())
-}
-
-/// How the coefficients of the fields are held where the pairs do not determine them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Held {
-    /// Smooth: of a degree d within 0.5 · 0.6^d (k = 1).
-    Smooth,
-    /// Within 1: only so that unlit corners of the images do not make them infinite.
-    Loosely,
-}
-
-impl Held {
-    /// Weight with which the coefficient `term` is pulled to 0.
-    fn weight(self, term: usize) -> f64 {
-        match self {
-            Self::Smooth => (0.5 * 0.6_f64.powi(degree(term) as i32)).powi(-2),
-            Self::Loosely => 1.0,
-        }
-    }
-}
-
-/// Both fields and the sensitivities from all that was `seen`; `None` if the pairs do not determine them.
-pub(super) fn fit(seen: &[Seen], held: Held) -> Option<Fields> {
-    let channels = seen[0].channels;
-    let unknowns = channels + 2 * TERMS;
-    let rows: Vec<Rows> = seen.iter().map(Rows::of).collect();
-    let pairs = || {
-        rows.iter().flat_map(|rows| {
-            rows.seen
-                .pairs
-                .iter()
-                .filter(|pair| rows.seen.takes_part(pair))
-                .filter_map(|pair| Some((rows.row(pair)?, pair)))
-        })
-    };
-    let pull = (0..2 * TERMS).map(|term| {
-        let mut row = vec![0.0; unknowns];
-        row[channels + term] = 1.0;
-        (row, 0.0, held.weight(term % TERMS))
-    });
-    let weighted = pairs().map(|(row, pair)| (row, pair.log, pair.weight));
-    let (found, covariance) = least_squares(unknowns, &weighted.chain(pull))?;
-    let (mut excess, mut count) = (0.0, 0_u32);
-    let mut uncertainties = Vec::new();
-    let mut mean = DVector::zeros(unknowns);
-    let total: usize = seen.iter().map(|seen| seen.pairs.len()).sum();
-    for (row, pair) in pairs().step_by(total.div_ceil(2000).max(1)) {
-        let row = DVector::from_vec(row);
-        mean += &row;
-        excess += (row.dot(&found) - pair.log).powi(2) - pair.variance;
-        count += 1;
-        uncertainties.push((&covariance * &row).dot(&row).max(0.0).sqrt());
-    }
-    uncertainties.sort_by(f64::total_cmp);
-    mean /= f64::from(count.max(1));
-    let last_step = last_step(&found, &covariance, channels)?;
-    let field = |first: usize| {
-        let block = covariance.view((first, first), (TERMS, TERMS));
-        SmoothField::new(
-            found.rows(first, TERMS).iter().copied().collect(),
-            mean.rows(first, TERMS).iter().copied().collect(),
-            block
-                .row_iter()
-                .map(|row| row.iter().copied().collect())
-                .collect(),
-            last_step.rows(first, TERMS).iter().copied().collect(),
-        )
-    };
-    Some(Fields {
-        sensitivity: (0..channels).map(|channel| found[channel].exp()).collect(),
-        throughput: field(channels),
-        intensity: field(channels + TERMS),
-        uncertainty: *uncertainties.get(uncertainties.len() / 2)?,
-        residual: (excess / f64::from(count.max(1))).max(0.0).sqrt(),
-    })
-}
-
-/// By how much the unknowns `found` (sensitivities of the channels, then both fields) differ from those of a fit in which the
-/// terms of the highest degree are 0.
-fn last_step(found: &DVector<f64>, covariance: &DMatrix<f64>, channels: usize) -> Option<DVector<f64>> {
-    let highest: Vec<usize> = [channels, channels + TERMS]
-        .into_iter()
-        .flat_map(|first| HIGHEST.map(move |term| first + term))
-        .collect();
-    let to_highest = covariance.select_columns(&highest);
-    let own = to_highest.select_rows(&highest).cholesky()?;
-    Some(to_highest * own.solve(&found.select_rows(&highest)))
-}
-
-/// The rows of least squares that pairs make.
-struct Rows<'a> {
-    seen: &'a Seen<'a>,
-    /// Place in the image of each pixel that takes part.
-    places: std::collections::HashMap<u32, [f64; 2]>,
-}
-
-impl<'a> Rows<'a> {
-    fn of(seen: &'a Seen<'a>) -> Self {
-        let places = seen.pixels.iter().map(|(index, at, _)| (*index as u32, *at));
-        Self {
-            seen,
-            places: places.collect(),
-        }
-    }
-
-    fn row(&self, pair: &Pair) -> Option<Vec<f64>> {
-        let channels = self.seen.channels;
-        let mut row = vec![0.0; channels + 2 * TERMS];
-        row[pair.channel as usize] = 1.0;
-        let [x, y] = *self.places.get(&pair.pixel)?;
-        row[channels..channels + TERMS].copy_from_slice(&terms(x, y));
-        let ([x, y], _) = self.seen.lit[pair.place as usize]?;
-        row[channels + TERMS..].copy_from_slice(&terms(x, y));
-        Some(row)
-    }
 }

@@ -1,0 +1,195 @@
+//! The least squares: both fields, the sensitivities, and what part of the standard is seen.
+
+use std::collections::HashMap;
+
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+
+use super::{Pair, Seen};
+use crate::base::linear_fit::least_squares;
+use crate::instrument::calibration::{
+    CameraFound, HIGHEST, SmoothField, TERMS, UNKNOWNS, Unknowns, degree, terms,
+};
+
+/// What was found.
+#[derive(Clone)]
+pub(in super::super) struct Fields {
+    /// By how much the unknowns of [`SeenPart`] differ from what was taken for them, and their covariance, in tolerances.
+    pub(in super::super) part: Option<(Unknowns, [Unknowns; UNKNOWNS])>,
+    /// How far each pair of each stand is to be trusted in the next fit; nothing if all are.
+    pub(super) trust: Vec<Vec<f64>>,
+    pub(in super::super) sensitivity: Vec<f64>,
+    pub(in super::super) throughput: SmoothField,
+    pub(in super::super) intensity: SmoothField,
+    pub(in super::super) uncertainty: f64,
+    pub(in super::super) residual: f64,
+}
+
+impl Fields {
+    /// What pair and fields differ by beside the noise and the response of the pixels of the image's `camera`: that is each
+    /// pixel's own, and not common to all that is measured.
+    pub(in super::super) fn residual_beside(&self, camera: &CameraFound) -> f64 {
+        let known = if camera.prnu_is_assumed { 0.0 } else { camera.prnu };
+        (self.residual.powi(2) - known.powi(2)).max(0.0).sqrt()
+    }
+}
+
+/// How the coefficients of the fields are held where the pairs do not determine them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in super::super) enum Held {
+    /// Smooth: of a degree d within 0.5 · 0.6^d (k = 1).
+    Smooth,
+    /// Within 1: only so that unlit corners of the images do not make them infinite.
+    Loosely,
+}
+
+impl Held {
+    /// Weight with which the coefficient `term` is pulled to 0.
+    fn weight(self, term: usize) -> f64 {
+        match self {
+            Self::Smooth => (0.5 * 0.6_f64.powi(degree(term) as i32)).powi(-2),
+            Self::Loosely => 1.0,
+        }
+    }
+}
+
+/// Pairs count less the farther they are from the fields, in so many standard deviations, where one is at least this.
+const FAR: f64 = 4.0;
+const LEAST_FAR: f64 = 5e-3;
+
+/// Both fields and the sensitivities from all that was `seen`; `None` if the pairs do not determine them. What part of the
+/// sample is seen is fitted along if it is `from` somewhere: how far, in tolerances, what is taken for it is from where it is
+/// thought to be.
+pub(in super::super) fn fit(seen: &[Seen], held: Held, from: Option<&Unknowns>) -> Option<Fields> {
+    let channels = seen[0].channels;
+    let fields = channels + 2 * TERMS;
+    let unknowns = fields + from.map_or(0, |from| from.len());
+    let rows: Vec<Rows> = seen.iter().map(Rows::of).collect();
+    let pairs = || {
+        rows.iter().flat_map(|rows| {
+            rows.seen
+                .pairs
+                .iter()
+                .filter(|pair| rows.seen.takes_part(pair))
+                .filter_map(|pair| Some((rows.row(pair, unknowns)?, pair)))
+        })
+    };
+    let pull = (0..2 * TERMS).map(|term| {
+        let mut row = vec![0.0; unknowns];
+        row[channels + term] = 1.0;
+        (row, 0.0, held.weight(term % TERMS))
+    });
+    let near = from.into_iter().flatten().enumerate().map(|(at, from)| {
+        let mut row = vec![0.0; unknowns];
+        row[fields + at] = 1.0;
+        (row, -from, 1.0)
+    });
+    let weighted = pairs().map(|(row, pair)| (row, pair.target(), pair.weight()));
+    let (found, covariance) = least_squares(unknowns, &weighted.chain(pull).chain(near))?;
+    let (mut excess, mut count, mut sure) = (0.0, 0_u32, 0_u32);
+    let mut uncertainties = Vec::new();
+    let mut mean = DVector::zeros(unknowns);
+    let total: usize = seen.iter().map(|seen| seen.pairs.len()).sum();
+    for (row, pair) in pairs().step_by(total.div_ceil(2000).max(1)) {
+        let row = DVector::from_vec(row);
+        mean += &row;
+        count += 1;
+        if pair.area.is_sure {
+            excess += (row.dot(&found) - pair.target()).powi(2) - pair.variance - pair.area.variance;
+            sure += 1;
+        }
+        uncertainties.push((&covariance * &row).dot(&row).max(0.0).sqrt());
+    }
+    uncertainties.sort_by(f64::total_cmp);
+    mean /= f64::from(count.max(1));
+    let last_step = last_step(&found, &covariance, channels)?;
+    let field = |first: usize| {
+        let block = covariance.view((first, first), (TERMS, TERMS));
+        SmoothField::new(
+            found.rows(first, TERMS).iter().copied().collect(),
+            mean.rows(first, TERMS).iter().copied().collect(),
+            block
+                .row_iter()
+                .map(|row| row.iter().copied().collect())
+                .collect(),
+            last_step.rows(first, TERMS).iter().copied().collect(),
+        )
+    };
+    Some(Fields {
+        trust: from.map_or_else(Vec::new, |_| rows.iter().map(|rows| rows.trust(&found)).collect()),
+        part: from.map(|_| {
+            let at = |of: usize| fields + of;
+            (
+                std::array::from_fn(|of| found[at(of)]),
+                std::array::from_fn(|row| std::array::from_fn(|column| covariance[(at(row), at(column))])),
+            )
+        }),
+        sensitivity: (0..channels).map(|channel| found[channel].exp()).collect(),
+        throughput: field(channels),
+        intensity: field(channels + TERMS),
+        uncertainty: *uncertainties.get(uncertainties.len() / 2)?,
+        residual: (excess / f64::from(sure.max(1))).max(0.0).sqrt(),
+    })
+}
+
+/// By how much the unknowns `found` (sensitivities of the channels, then both fields) differ from those of a fit in which the
+/// terms of the highest degree are 0.
+fn last_step(found: &DVector<f64>, covariance: &DMatrix<f64>, channels: usize) -> Option<DVector<f64>> {
+    let highest: Vec<usize> = [channels, channels + TERMS]
+        .into_iter()
+        .flat_map(|first| HIGHEST.map(move |term| first + term))
+        .collect();
+    let to_highest = covariance.select_columns(&highest);
+    let own = to_highest.select_rows(&highest).cholesky()?;
+    Some(to_highest * own.solve(&found.select_rows(&highest)))
+}
+
+/// The rows of least squares that pairs make.
+struct Rows<'a> {
+    seen: &'a Seen<'a>,
+    /// Place in the image of each pixel that takes part.
+    places: HashMap<u32, [f64; 2]>,
+}
+
+impl<'a> Rows<'a> {
+    fn of(seen: &'a Seen<'a>) -> Self {
+        let places = seen.pixels.iter().map(|(index, at, _)| (*index as u32, *at));
+        Self {
+            seen,
+            places: places.collect(),
+        }
+    }
+
+    /// How far each pair is to be trusted beside what was `found`: edges that are not where they are thought to be must not
+    /// bend the next fields.
+    fn trust(&self, found: &DVector<f64>) -> Vec<f64> {
+        let of = |pair: &Pair| {
+            let row = self.row(pair, found.len())?;
+            let far = (dot(&row, found) - pair.target()).powi(2);
+            let expected = pair.weight.recip() + pair.area.variance + LEAST_FAR * LEAST_FAR;
+            Some((1.0 + far / (FAR * FAR * expected)).recip())
+        };
+        self.seen
+            .pairs
+            .par_iter()
+            .map(|pair| of(pair).unwrap_or(1.0))
+            .collect()
+    }
+
+    /// Of so many `unknowns`; if they are more than those of the fields, they are those of what part of the sample is seen too.
+    fn row(&self, pair: &Pair, unknowns: usize) -> Option<Vec<f64>> {
+        let channels = self.seen.channels;
+        let mut row = vec![0.0; unknowns];
+        row[pair.channel as usize] = 1.0;
+        let [x, y] = *self.places.get(&pair.pixel)?;
+        row[channels..channels + TERMS].copy_from_slice(&terms(x, y));
+        let ([x, y], _) = self.seen.lit[pair.place as usize]?;
+        row[channels + TERMS..][..TERMS].copy_from_slice(&terms(x, y));
+        row[channels + 2 * TERMS..].copy_from_slice(&pair.area.slopes[..unknowns - channels - 2 * TERMS]);
+        Some(row)
+    }
+}
+
+fn dot(row: &[f64], found: &DVector<f64>) -> f64 {
+    row.iter().zip(found.iter()).map(|(a, b)| a * b).sum()
+}

@@ -1,0 +1,177 @@
+//! How high the standard stands: where to begin with what part of it is seen.
+//!
+//! # Design
+//! Pixels look along ω_o at a place of the sample, and light from ω_i comes to another, that lie h·(tanθ_o − tanθ_i) apart (as
+//! vectors) where the sample stands by h beside the height at which both should meet. Some millimetres take all light from pairs
+//! that graze, and no fit finds out of that by itself. So heights are tried: of each, light and throughput are fitted to the pairs
+//! that should be wholly lit, by a few terms, and what all pairs show over that, dark ones too, is compared with their shares. What
+//! is far off counts as far, and no farther.
+//!
+//! A standard that is tilted tells the offset along another normal.
+
+use glam::DVec3;
+use nalgebra::DVector;
+use rayon::prelude::*;
+
+use super::Seen;
+use crate::base::linear_fit::least_squares;
+use crate::instrument::calibration::{SeenPart, terms};
+use crate::instrument::optics::SampleFrame;
+
+/// Heights that are tried, metres: up to this, in such steps, and then around the best.
+const HIGHEST_M: f64 = 9e-3;
+const STEP_M: f64 = 6e-4;
+const FINE_M: f64 = 1.5e-4;
+/// Pairs that take part, about, and the least of them that are wholly lit.
+const PAIRS: usize = 5000;
+const LEAST_PAIRS: usize = 300;
+/// Terms of either field: up to the fourth degree.
+const TERMS: usize = 14;
+/// Share that counts as whole.
+const WHOLE: f64 = 0.97;
+/// Rounds of weights, and what is this far from the fields counts little in them.
+const ROUNDS: usize = 3;
+const FAR: f64 = 0.05;
+/// Differences of shares count up to this.
+const MOST: f64 = 0.25;
+
+/// A pair, or one too dark for a logarithm.
+struct Spotted {
+    pixel: usize,
+    place: usize,
+    /// Of both fields, and 1.
+    row: Vec<f64>,
+    /// ln q; `None` if it is dark.
+    log: Option<f64>,
+}
+
+/// `part` with the height of the standard, at each stand of `seen`.
+pub(in super::super) fn with_height(seen: &[Seen], part: SeenPart) -> SeenPart {
+    let mut part = part;
+    let mut known: Vec<DVec3> = Vec::new();
+    for seen in seen {
+        let normal = SampleFrame::of(&seen.rig.sample).to_mirror(DVec3::Z);
+        let new = known
+            .iter()
+            .fold(normal, |left, axis| left - left.dot(*axis) * *axis);
+        // Stands that are alike say the same.
+        if new.length() < 0.3 {
+            continue;
+        }
+        let axis = new.normalize();
+        // Along what no stand before knows of, so far that it is so high along the normal.
+        let step = axis / axis.dot(normal);
+        if let Some(height_m) = seen.height_m(&part, step) {
+            let by = step * height_m;
+            for (offset, by) in part.offset_m.iter_mut().zip(by.to_array()) {
+                *offset += by;
+            }
+        }
+        known.push(axis);
+    }
+    part
+}
+
+impl Seen<'_> {
+    /// The height in metres that explains best which pairs are lit; a height of 1 moves the sample by `step`.
+    fn height_m(&self, part: &SeenPart, step: DVec3) -> Option<f64> {
+        let spotted = self.spotted();
+        let cost = |height_m: f64| {
+            let mut part = part.clone();
+            for (offset, by) in part.offset_m.iter_mut().zip((step * height_m).to_array()) {
+                *offset += by;
+            }
+            self.cost(&part, &spotted)
+        };
+        let best = |heights: Vec<f64>| {
+            let costs: Vec<(f64, f64)> = heights
+                .into_par_iter()
+                .filter_map(|height_m| Some((cost(height_m)?, height_m)))
+                .collect();
+            costs.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let around = |middle_m: f64, reach_m: f64, step_m: f64| -> Vec<f64> {
+            let steps = (reach_m / step_m).round() as i32;
+            (-steps..=steps)
+                .map(|step| f64::from(step).mul_add(step_m, middle_m))
+                .collect()
+        };
+        let (_, coarse_m) = best(around(0.0, HIGHEST_M, STEP_M))?;
+        best(around(coarse_m, STEP_M, FINE_M)).map(|(_, height_m)| height_m)
+    }
+
+    /// Pairs of the first channel, and those that are dark, thinned.
+    fn spotted(&self) -> Vec<Spotted> {
+        let place_of: std::collections::HashMap<usize, [f64; 2]> =
+            self.pixels.iter().map(|(index, at, _)| (*index, *at)).collect();
+        let bright = self.pairs.iter().filter(|pair| pair.channel == 0);
+        let bright = bright.map(|pair| (pair.pixel as usize, pair.place as usize, Some(pair.log)));
+        let dark = self
+            .dark
+            .iter()
+            .map(|(pixel, place)| (*pixel as usize, *place as usize, None));
+        let all: Vec<_> = bright.chain(dark).collect();
+        let every = (all.len() / PAIRS).max(1);
+        let spotted = all.into_iter().step_by(every).filter_map(|(pixel, place, log)| {
+            let [x, y] = *place_of.get(&pixel)?;
+            let ([u, v], _) = self.lit[place]?;
+            let mut row = vec![1.0; 1 + 2 * TERMS];
+            row[1..=TERMS].copy_from_slice(&terms(x, y)[..TERMS]);
+            row[TERMS + 1..].copy_from_slice(&terms(u, v)[..TERMS]);
+            Some(Spotted {
+                pixel,
+                place,
+                row,
+                log,
+            })
+        });
+        spotted.collect()
+    }
+
+    /// How badly `part` explains what is `spotted`; `None` if too few pairs should be wholly lit.
+    fn cost(&self, part: &SeenPart, spotted: &[Spotted]) -> Option<f64> {
+        let patches = self.patches_of(part);
+        let shares: Vec<f64> = spotted
+            .iter()
+            .map(|one| patches.share(one.place, one.pixel))
+            .collect();
+        let whole: Vec<(&Spotted, f64)> = spotted
+            .iter()
+            .zip(&shares)
+            .filter(|(_, share)| **share > WHOLE)
+            .filter_map(|(one, _)| Some((one, one.log?)))
+            .collect();
+        if whole.len() < LEAST_PAIRS {
+            return None;
+        }
+        let mut fields = DVector::zeros(1 + 2 * TERMS);
+        for round in 0..ROUNDS {
+            let rows = whole.iter().map(|(one, log)| {
+                let left = log - dot(&one.row, &fields);
+                let weight = if round == 0 {
+                    1.0
+                } else {
+                    (1.0 + (left / FAR).powi(2)).recip()
+                };
+                (one.row.clone(), *log, weight)
+            });
+            let held = (1..=2 * TERMS).map(|term| {
+                let mut row = vec![0.0; 1 + 2 * TERMS];
+                row[term] = 1.0;
+                (row, 0.0, 1.0)
+            });
+            fields = least_squares(1 + 2 * TERMS, &rows.chain(held))?.0;
+        }
+        let costs = spotted.iter().zip(&shares).map(|(one, share)| {
+            let shown = one
+                .log
+                .map_or(0.0, |log| (log - dot(&one.row, &fields)).min(1.0).exp());
+            (shown - share).clamp(-MOST, MOST).powi(2)
+        });
+        Some(costs.sum())
+    }
+}
+
+fn dot(row: &[f64], fields: &DVector<f64>) -> f64 {
+    row.iter().zip(fields.iter()).map(|(a, b)| a * b).sum()
+}

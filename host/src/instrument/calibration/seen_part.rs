@@ -1,0 +1,265 @@
+//! What part of the sample is seen and lit, as calibration found it.
+//!
+//! # Design
+//! Pixels and spots have patches on the sample ([`Patch`]); how much of the light of one is on the other, a share, depends on
+//! where the sample stands along the rays, on the pupils, and on how evenly the projector's pupil shines. These six numbers a
+//! standard tells, beside light and throughput (`calibrate photometry`): no product of both can do what they do. What of them
+//! does not show stays as the rig file has it, within [`SeenPart::TOLERANCES`].
+//!
+//! Where an edge of a patch may lie is uncertain by their covariance and by the ellipses that patches are taken for. An edge
+//! that is three standard uncertainties farther in must change little: what it changes by more than [`WORST`], or of which too
+//! little is lit, has no value.
+
+use glam::{DVec2, DVec3};
+use nalgebra::{Matrix6, SymmetricEigen, Vector6};
+use serde::{Deserialize, Serialize};
+
+use crate::instrument::optics::{LitPatch, Patch, View};
+use crate::instrument::rig::Rig;
+
+/// How many numbers describe it.
+pub(crate) const UNKNOWNS: usize = 6;
+/// What the falloff is taken for before.
+const FALLOFF: f64 = 0.05;
+/// Relative standard uncertainty of the size of a patch of light as an ellipse.
+pub(crate) const ELLIPSE: f64 = 0.04;
+/// An edge is looked for so many standard uncertainties from where it is.
+const FAR: f64 = 3.0;
+/// The least share that gives a value, and the largest relative standard uncertainty of one.
+const LEAST: f64 = 0.4;
+const WORST: f64 = 0.1;
+
+/// Numbers in units of [`SeenPart::TOLERANCES`].
+pub(crate) type Unknowns = [f64; UNKNOWNS];
+
+/// What calibration found of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SeenPart {
+    /// Where the sample is, less where the rig has it, mirror frame, metres.
+    pub offset_m: [f64; 3],
+    /// Diameters of the pupils of camera and projector, metres.
+    pub pupils_m: [f64; 2],
+    /// By which share the edge of what is lit is darker than its middle.
+    pub falloff: f64,
+    /// Covariance, [row, column], of offsets (metres), logarithms of the pupils, and falloff.
+    pub covariance: [[f64; UNKNOWNS]; UNKNOWNS],
+}
+
+impl SeenPart {
+    /// How well its numbers are known before (k = 1): the sample's place along the mirror's x, y and z, metres; logarithms of
+    /// the diameters of both pupils; falloff.
+    pub(crate) const TOLERANCES: [f64; UNKNOWNS] = [3e-3, 3e-3, 3e-3, 0.3, 0.3, 0.1];
+
+    /// What the shapes of pupils and the places of lenses leave of what is found, in the same order (k = 1).
+    pub(crate) const LEFT: [f64; UNKNOWNS] = [1e-4, 1e-4, 1e-4, 0.03, 0.03, 0.02];
+
+    /// As `rig` has it; `None` if it says nothing of the pupils.
+    pub(crate) fn of(rig: &Rig) -> Option<Self> {
+        let pupils_m = [rig.camera.lens.pupil_m, rig.projector.lens.pupil_m];
+        pupils_m.iter().all(|pupil_m| *pupil_m > 0.0).then(|| Self {
+            offset_m: [0.0; 3],
+            pupils_m,
+            falloff: FALLOFF,
+            covariance: std::array::from_fn(|row| {
+                std::array::from_fn(|column| {
+                    if row == column {
+                        Self::TOLERANCES[row].powi(2)
+                    } else {
+                        0.0
+                    }
+                })
+            }),
+        })
+    }
+
+    /// What is moved `by` so many tolerances.
+    pub(crate) fn moved(&self, by: &Unknowns) -> Self {
+        let step = |at: usize| by[at] * Self::TOLERANCES[at];
+        Self {
+            offset_m: std::array::from_fn(|axis| self.offset_m[axis] + step(axis)),
+            pupils_m: std::array::from_fn(|device| self.pupils_m[device] * step(3 + device).exp()),
+            falloff: (self.falloff + step(5)).clamp(0.0, 1.0),
+            covariance: self.covariance,
+        }
+    }
+
+    /// By how many tolerances it differs from what `rig` has.
+    pub(crate) fn beside_nominal(&self, rig: &Rig) -> Unknowns {
+        let nominal = [rig.camera.lens.pupil_m, rig.projector.lens.pupil_m];
+        let by = |at: usize| match at {
+            0..3 => self.offset_m[at],
+            3 | 4 => (self.pupils_m[at - 3] / nominal[at - 3]).ln(),
+            _ => self.falloff - FALLOFF,
+        };
+        std::array::from_fn(|at| by(at) / Self::TOLERANCES[at])
+    }
+
+    /// With the covariance that unknowns in units of tolerances have, and what a model leaves besides.
+    pub(crate) fn with_covariance(mut self, of: impl Fn(usize, usize) -> f64) -> Self {
+        self.covariance = std::array::from_fn(|row| {
+            std::array::from_fn(|column| {
+                let own = if row == column {
+                    Self::LEFT[row].powi(2)
+                } else {
+                    0.0
+                };
+                own + of(row, column) * Self::TOLERANCES[row] * Self::TOLERANCES[column]
+            })
+        });
+        self
+    }
+
+    /// What is wrong with it: the field, and what was expected.
+    pub(crate) fn flaw(&self) -> Option<(&'static str, &'static str)> {
+        let is_near = self.offset_m.iter().all(|m| m.abs() <= 0.1);
+        let is_pupil = self.pupils_m.iter().all(|m| *m > 0.0 && *m <= 1.0);
+        let is_known = self.covariance.iter().flatten().all(|c| c.is_finite());
+        match (is_near, is_pupil, is_known) {
+            (false, ..) => Some(("offset_m", "numbers from -0.1 to 0.1")),
+            (_, false, _) => Some(("pupils_m", "numbers above 0 up to 1")),
+            (.., false) => Some(("covariance", "finite numbers")),
+            _ => (!(0.0..=1.0).contains(&self.falloff)).then_some(("falloff", "a number from 0 to 1")),
+        }
+    }
+
+    /// Standard uncertainty of the sample's place, metres: that of the axis that is known worst.
+    #[must_use]
+    pub fn worst_m(&self) -> f64 {
+        let variances = (0..3).map(|axis| self.covariance[axis][axis]);
+        variances.fold(0.0, f64::max).sqrt()
+    }
+
+    /// `rig` with it.
+    fn rig(&self, rig: &Rig) -> Rig {
+        let mut rig = rig.clone();
+        for (offset, by) in rig.sample.offset_m.iter_mut().zip(self.offset_m) {
+            *offset += by;
+        }
+        rig
+    }
+
+    /// The patches of `camera_px` positions of the camera of `rig` and of light from the positions `projector_px` of its
+    /// projector; `None` for what there is none of.
+    pub(crate) fn patches(
+        &self,
+        rig: &Rig,
+        camera_px: &[Option<DVec2>],
+        projector_px: &[Option<DVec2>],
+    ) -> Patches {
+        let rig = self.rig(rig);
+        let [camera, projector] = [View::camera(&rig), View::projector(&rig)];
+        let patch = |view: &View, at: &Option<DVec2>, device: usize| -> Option<Patch> {
+            let at = (*at)?;
+            view.patch(at.x, at.y, self.pupils_m[device]).ok()
+        };
+        Patches {
+            seen: camera_px.iter().map(|at| patch(&camera, at, 0)).collect(),
+            lit: projector_px
+                .iter()
+                .map(|at| LitPatch::new(&patch(&projector, at, 1)?, self.falloff))
+                .collect(),
+            radius_m: rig.sample.radius_m,
+        }
+    }
+
+    /// Changes that are as far as edges are looked for: along the axes of the covariance, and what ellipses do.
+    fn doubts(&self) -> [Unknowns; UNKNOWNS + 1] {
+        let scaled = Matrix6::from_fn(|row, column| {
+            self.covariance[row][column] / (Self::TOLERANCES[row] * Self::TOLERANCES[column])
+        });
+        let axes = SymmetricEigen::new(scaled);
+        let along = |axis: usize| -> Vector6<f64> {
+            axes.eigenvectors.column(axis) * (FAR * axes.eigenvalues[axis].max(0.0).sqrt())
+        };
+        let mut smaller = [0.0; UNKNOWNS];
+        smaller[4] = -FAR * ELLIPSE / Self::TOLERANCES[4];
+        std::array::from_fn(|doubt| {
+            if doubt < UNKNOWNS {
+                along(doubt).into()
+            } else {
+                smaller
+            }
+        })
+    }
+}
+
+/// Position of the centre of the pixel `index` of an image `width_px` wide.
+pub(crate) fn pixel_centre(index: usize, width_px: usize) -> DVec2 {
+    DVec2::new((index % width_px) as f64 + 0.5, (index / width_px) as f64 + 0.5)
+}
+
+/// Patches of pixels and of spots.
+pub(crate) struct Patches {
+    seen: Vec<Option<Patch>>,
+    lit: Vec<Option<LitPatch>>,
+    radius_m: f64,
+}
+
+impl Patches {
+    /// The share that is lit of what the pixel `seen` sees, by the spot `lit`; 0 where there is none.
+    pub(crate) fn share(&self, lit: usize, seen: usize) -> f64 {
+        let patches = self.seen[seen].as_ref().zip(self.lit[lit].as_ref());
+        patches.map_or(0.0, |(seen, lit)| seen.lit(lit, self.radius_m))
+    }
+}
+
+/// Shares with their uncertainties.
+pub(crate) struct Shares {
+    patches: Patches,
+    doubts: [Patches; UNKNOWNS + 1],
+}
+
+/// A share, and what each doubt makes of it.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Share {
+    share: f64,
+    doubts: [f64; UNKNOWNS + 1],
+}
+
+impl Shares {
+    /// Of the pixels of the camera of `rig`, row by row, and of light from the directions `lit` (sample frame); calibration found
+    /// `part`.
+    pub(crate) fn new(part: &SeenPart, rig: &Rig, lit: &[Option<DVec3>]) -> Self {
+        let (width_px, height_px) = View::camera(rig).size_px();
+        let projector = View::projector(rig);
+        let camera_px: Vec<_> = (0..width_px * height_px)
+            .map(|index| Some(pixel_centre(index, width_px)))
+            .collect();
+        let projector_px: Vec<_> = lit.iter().map(|w| projector.pixel((*w)?).ok()).collect();
+        let of = |part: &SeenPart| part.patches(rig, &camera_px, &projector_px);
+        Self {
+            patches: of(part),
+            doubts: part.doubts().map(|by| of(&part.moved(&by))),
+        }
+    }
+
+    /// That of the pixel `seen` in the light `lit`.
+    pub(crate) fn share(&self, lit: usize, seen: usize) -> Share {
+        Share {
+            share: self.patches.share(lit, seen),
+            doubts: std::array::from_fn(|doubt| self.doubts[doubt].share(lit, seen)),
+        }
+    }
+}
+
+impl Share {
+    /// Adds `weight` times the `other`.
+    pub(crate) fn add(&mut self, other: &Self, weight: f32) {
+        let weight = f64::from(weight);
+        self.share += weight * other.share;
+        for (sum, other) in self.doubts.iter_mut().zip(other.doubts) {
+            *sum += weight * other;
+        }
+    }
+
+    /// The share and its relative standard uncertainty (k = 1); `None` where it gives no value.
+    pub(crate) fn known(&self) -> Option<(f32, f32)> {
+        if self.share < LEAST {
+            return None;
+        }
+        let doubts = self.doubts.map(|doubt| (doubt - self.share) / (FAR * self.share));
+        let relative = doubts.map(|doubt| doubt * doubt).iter().sum::<f64>().sqrt();
+        (relative <= WORST).then_some((self.share as f32, relative as f32))
+    }
+}
