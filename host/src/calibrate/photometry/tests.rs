@@ -16,6 +16,15 @@ fn calibrated(
     second: Option<&str>,
     change: impl Fn(&mut Request),
 ) -> (Truth, Result<Photometry, CalibrateError>) {
+    calibrated_beside(second, change, |_, _| {})
+}
+
+/// The same where the true rig and that of the calibration stray from each other.
+fn calibrated_beside(
+    second: Option<&str>,
+    change: impl Fn(&mut Request),
+    stray: impl Fn(&mut Truth, &mut Rig),
+) -> (Truth, Result<Photometry, CalibrateError>) {
     let rig = Rig::load("rcg-1").unwrap();
     let tolerances = Tolerances {
         position_m: 0.0,
@@ -24,12 +33,13 @@ fn calibrated(
         standard: 0.0,
         ..Tolerances::DRAWN
     };
-    let truth = Truth::drawn(&rig, tolerances, 4).unwrap();
+    let mut truth = Truth::drawn(&rig, tolerances, 4).unwrap();
     let mut aligned = truth.rig.clone();
     // What the calibration of the geometry has found.
     aligned.camera.read_noise_e = rig.camera.read_noise_e;
     aligned.camera.full_well_e = rig.camera.full_well_e;
     aligned.light.full_scale_f_sr = rig.light.full_scale_f_sr;
+    stray(&mut truth, &mut aligned);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("truth.toml");
     std::fs::write(&path, truth.to_toml()).unwrap();
@@ -198,4 +208,34 @@ fn a_saturated_standard_is_refused() {
         error.contains("saturated") && error.contains("--exposure-ms"),
         "{error}"
     );
+}
+
+#[test]
+fn a_standard_beside_its_height_is_found_there_or_refused_where_nobody_says_how_wide_pupils_are() {
+    let height_m = -1.5e-3;
+    let lower = |truth: &mut Truth| truth.rig.sample.offset_m[2] += height_m;
+    let (truth, found) = calibrated_beside(None, |_| {}, |truth, _| lower(truth));
+    let found = found.unwrap();
+    let part = found.seen_part.unwrap();
+    println!(
+        "{part:?} {:?} residual {}",
+        truth.flaws.pupils, found.field_residual
+    );
+    // By ellipses; and across the normal nothing shows it.
+    assert!((part.offset_m[2] - height_m).abs() < 2e-4, "{part:?}");
+    assert!(found.field_residual < 0.01, "{}", found.field_residual);
+    let pupils = &truth.flaws.pupils;
+    let wide = part.pupils_m[1] / pupils.projector_m;
+    assert!((wide - 1.0).abs() < 0.2, "{part:?} {pupils:?}");
+
+    let (_, refused) = calibrated_beside(
+        None,
+        |_| {},
+        |truth, rig| {
+            lower(truth);
+            rig.camera.lens.pupil_m = 0.0;
+        },
+    );
+    let error = refused.unwrap_err().to_string();
+    assert!(error.contains("at its height?"), "{error}");
 }

@@ -263,3 +263,43 @@ impl Share {
         (relative <= WORST).then_some((self.share as f32, relative as f32))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hemisphere::direction::from_degrees;
+
+    #[test]
+    fn what_is_lit_in_part_is_uncertain_and_where_an_edge_may_be_there_is_no_value() {
+        let rig = Rig::load("rcg-1").unwrap().with_image_size(64).unwrap();
+        let mut part = SeenPart::of(&rig).unwrap().with_covariance(|_, _| 0.0);
+        let camera = View::camera(&rig);
+        let seen = |theta_deg: f64, phi_deg: f64| {
+            let at = camera.pixel(from_degrees(theta_deg, phi_deg)).unwrap();
+            at.y as usize * 64 + at.x as usize
+        };
+        let lit = [30.0, 60.0].map(|theta_deg| Some(from_degrees(theta_deg, 0.0)));
+        let aligned = Shares::new(&part, &rig, &lit);
+        let (share, relative) = aligned.share(0, seen(35.0, 90.0)).known().unwrap();
+        // All of it is lit; the middle of the light falls off a little.
+        assert!(share > 0.99 && relative < 0.01, "{share} {relative}");
+        // A sample that stands 2 mm too high: 2 mm · tan 75° is beyond what is lit from 30°.
+        part.offset_m = [0.0, 0.0, 2e-3];
+        let high = Shares::new(&part, &rig, &lit);
+        assert!(high.share(0, seen(75.0, 180.0)).known().is_none());
+        // Near the normal it is not, and how far it is known decides.
+        assert!(high.share(0, seen(35.0, 0.0)).known().is_some());
+        let unknown = part.with_covariance(|row, column| f64::from(u8::from(row == column)));
+        let unknown = Shares::new(&unknown, &rig, &lit);
+        assert!(unknown.share(1, seen(65.0, 180.0)).known().is_none());
+    }
+
+    #[test]
+    fn a_rig_that_says_nothing_of_its_pupils_has_no_part() {
+        let mut rig = Rig::load("rcg-3").unwrap();
+        let beside = SeenPart::of(&rig).unwrap().beside_nominal(&rig);
+        assert!(beside.iter().all(|by| by.abs() < 1e-12), "{beside:?}");
+        rig.projector.lens.pupil_m = 0.0;
+        assert_eq!(SeenPart::of(&rig), None);
+    }
+}
