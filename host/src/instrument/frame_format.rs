@@ -1,5 +1,7 @@
 //! The shape of a camera's frames.
 
+use glam::DVec2;
+
 /// Shape of a camera's frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FrameFormat {
@@ -20,6 +22,11 @@ pub(crate) fn place_of_pixel(index: usize, width_px: usize, height_px: usize) ->
         half(index % width_px, width_px),
         half(index / width_px, height_px),
     ]
+}
+
+/// Position of the centre of the pixel `index` of an image `width_px` wide, pixels.
+pub(crate) fn pixel_centre(index: usize, width_px: usize) -> DVec2 {
+    DVec2::new((index % width_px) as f64 + 0.5, (index / width_px) as f64 + 0.5)
 }
 
 impl FrameFormat {

@@ -131,9 +131,7 @@ impl Tolerances {
         standard: 0.0,
         pixels: PixelTolerances::DRAWN,
     };
-}
 
-impl Tolerances {
     /// Flaws of a rig that should be `nominal`, drawn from `rng`, those of its sensor from `seed`.
     fn flaws(self, nominal: &Rig, seed: u64, rng: &mut Xoshiro256PlusPlus) -> Flaws {
         let (throughput, intensity) = (Field::drawn(self.field, rng), Field::drawn(self.field, rng));

@@ -3,6 +3,7 @@
 use glam::DVec2;
 
 use super::Views;
+use crate::instrument::frame_format::pixel_centre;
 use crate::plan::stripes::Stripes;
 use crate::store::{RawStore, StoreError};
 
@@ -74,7 +75,7 @@ impl Sightings {
             .filter_map(|pixel| {
                 Some(Match {
                     view,
-                    camera_px: centre(pixel, width),
+                    camera_px: pixel_centre(pixel, width),
                     projector_px: positions[pixel]?,
                 })
             })
@@ -168,11 +169,6 @@ fn edges_along(line: &[f32], usual: f32) -> Vec<f64> {
         }
     }
     found
-}
-
-/// Position of a pixel's centre.
-fn centre(pixel: usize, width: usize) -> DVec2 {
-    DVec2::new((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5)
 }
 
 /// Every so-manieth of `all`, so that about `most` are left.

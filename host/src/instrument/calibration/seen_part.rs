@@ -14,6 +14,7 @@ use glam::{DVec2, DVec3};
 use nalgebra::{Matrix6, SymmetricEigen, Vector6};
 use serde::{Deserialize, Serialize};
 
+use crate::instrument::frame_format::pixel_centre;
 use crate::instrument::optics::{LitPatch, Patch, View};
 use crate::instrument::rig::Rig;
 
@@ -84,6 +85,14 @@ impl SeenPart {
         }
     }
 
+    /// The same with the sample displaced `by_m` more, mirror frame, metres.
+    pub(crate) fn displaced(&self, by_m: DVec3) -> Self {
+        Self {
+            offset_m: (DVec3::from_array(self.offset_m) + by_m).to_array(),
+            ..self.clone()
+        }
+    }
+
     /// By how many tolerances it differs from what `rig` has.
     pub(crate) fn beside_nominal(&self, rig: &Rig) -> Unknowns {
         let nominal = [rig.camera.lens.pupil_m, rig.projector.lens.pupil_m];
@@ -139,25 +148,22 @@ impl SeenPart {
         rig
     }
 
-    /// The patches of `camera_px` positions of the camera of `rig` and of light from the positions `projector_px` of its
+    /// The patches of all pixels of the camera of `rig`, row by row, and of light from the positions `projector_px` of its
     /// projector; `None` for what there is none of.
-    pub(crate) fn patches(
-        &self,
-        rig: &Rig,
-        camera_px: &[Option<DVec2>],
-        projector_px: &[Option<DVec2>],
-    ) -> Patches {
+    pub(crate) fn patches(&self, rig: &Rig, projector_px: &[Option<DVec2>]) -> Patches {
         let rig = self.rig(rig);
         let [camera, projector] = [View::camera(&rig), View::projector(&rig)];
-        let patch = |view: &View, at: &Option<DVec2>, device: usize| -> Option<Patch> {
-            let at = (*at)?;
+        let patch = |view: &View, at: DVec2, device: usize| -> Option<Patch> {
             view.patch(at.x, at.y, self.pupils_m[device]).ok()
         };
+        let (width_px, height_px) = camera.size_px();
         Patches {
-            seen: camera_px.iter().map(|at| patch(&camera, at, 0)).collect(),
+            seen: (0..width_px * height_px)
+                .map(|index| patch(&camera, pixel_centre(index, width_px), 0))
+                .collect(),
             lit: projector_px
                 .iter()
-                .map(|at| LitPatch::new(&patch(&projector, at, 1)?, self.falloff))
+                .map(|at| LitPatch::new(&patch(&projector, (*at)?, 1)?, self.falloff))
                 .collect(),
             radius_m: rig.sample.radius_m,
         }
@@ -182,11 +188,6 @@ impl SeenPart {
             }
         })
     }
-}
-
-/// Position of the centre of the pixel `index` of an image `width_px` wide.
-pub(crate) fn pixel_centre(index: usize, width_px: usize) -> DVec2 {
-    DVec2::new((index % width_px) as f64 + 0.5, (index / width_px) as f64 + 0.5)
 }
 
 /// Patches of pixels and of spots.
@@ -221,13 +222,9 @@ impl Shares {
     /// Of the pixels of the camera of `rig`, row by row, and of light from the directions `lit` (sample frame); calibration found
     /// `part`.
     pub(crate) fn new(part: &SeenPart, rig: &Rig, lit: &[Option<DVec3>]) -> Self {
-        let (width_px, height_px) = View::camera(rig).size_px();
         let projector = View::projector(rig);
-        let camera_px: Vec<_> = (0..width_px * height_px)
-            .map(|index| Some(pixel_centre(index, width_px)))
-            .collect();
         let projector_px: Vec<_> = lit.iter().map(|w| projector.pixel((*w)?).ok()).collect();
-        let of = |part: &SeenPart| part.patches(rig, &camera_px, &projector_px);
+        let of = |part: &SeenPart| part.patches(rig, &projector_px);
         Self {
             patches: of(part),
             doubts: part.doubts().map(|by| of(&part.moved(&by))),

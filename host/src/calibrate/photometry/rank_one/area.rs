@@ -4,7 +4,7 @@ use glam::DVec2;
 use rayon::prelude::*;
 
 use super::{Fields, Seen};
-use crate::instrument::calibration::{ELLIPSE, Patches, SeenPart, UNKNOWNS, Unknowns, lights, pixel_centre};
+use crate::instrument::calibration::{ELLIPSE, Patches, SeenPart, UNKNOWNS, Unknowns, lights};
 use crate::instrument::optics::View;
 
 /// Step in tolerances by which shares are differenced, the least share that says something, and what part of what is missing
@@ -18,7 +18,7 @@ const SURE: f64 = 0.05;
 
 /// The share that is lit of what a pixel sees: its logarithm, how that changes with the unknowns of [`SeenPart`], and its
 /// variance by what is left of where edges are.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Area {
     pub(super) log: f64,
     pub(super) slopes: Unknowns,
@@ -42,10 +42,6 @@ impl Area {
 impl Seen<'_> {
     /// The patches of all pixels and places by `part`.
     pub(super) fn patches_of(&self, part: &SeenPart) -> Patches {
-        let (width, height) = self.size_px;
-        let camera_px: Vec<_> = (0..width * height)
-            .map(|index| Some(pixel_centre(index, width)))
-            .collect();
         let (width, height) = View::projector(&self.rig).size_px();
         let pixels = |half: f64, size: usize| 0.5 * (half + 1.0) * size as f64;
         let projector_px: Vec<_> = self
@@ -53,7 +49,7 @@ impl Seen<'_> {
             .iter()
             .map(|lit| lit.map(|([x, y], _)| DVec2::new(pixels(x, width), pixels(y, height))))
             .collect();
-        part.patches(&self.rig, &camera_px, &projector_px)
+        part.patches(&self.rig, &projector_px)
     }
 
     /// Takes what is seen and lit of the standard for as in `part`.

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::{Pair, Seen};
+use super::{Pair, Seen, dot};
 use crate::base::linear_fit::least_squares;
 use crate::instrument::calibration::{
     CameraFound, HIGHEST, SmoothField, TERMS, UNKNOWNS, Unknowns, degree, terms,
@@ -188,8 +188,4 @@ impl<'a> Rows<'a> {
         row[channels + 2 * TERMS..].copy_from_slice(&pair.area.slopes[..unknowns - channels - 2 * TERMS]);
         Some(row)
     }
-}
-
-fn dot(row: &[f64], found: &DVector<f64>) -> f64 {
-    row.iter().zip(found.iter()).map(|(a, b)| a * b).sum()
 }

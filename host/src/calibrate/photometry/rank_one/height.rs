@@ -13,7 +13,7 @@ use glam::DVec3;
 use nalgebra::DVector;
 use rayon::prelude::*;
 
-use super::Seen;
+use super::{Seen, dot};
 use crate::base::linear_fit::least_squares;
 use crate::instrument::calibration::{SeenPart, terms};
 use crate::instrument::optics::SampleFrame;
@@ -62,10 +62,7 @@ pub(in super::super) fn with_height(seen: &[Seen], part: SeenPart) -> SeenPart {
         // Along what no stand before knows of, so far that it is so high along the normal.
         let step = axis / axis.dot(normal);
         if let Some(height_m) = seen.height_m(&part, step) {
-            let by = step * height_m;
-            for (offset, by) in part.offset_m.iter_mut().zip(by.to_array()) {
-                *offset += by;
-            }
+            part = part.displaced(step * height_m);
         }
         known.push(axis);
     }
@@ -76,13 +73,7 @@ impl Seen<'_> {
     /// The height in metres that explains best which pairs are lit; a height of 1 moves the sample by `step`.
     fn height_m(&self, part: &SeenPart, step: DVec3) -> Option<f64> {
         let spotted = self.spotted();
-        let cost = |height_m: f64| {
-            let mut part = part.clone();
-            for (offset, by) in part.offset_m.iter_mut().zip((step * height_m).to_array()) {
-                *offset += by;
-            }
-            self.cost(&part, &spotted)
-        };
+        let cost = |height_m: f64| self.cost(&part.displaced(step * height_m), &spotted);
         let best = |heights: Vec<f64>| {
             let costs: Vec<(f64, f64)> = heights
                 .into_par_iter()
@@ -170,8 +161,4 @@ impl Seen<'_> {
         });
         Some(costs.sum())
     }
-}
-
-fn dot(row: &[f64], fields: &DVector<f64>) -> f64 {
-    row.iter().zip(fields.iter()).map(|(a, b)| a * b).sum()
 }

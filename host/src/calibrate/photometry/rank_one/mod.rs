@@ -18,6 +18,7 @@ mod fit;
 mod height;
 
 use glam::DVec3;
+use nalgebra::DVector;
 
 pub(super) use fit::{Fields, Held, fit};
 pub(super) use height::with_height;
@@ -393,4 +394,9 @@ pub(super) fn positive(f: f64, spec: &str, wi: DVec3, wo: DVec3) -> Result<f64, 
         found: format!("{f}"),
     }
     .into())
+}
+
+/// What a row of least squares makes of what was `found`.
+fn dot(row: &[f64], found: &DVector<f64>) -> f64 {
+    row.iter().zip(found.iter()).map(|(a, b)| a * b).sum()
 }
