@@ -7,9 +7,7 @@
 //! 1. light and throughput: f is divided by K·T_o·E_p as calibrated, where E_p is that of the pixels that were lit, and by the
 //!    share that is lit of what the pixel sees of the sample; pairs of which too little is lit, or nobody knows how much, have
 //!    no value;
-//! 2. interreflection: of the light that leaves the sample a share r returns onto it, so that f + r·ρ(ω_i)·ρ(ω_o)/π was
-//!    seen, ρ being the sample's directional albedo. It is subtracted with the image's own albedo in both places, what was
-//!    not seen of the hemisphere taken to be like the rest;
+//! 2. interreflection: what returned onto the sample is subtracted (`interreflection`);
 //! 3. the standard uncertainty: to the noise come, as independent contributions,
 //!    - standards: what their reflectances make of light and of r together;
 //!    - fields: the relative uncertainties that photometry states, by their covariance at the pixels that see and light,
@@ -23,7 +21,8 @@
 
 use glam::{DVec2, DVec3};
 
-use super::radiometry::Common;
+use super::interreflection::{Back, Returned};
+use super::radiometry::{Common, Radiometry};
 use super::shape::{ByShape, Shape};
 use crate::assemble::resample::{Resampling, Taps};
 use crate::brdf::BANDS_DEG;
@@ -31,16 +30,13 @@ use crate::brdf::budget::{BudgetSums, band};
 use crate::brdf::quadrature::spot_rad;
 use crate::hemisphere::disk::Disk;
 use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, lit_terms};
-use crate::instrument::calibration::{AppliedCalibration, Interreflection, Photometry, Share, Shares};
+use crate::instrument::calibration::{AppliedCalibration, Photometry, Share, Shares};
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
 use crate::plan::pattern::PatternMaker;
 use crate::plan::{Directions, Plan};
 use crate::store::provenance::Provenance;
 use crate::store::{BrdfRows, stored_sigma};
-
-/// Share of the correction for interreflection that its model may be wrong by (k = 1).
-const INTERREFLECTION_MODEL: f64 = 0.25;
 
 /// What is done to every image.
 pub(super) struct Correction {
@@ -60,9 +56,7 @@ pub(super) struct Correction {
     /// What part of the sample pixels and incident directions have in common, if calibration found that, and the pixels of each
     /// cell.
     shares: Option<(Shares, Vec<Taps>)>,
-    interreflection: Option<Interreflection>,
-    /// cosθ times solid angle of each cell, 0 beyond the horizon.
-    cosine_sr: Vec<f32>,
+    returned: Option<Returned>,
     shape: Shape,
     /// Band of the polar angle of each incident direction, and of each cell; `None` where it is not judged.
     row_bands: Vec<Option<usize>>,
@@ -111,16 +105,11 @@ impl Correction {
             lamp2: 0.0,
             cell_relative2,
             shares: shares(rig, directions, applied).map(|shares| (shares, resampling.taps.clone())),
-            interreflection: applied
+            returned: applied
                 .photometry
                 .as_ref()
-                .and_then(|found| found.interreflection),
-            cosine_sr: (0..disk.len())
-                .map(|cell| {
-                    disk.direction(cell)
-                        .map_or(0.0, |w| (w.z * disk.cell_sr()) as f32)
-                })
-                .collect(),
+                .and_then(|found| found.interreflection)
+                .map(|found| Returned::new(found, disk, channels)),
             shape: Shape::new(
                 &View::camera(rig),
                 disk,
@@ -142,6 +131,19 @@ impl Correction {
             *cell /= level.light;
         }
         self.lamp2 = (level.uncertainty / level.light).powi(2);
+    }
+
+    /// Learns from the black frames of `radiometry`, one for each exposure time, how much of the light that falls on it the sample returns.
+    pub(super) fn learn(
+        &mut self,
+        rig: &Rig,
+        photometry: &Photometry,
+        radiometry: &[Radiometry],
+        resampling: &Resampling,
+    ) {
+        if let Some(returned) = &mut self.returned {
+            returned.learn(rig, photometry, radiometry, resampling, &self.cells);
+        }
     }
 
     /// Terms for direct light (see [`lit_terms`]) of the pixels that light each incident direction.
@@ -182,9 +184,19 @@ impl Correction {
             }
             let measured = |cell: usize| shown[cell].factor.is_finite();
             for channel in 0..self.channels {
-                let back = self.interreflected(f, &measured, channel);
+                let incoming = self
+                    .returned
+                    .as_ref()
+                    .map(|returned| (returned, returned.incoming(lit.direction, f, &measured, channel)));
+                let back_in = |cell: usize| {
+                    incoming
+                        .as_ref()
+                        .map_or_else(Back::default, |(returned, incoming)| {
+                            returned.back(incoming, cell)
+                        })
+                };
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
-                    f[cell * self.channels + channel] -= back.f;
+                    f[cell * self.channels + channel] -= back_in(cell).f;
                 }
                 self.shape
                     .uncertainties(f, &sigma, &measured, channel, lit.beside2, &mut room);
@@ -192,6 +204,7 @@ impl Correction {
                     let at = cell * self.channels + channel;
                     let part2 = (shown[cell].relative * f[at]).powi(2);
                     let field2 = (self.residual2 + lit.relative2 + self.cell_relative2[cell]) * f[at] * f[at];
+                    let back = back_in(cell);
                     let lamp_common2 = self.lamp2 * f[at] * f[at];
                     let standards2 = self.standards_variance(f[at], back.per_share);
                     let systematic = (part2 + field2 + lamp_common2 + standards2).sqrt();
@@ -267,38 +280,9 @@ impl Correction {
 
     /// Variance of f in sr⁻² by the reflectances of the standards; interreflection of share 1 adds `per_share`.
     fn standards_variance(&self, f: f32, per_share: f32) -> f32 {
-        match &self.interreflection {
+        match self.returned.as_ref().map(Returned::found) {
             Some(found) if found.by_standards > 0.0 => found.standards_variance(self.standard, f, per_share),
             _ => (self.standard as f32 * f).powi(2),
-        }
-    }
-
-    /// What interreflection adds to every f of an image.
-    fn interreflected(&self, f: &[f32], measured: &dyn Fn(usize) -> bool, channel: usize) -> Back {
-        let Some(found) = self.interreflection else {
-            return Back::default();
-        };
-        let (mut sum, mut seen) = (0.0_f64, 0.0_f64);
-        for (cell, cosine_sr) in self
-            .cosine_sr
-            .iter()
-            .enumerate()
-            .filter(|(cell, _)| measured(*cell))
-        {
-            sum += f64::from(f[cell * self.channels + channel] * cosine_sr);
-            seen += f64::from(*cosine_sr);
-        }
-        if seen <= 0.0 {
-            return Back::default();
-        }
-        let albedo = (sum / seen * std::f64::consts::PI).clamp(0.0, 1.0);
-        let per_share = albedo * albedo / std::f64::consts::PI;
-        let back = found.share * per_share;
-        let uncertainty = (found.standard_uncertainty * per_share).hypot(INTERREFLECTION_MODEL * back);
-        Back {
-            f: back as f32,
-            uncertainty: uncertainty as f32,
-            per_share: per_share as f32,
         }
     }
 }
@@ -321,16 +305,6 @@ impl Shown {
         factor: f32::NAN,
         relative: f32::NAN,
     };
-}
-
-/// What interreflection adds to f, sr⁻¹.
-#[derive(Clone, Copy, Debug, Default)]
-struct Back {
-    f: f32,
-    /// Standard uncertainty (k = 1) by noise and model.
-    uncertainty: f32,
-    /// What a share of 1 would add.
-    per_share: f32,
 }
 
 /// What f is to be multiplied with for the throughput of the pixel that sees each cell, and for the sensitivity, and the
@@ -374,6 +348,7 @@ fn shares(rig: &Rig, directions: &Directions, applied: &AppliedCalibration) -> O
 
 /// What the lit pixels of one incident direction are to its images.
 struct Lit {
+    direction: DVec3,
     /// Factor of f for their intensity, and its relative variance.
     factor: f32,
     relative2: f32,
@@ -394,6 +369,7 @@ fn lit(rig: &Rig, plan: &Plan, directions: &Directions, photometry: Option<&Phot
         .into_par_iter()
         .map(|index| {
             let mut of = Lit {
+                direction: directions.grid.direction(index),
                 factor: 1.0,
                 relative2: 0.0,
                 beside2: 0.0,

@@ -52,6 +52,7 @@ mod agreement;
 mod coordinates;
 mod correction;
 mod edges;
+mod interreflection;
 mod luminance;
 mod merge;
 mod off_sample;
@@ -193,6 +194,9 @@ pub fn assemble(
         .map_err(of_calibration)?;
     if let Some(level) = lamp {
         correction.set_lamp(level);
+    }
+    if let Some(photometry) = &applied.photometry {
+        correction.learn(rig, photometry, &radiometry, &resampling);
     }
     let writer = BrdfWriter::create(
         target,

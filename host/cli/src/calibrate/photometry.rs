@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use rcg::base::progress::Progress as _;
 use rcg::brdf::sample::parse;
-use rcg::calibrate::photometry::{Request, Views, calibrate, capture};
+use rcg::calibrate::photometry::{Height, Request, Views, Weakness, calibrate, capture, height, weaknesses};
 use rcg::instrument::calibration::{CameraFound, LampFound, Photometry, RIG};
 use rcg::instrument::rig::{Rig, Tilt};
 use rcg::store::Lock;
@@ -93,7 +93,23 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     }
     let photometry =
         calibrate(&args.out, uncertainty).map_err(|error| Failure::from(error).at(args.out.display()))?;
-    output.print(&photometry, || text(&photometry))
+    let rig = Rig::load(&args.out.join(RIG).display().to_string())?;
+    let summary = Summary {
+        weaknesses: weaknesses(&photometry, &rig)?,
+        height: height(&photometry, &rig)?,
+        photometry,
+    };
+    output.print(&summary, || text(&summary))
+}
+
+/// What was found, and what is weak in it.
+#[derive(serde::Serialize)]
+struct Summary {
+    #[serde(flatten)]
+    photometry: Photometry,
+    /// The worst first.
+    weaknesses: Vec<Weakness>,
+    height: Option<Height>,
 }
 
 fn ghost(found: &Photometry) -> String {
@@ -109,19 +125,48 @@ fn ghost(found: &Photometry) -> String {
     )
 }
 
-fn seen_part(found: &Photometry) -> String {
-    let Some(part) = &found.seen_part else {
+fn seen_part(summary: &Summary) -> String {
+    let Some((part, height)) = summary.photometry.seen_part.as_ref().zip(summary.height) else {
         return "of the sample: not asked for; the rig does not say how wide the pupils are".to_owned();
     };
     let mm = |m: f64| 1e3 * m;
-    let [x, y, z] = part.offset_m.map(mm);
     let [camera, projector] = part.pupils_m.map(mm);
     format!(
-        "sample beside its place by {x:.2}, {y:.2}, {z:.2} mm ± {:.2} mm (k = 1, the worst), pupils of {camera:.1} and \
-         {projector:.0} mm; the edge of what is lit is {:.0} % darker",
-        mm(part.worst_m()),
-        100.0 * part.falloff
+        "pupils of {camera:.1} and {projector:.0} mm; the edge of what is lit is {:.0} % darker; {:.0} % of the pairs of directions \
+         have no value for it",
+        100.0 * part.falloff,
+        100.0 * height.lost
     )
+}
+
+/// Where the standard stood, and what to do if that is not where it should.
+fn stood(height: &Height) -> String {
+    let mm = 1e3 * height.height_m;
+    let (side, remedy) = if mm > 0.0 {
+        ("high", "lower")
+    } else {
+        ("low", "raise")
+    };
+    let uncertainty_mm = 1e3 * height.standard_uncertainty_m;
+    if mm.abs() < 2.0 * uncertainty_mm {
+        return format!("stood at its height, to {uncertainty_mm:.2} mm (k = 1)");
+    }
+    format!(
+        "stood {:.2} mm too {side} ± {uncertainty_mm:.2} mm (k = 1): {remedy} the holder by that",
+        mm.abs()
+    )
+}
+
+/// What to mend first.
+fn worst(weaknesses: &[Weakness]) -> String {
+    weaknesses.first().map_or_else(String::new, |worst| {
+        format!(
+            "{}, {:.2} % of a white matte sample (k = 1); against it: {}",
+            worst.name,
+            100.0 * worst.left,
+            worst.remedy
+        )
+    })
 }
 
 fn lamp(found: &Photometry) -> String {
@@ -155,7 +200,23 @@ fn pixels(camera: &CameraFound) -> String {
     )
 }
 
-fn text(found: &Photometry) -> String {
+fn interreflection(found: &Photometry) -> String {
+    let percent = |share: f64| format!("{:.3} %", 100.0 * share);
+    found.interreflection.map_or_else(
+        || "not found: there was no second standard".to_owned(),
+        |back| {
+            format!(
+                "{} ± {} by noise, ± {} by the standards (k = 1)",
+                percent(back.share),
+                percent(back.standard_uncertainty),
+                percent(back.by_standards)
+            )
+        },
+    )
+}
+
+fn text(summary: &Summary) -> String {
+    let found = &summary.photometry;
     let camera = &found.camera;
     let percent = |share: f64| format!("{:.3} %", 100.0 * share);
     table(&[
@@ -215,20 +276,15 @@ fn text(found: &Photometry) -> String {
                 percent(found.standard_uncertainty)
             ),
         ),
-        ("seen part", seen_part(found)),
+        ("seen part", seen_part(summary)),
         (
-            "interreflection",
-            found.interreflection.map_or_else(
-                || "not found: there was no second standard".to_owned(),
-                |back| {
-                    format!(
-                        "{} ± {} by noise, ± {} by the standards (k = 1)",
-                        percent(back.share),
-                        percent(back.standard_uncertainty),
-                        percent(back.by_standards)
-                    )
-                },
-            ),
+            "standard",
+            summary
+                .height
+                .as_ref()
+                .map_or_else(|| "its height was not asked for".to_owned(), stood),
         ),
+        ("interreflection", interreflection(found)),
+        ("weakest", worst(&summary.weaknesses)),
     ])
 }

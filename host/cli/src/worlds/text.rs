@@ -59,10 +59,11 @@ fn figures(judgement: &Judgement) -> String {
         |scale| format!("{:.4} ± {:.4}", scale.value, scale.standard_uncertainty),
     );
     format!(
-        "error {}, σ {}, {} within 2 σ, worst {worst:.1} σ, scale {scale}",
+        "error {}, σ {}, {} within 2 σ ({} beside the scale), worst {worst:.1} σ, scale {scale}",
         percent(judgement.median_error, 2),
         percent(judgement.median_sigma, 2),
-        percent(judgement.measured.coverage(), 1)
+        percent(judgement.measured.coverage(), 1),
+        percent(judgement.own_coverage, 1)
     )
 }
 

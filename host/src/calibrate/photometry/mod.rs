@@ -39,17 +39,21 @@ mod share;
 mod stray;
 #[cfg(test)]
 mod tests;
+mod turns;
+mod weakness;
 
 use std::path::Path;
 
 pub use capture::{Request, Views, capture};
+pub use weakness::{Height, Weakness, height, weaknesses};
 
 use camera::{Times, camera, flicker, set_linearity};
 use capture::{SEGMENT, Shows, VIEWS};
 use linear::Linear;
 use pixels::{Layout, every_second};
 use rank_one::Seen;
-use share::{Frames, fit_whole};
+use share::Frames;
+use turns::{NoFields, fit_whole};
 
 use super::{CalibrateError, RIG};
 use crate::base::text::by;
@@ -395,10 +399,17 @@ fn explain(
     seen: &mut [Seen],
     frames: &[Frames],
 ) -> Result<(rank_one::Fields, Option<SeenPart>), CalibrateError> {
-    let (fields, part) = fit_whole(seen, frames).ok_or_else(|| CalibrateError::Views {
-        expected: "frames of the standard that determine light and throughput".to_owned(),
-        found: "too little of the image lit".to_owned(),
-        advice: "is the standard in place, and lit?",
+    let (fields, part) = fit_whole(seen, frames).map_err(|why| match why {
+        NoFields::TooLittle => CalibrateError::Views {
+            expected: "frames of the standard that determine light and throughput".to_owned(),
+            found: "too little of the image lit".to_owned(),
+            advice: "is the standard in place, and lit?",
+        },
+        NoFields::Unsettled => CalibrateError::Views {
+            expected: "frames of the standard that tell where it stands".to_owned(),
+            found: "another place in every turn of the fit".to_owned(),
+            advice: "is the standard flat, in the middle of the holder and at its height?",
+        },
     })?;
     if fields.residual <= WORST_RESIDUAL {
         return Ok((fields, part));

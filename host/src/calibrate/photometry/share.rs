@@ -6,25 +6,19 @@
 //! the pixels for a direction. What is less than whole, beyond what noise and field leave uncertain, is off the sample.
 //!
 //! The fields do not know that and would bend into the darkness. So they are fitted to what is whole, and what is whole is
-//! judged by them, in turns until nothing changes. The first turns grow outwards from the normal, where every sample is
-//! seen, with fields that are held smooth: what falls away from how they go on is not whole.
+//! judged by them, in turns (`turns`).
 
 use glam::{DVec3, Vec4};
 use rayon::prelude::*;
 
 use super::Linear;
-use super::rank_one::{Fields, Held, Seen, fit, with_height};
+use super::rank_one::{Fields, Seen};
 use crate::brdf::sample::Sample;
 use crate::instrument::calibration::lamp::SLOW;
 use crate::instrument::calibration::lights;
 use crate::instrument::calibration::stray::{Level, Removal, Room, lanes};
-use crate::instrument::calibration::{BLIND, EDGE, SEEN, SeenPart, Sight, UNSEEN};
+use crate::instrument::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
 
-/// Turns of fitting and judging, at most.
-const TURNS: usize = 12;
-/// Up to which θ in degrees the turns before them reach, and how little of its prediction is whole then.
-const GROWTH_DEG: [f64; 6] = [52.0, 60.0, 66.0, 72.0, 76.0, 80.0];
-const GROWTH_LEAST: f64 = 0.8;
 /// A share is whole within so many of its standard uncertainties …
 const CLEAR: f64 = 3.0;
 /// … but at least within this, and never below 1 less [`LARGEST_DEFICIT`].
@@ -32,9 +26,6 @@ const LEAST: f64 = 0.02;
 const LARGEST_DEFICIT: f64 = 0.5;
 /// Before there are fields, what shines less than this share of the usual does not take part.
 const DIM: f64 = 0.4;
-/// In one turn what part of the standard is seen changes by so many tolerances at most, and by less it counts as found.
-const FARTHEST: f64 = 0.5;
-const STILL: f64 = 0.02;
 /// Directions that judge a pixel, and pixels that judge a direction, about.
 const LIGHTS: usize = 48;
 const PIXELS: usize = 400;
@@ -263,7 +254,7 @@ impl Seen<'_> {
     }
 
     /// Of what is on the standard, keeps what is within `theta_deg` of the normal.
-    fn keep_within(&mut self, theta_deg: f64) {
+    pub(super) fn keep_within(&mut self, theta_deg: f64) {
         let least = theta_deg.to_radians().cos();
         for &(index, _, wo, _) in &self.all_pixels {
             self.judged.pixels[index] &= wo.z >= least;
@@ -275,7 +266,7 @@ impl Seen<'_> {
 
     /// Judges by `fields` what is wholly on the standard: more than the share `least` of the prediction, or 1 within noise and
     /// fields if there is none.
-    fn judge(&mut self, frames: &Frames, fields: &Fields, least: Option<f64>) {
+    pub(super) fn judge(&mut self, frames: &Frames, fields: &Fields, least: Option<f64>) {
         let add = |share: &mut Share, place: usize, at: (usize, [f64; 2], DVec3)| {
             let Some((p, irradiance)) = self.all_lit[place] else {
                 return;
@@ -374,77 +365,4 @@ impl Seen<'_> {
 fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     let (sum, count) = values.fold((0.0, 0_u32), |(sum, count), value| (sum + value, count + 1));
     (count > 0).then(|| sum / f64::from(count))
-}
-
-/// Fields from what is whole of all that was `seen`, and what that is; `frames` are those of each stand. `None` if what is
-/// whole does not determine them. With them what part of the standard was seen and lit, if the rig says anything of that.
-pub(super) fn fit_whole(seen: &mut [Seen], frames: &[Frames]) -> Option<(Fields, Option<SeenPart>)> {
-    let mut part = SeenPart::of(seen[0].rig()).map(|part| with_height(seen, part));
-    set_part(seen, part.as_ref());
-    for (seen, frames) in seen.iter_mut().zip(frames) {
-        seen.drop_the_dim(frames);
-    }
-    for theta_deg in GROWTH_DEG {
-        let before: Vec<Judged> = seen.iter().map(|seen| seen.judged.clone()).collect();
-        for seen in seen.iter_mut() {
-            seen.keep_within(theta_deg);
-        }
-        let Some(fields) = fit_with(seen, Held::Smooth, &mut part) else {
-            // Nothing is lit so near to the normal: not yet.
-            for (seen, before) in seen.iter_mut().zip(before) {
-                seen.judged = before;
-            }
-            continue;
-        };
-        for (seen, frames) in seen.iter_mut().zip(frames) {
-            seen.judge(frames, &fields, Some(GROWTH_LEAST));
-        }
-    }
-    for _ in 0..TURNS {
-        let fields = fit_with(seen, Held::Loosely, &mut part)?;
-        let before: Vec<Judged> = seen.iter().map(|seen| seen.judged.clone()).collect();
-        for (seen, frames) in seen.iter_mut().zip(frames) {
-            seen.judge(frames, &fields, None);
-        }
-        let is_same = seen
-            .iter()
-            .zip(&before)
-            .all(|(seen, before)| seen.takes_the_same(before));
-        if is_same
-            && fields
-                .part
-                .is_none_or(|(by, _)| by.iter().all(|by| by.abs() < STILL))
-        {
-            return Some((fields, part));
-        }
-    }
-    let fields = fit_with(seen, Held::Loosely, &mut part)?;
-    Some((fields, part))
-}
-
-/// Takes what is seen and lit for as in `part`, if anything is known of it.
-fn set_part(seen: &mut [Seen], part: Option<&SeenPart>) {
-    if let Some(part) = part {
-        for seen in seen {
-            seen.set_part(part);
-        }
-    }
-}
-
-/// Fits the fields, and goes on with the `part` of the sample that is seen.
-fn fit_with(seen: &mut [Seen], held: Held, part: &mut Option<SeenPart>) -> Option<Fields> {
-    let from = part.as_ref().map(|part| part.beside_nominal(seen[0].rig()));
-    let fields = fit(seen, held, from.as_ref())?;
-    if let Some((before, (by, covariance))) = part.as_mut().zip(fields.part) {
-        // What shares do is far from linear where edges are.
-        let by = by.map(|by| by.clamp(-FARTHEST, FARTHEST));
-        *before = before
-            .moved(&by)
-            .with_covariance(|row, column| covariance[row][column]);
-    }
-    for (stand, seen) in seen.iter_mut().enumerate() {
-        seen.set_trust(&fields, stand);
-    }
-    set_part(seen, part.as_ref());
-    Some(fields)
 }

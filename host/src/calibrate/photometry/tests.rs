@@ -221,8 +221,9 @@ fn a_standard_beside_its_height_is_found_there_or_refused_where_nobody_says_how_
         "{part:?} {:?} residual {}",
         truth.flaws.pupils, found.field_residual
     );
-    // By ellipses; and across the normal nothing shows it.
-    assert!((part.offset_m[2] - height_m).abs() < 2e-4, "{part:?}");
+    // By ellipses; and along its plane nothing shows where it is, so that it stays.
+    assert!((part.offset_m[2] - height_m).abs() < 1.2e-4, "{part:?}");
+    assert!(part.offset_m[..2].iter().all(|m| m.abs() < 1e-6), "{part:?}");
     assert!(found.field_residual < 0.01, "{}", found.field_residual);
     let pupils = &truth.flaws.pupils;
     let wide = part.pupils_m[1] / pupils.projector_m;

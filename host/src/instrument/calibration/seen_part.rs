@@ -52,6 +52,9 @@ impl SeenPart {
     /// the diameters of both pupils; falloff.
     pub(crate) const TOLERANCES: [f64; UNKNOWNS] = [3e-3, 3e-3, 3e-3, 0.3, 0.3, 0.1];
 
+    /// How well samples are put where they belong along their plane (k = 1), metres.
+    pub(crate) const ALONG_M: f64 = 1e-3;
+
     /// What the shapes of pupils and the places of lenses leave of what is found, in the same order (k = 1).
     pub(crate) const LEFT: [f64; UNKNOWNS] = [1e-4, 1e-4, 1e-4, 0.03, 0.03, 0.02];
 

@@ -15,7 +15,11 @@
 //! what is left over of each row and of each cell (two-way clusters: Cameron, Gelbach, Miller 2011), and is no less than
 //! that of independent samples.
 //!
-//! The share within 2 σ is stated and no rule: one world is too small for one. What was filled in is counted beside it.
+//! - less than 90 % of the samples within two standard uncertainties once the common factor is taken out, each as large as what
+//!   is left of σ without the common part: what samples have for themselves has to be stated too.
+//!
+//! The share within 2 σ as it is is stated and no rule: it is that of one draw of the common factor. What was filled in is counted beside
+//! it.
 //! The file is read twice, chunk by chunk.
 
 use std::collections::BTreeMap;
@@ -42,6 +46,9 @@ const RARE_SHARE: f64 = 1e-5;
 const RARE_COUNT: u64 = 1;
 /// Standard uncertainties by which the common factor may be off.
 const OF_SCALE: f64 = 3.5;
+/// Least share of the samples within 2 of what they have for themselves, and samples of which that is asked.
+const LEAST_COVERAGE: f64 = 0.9;
+const ENOUGH: u64 = 1000;
 /// Least part of σ that a sample has for itself: half floats keep three digits.
 const OWN_PART: f64 = 0.1;
 /// Largest relative difference of the truth from a cell to the next, and of that difference from one to the next, where it is flat.
@@ -136,6 +143,10 @@ pub struct Judgement {
     pub filled_in: BTreeMap<String, Origins>,
     /// The common factor; `None` of no samples, or of black ones.
     pub scale: Option<Scale>,
+    /// Share of what was measured that lies within 2 of the standard uncertainties that samples have for themselves, once the common
+    /// factor is taken out; `None` without one.
+    #[serde(default)]
+    pub own_coverage: Option<f64>,
     /// Share of all pairs of directions with θ ≤ 80° both ways (and channels) that are scored: measured, and truth ≥ max(1 % of its median, 0.01·albedo/π).
     pub scored_share: Option<f64>,
     /// Median of |f − truth|/truth over those.
@@ -227,7 +238,7 @@ pub fn judge(brdf: &Brdf, sample: &dyn Sample) -> Result<Judgement, StoreError> 
     let mut filled_in: BTreeMap<String, Origins> = BTreeMap::new();
     let (mut errors, mut sigmas) = (LogHistogram::new(), LogHistogram::new());
     let (mut rows, mut cells) = (vec![0.0; brdf.grid().len()], vec![0.0; brdf.disk().len()]);
-    let mut own = 0.0;
+    let (mut own, mut within_own) = (0.0, 0_u64);
     let mut worst: Vec<Worst> = Vec::new();
     each(brdf, sample, &mut |row| {
         for (one, weight) in row.iter().zip(weights(row, common)) {
@@ -238,7 +249,9 @@ pub fn judge(brdf: &Brdf, sample: &dyn Sample) -> Result<Judgement, StoreError> 
                 continue;
             }
             measured.add(z);
-            let left = weight * one.truth * (one.f - value.unwrap_or(1.0) * one.truth);
+            let beside = one.f - value.unwrap_or(1.0) * one.truth;
+            within_own += u64::from(beside * beside <= 4.0 * one.own_variance(common));
+            let left = weight * one.truth * beside;
             rows[one.row] += left;
             cells[one.cell] += left;
             own += left * left;
@@ -263,7 +276,11 @@ pub fn judge(brdf: &Brdf, sample: &dyn Sample) -> Result<Judgement, StoreError> 
     });
     let lit = (0..brdf.grid().len()).filter(|&row| is_judged(brdf.grid().direction(row)));
     let all = lit.count() * judged_cells(brdf).len() * brdf.channels();
+    let own_coverage = value
+        .filter(|_| measured.samples > 0)
+        .map(|_| within_own as f64 / measured.samples as f64);
     Ok(Judgement {
+        own_coverage,
         measured,
         filled_in,
         scale,
@@ -271,12 +288,12 @@ pub fn judge(brdf: &Brdf, sample: &dyn Sample) -> Result<Judgement, StoreError> 
         median_error: errors.median().value(),
         median_sigma: sigmas.median().value(),
         worst,
-        wrong: wrong(&measured, scale.as_ref()),
+        wrong: wrong(&measured, scale.as_ref(), own_coverage),
     })
 }
 
 /// What is wrong, in sentences.
-fn wrong(measured: &Origins, scale: Option<&Scale>) -> Vec<String> {
+fn wrong(measured: &Origins, scale: Option<&Scale>, own_coverage: Option<f64>) -> Vec<String> {
     let mut wrong = Vec::new();
     let Origins {
         samples,
@@ -292,6 +309,13 @@ fn wrong(measured: &Origins, scale: Option<&Scale>) -> Vec<String> {
     if beyond_6 > RARE_COUNT && beyond_6 as f64 > RARE_SHARE * samples as f64 {
         wrong.push(format!(
             "expected a share of {RARE_SHARE} of the samples beyond {RARE} σ, found {beyond_6} of {samples}"
+        ));
+    }
+    if let Some(share) = own_coverage.filter(|share| samples >= ENOUGH && *share < LEAST_COVERAGE) {
+        wrong.push(format!(
+            "expected {:.0} % of the samples within 2 σ of their own beside the common factor, found {:.1} %",
+            100.0 * LEAST_COVERAGE,
+            100.0 * share
         ));
     }
     if let Some(scale) = scale

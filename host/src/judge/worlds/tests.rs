@@ -194,6 +194,32 @@ fn a_common_factor_may_be_as_wrong_as_it_is_stated_to_be() {
 }
 
 #[test]
+fn what_samples_have_for_themselves_has_to_be_stated_beside_the_common_factor() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.zarr");
+    // All off by the common factor, which hides in σ, and by as much as it each by itself, which does not.
+    let by = |own: f64, sigma: f64| {
+        judged(&path, &|index, cell, truth| {
+            let sign = if (index + cell) % 2 == 0 { 1.0 } else { -1.0 };
+            let f = truth * (1.0 + 1.9 * COMMON + own * sign);
+            (f, sigma * truth, Provenance::Measured)
+        })
+    };
+    let right = by(0.5 * SIGMA, SIGMA.hypot(COMMON));
+    assert_eq!(right.wrong, Vec::<String>::new(), "{right:?}");
+    assert_eq!(right.own_coverage, Some(1.0));
+    let wrong = by(3.0 * 0.3 * COMMON, COMMON.hypot(0.3 * COMMON));
+    assert!(wrong.own_coverage.unwrap() < 0.1, "{wrong:?}");
+    assert!(
+        wrong
+            .wrong
+            .iter()
+            .any(|sentence| sentence.contains("of their own")),
+        "{wrong:?}"
+    );
+}
+
+#[test]
 fn a_world_follows_from_its_seed_and_number_however_many_are_drawn() {
     let draw = |seed, index, kind| DrawnRig::draw(seed, index, &PRESETS, kind);
     let rigs: Vec<DrawnRig> = (0..200).map(|index| draw(5, index, Kind::Any)).collect();

@@ -2,13 +2,15 @@
 
 use std::collections::HashMap;
 
+use glam::DVec3;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
+use super::height::{known_axes, unknown_axes};
 use super::{Pair, Seen, dot};
 use crate::base::linear_fit::least_squares;
 use crate::instrument::calibration::{
-    CameraFound, HIGHEST, SmoothField, TERMS, UNKNOWNS, Unknowns, degree, terms,
+    CameraFound, HIGHEST, SeenPart, SmoothField, TERMS, UNKNOWNS, Unknowns, degree, terms,
 };
 
 /// What was found.
@@ -56,6 +58,10 @@ impl Held {
 /// Pairs count less the farther they are from the fields, in so many standard deviations, where one is at least this.
 const FAR: f64 = 4.0;
 const LEAST_FAR: f64 = 5e-3;
+/// Pairs whose edges models have wrong alike, which count as one against what is thought of pupils.
+const ALIKE: f64 = 100.0;
+/// Weight that holds the standard where it is along its plane: light and lenses that differ a little from their models would push it.
+const STAYS: f64 = 1e10;
 
 /// Both fields and the sensitivities from all that was `seen`; `None` if the pairs do not determine them. What part of the
 /// sample is seen is fitted along if it is `from` somewhere: how far, in tolerances, what is taken for it is from where it is
@@ -82,10 +88,16 @@ pub(in super::super) fn fit(seen: &[Seen], held: Held, from: Option<&Unknowns>) 
     let near = from.into_iter().flatten().enumerate().map(|(at, from)| {
         let mut row = vec![0.0; unknowns];
         row[fields + at] = 1.0;
-        (row, -from, 1.0)
+        (row, -from, if at < 3 { 1.0 } else { ALIKE })
+    });
+    let aside: Vec<DVec3> = from.map_or_else(Vec::new, |_| unknown_axes(&known_axes(seen)));
+    let stays = aside.iter().map(|axis| {
+        let mut row = vec![0.0; unknowns];
+        row[fields..fields + 3].copy_from_slice(&axis.to_array());
+        (row, 0.0, STAYS)
     });
     let weighted = pairs().map(|(row, pair)| (row, pair.target(), pair.weight()));
-    let (found, covariance) = least_squares(unknowns, &weighted.chain(pull).chain(near))?;
+    let (found, covariance) = least_squares(unknowns, &weighted.chain(pull).chain(near).chain(stays))?;
     let (mut excess, mut count, mut sure) = (0.0, 0_u32, 0_u32);
     let mut uncertainties = Vec::new();
     let mut mean = DVector::zeros(unknowns);
@@ -117,19 +129,36 @@ pub(in super::super) fn fit(seen: &[Seen], held: Held, from: Option<&Unknowns>) 
     };
     Some(Fields {
         trust: from.map_or_else(Vec::new, |_| rows.iter().map(|rows| rows.trust(&found)).collect()),
-        part: from.map(|_| {
-            let at = |of: usize| fields + of;
-            (
-                std::array::from_fn(|of| found[at(of)]),
-                std::array::from_fn(|row| std::array::from_fn(|column| covariance[(at(row), at(column))])),
-            )
-        }),
+        part: from.map(|_| part(&found, &covariance, fields, &aside)),
         sensitivity: (0..channels).map(|channel| found[channel].exp()).collect(),
         throughput: field(channels),
         intensity: field(channels + TERMS),
         uncertainty: *uncertainties.get(uncertainties.len() / 2)?,
         residual: (excess / f64::from(sure.max(1))).max(0.0).sqrt(),
     })
+}
+
+/// What `found` says of what part of the standard is seen, whose unknowns are those from `first` on, and its covariance: along the axes
+/// `aside` the standard is known as well as it was put there.
+fn part(
+    found: &DVector<f64>,
+    covariance: &DMatrix<f64>,
+    first: usize,
+    aside: &[DVec3],
+) -> (Unknowns, [Unknowns; UNKNOWNS]) {
+    let put = |row: usize, column: usize| -> f64 {
+        if row.max(column) > 2 {
+            return 0.0;
+        }
+        let tolerances = SeenPart::TOLERANCES[row] * SeenPart::TOLERANCES[column];
+        let of = |axis: &DVec3| axis[row] * axis[column] * SeenPart::ALONG_M.powi(2) / tolerances;
+        aside.iter().map(of).sum()
+    };
+    let of = |row: usize, column: usize| covariance[(first + row, first + column)] + put(row, column);
+    (
+        std::array::from_fn(|at| found[first + at]),
+        std::array::from_fn(|row| std::array::from_fn(|column| of(row, column))),
+    )
 }
 
 /// By how much the unknowns `found` (sensitivities of the channels, then both fields) differ from those of a fit in which the

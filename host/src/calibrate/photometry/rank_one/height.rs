@@ -18,10 +18,14 @@ use crate::base::linear_fit::least_squares;
 use crate::instrument::calibration::{SeenPart, terms};
 use crate::instrument::optics::SampleFrame;
 
-/// Heights that are tried, metres: up to this, in such steps, and then around the best.
+/// Heights that are tried, metres: up to this, in such steps, and then around the best few. Where the height is right within some
+/// 0.2 mm the cost falls to a tenth of what it is beside it, and a plateau lies where all should be lit.
 const HIGHEST_M: f64 = 9e-3;
-const STEP_M: f64 = 6e-4;
-const FINE_M: f64 = 1.5e-4;
+const STEP_M: f64 = 3e-4;
+const FINE_M: f64 = 7.5e-5;
+const FEW: usize = 4;
+/// Least part of a normal across the others that tells anything.
+const NEW: f64 = 0.3;
 /// Pairs that take part, about, and the least of them that are wholly lit.
 const PAIRS: usize = 5000;
 const LEAST_PAIRS: usize = 300;
@@ -45,26 +49,50 @@ struct Spotted {
     log: Option<f64>,
 }
 
-/// `part` with the height of the standard, at each stand of `seen`.
+/// The axes along which the place of the standard shows, mirror frame, orthonormal, each with the stand that tells it: the normal of the
+/// first, and of each other what its normal has across those before, if that is much.
+pub(super) fn known_axes(seen: &[Seen]) -> Vec<(usize, DVec3)> {
+    let mut known: Vec<(usize, DVec3)> = Vec::new();
+    for (stand, seen) in seen.iter().enumerate() {
+        let new = across(&known, normal(seen));
+        // Stands that are alike say the same.
+        if new.length() > NEW {
+            known.push((stand, new.normalize()));
+        }
+    }
+    known
+}
+
+/// The axes that are left beside those that are `known`: where the standard moves along them what is seen of it stays the same.
+pub(super) fn unknown_axes(known: &[(usize, DVec3)]) -> Vec<DVec3> {
+    let mut all = known.to_vec();
+    while all.len() < 3 {
+        let rest = DVec3::AXES.map(|axis| across(&all, axis));
+        let longest = rest.into_iter().max_by(|a, b| a.length().total_cmp(&b.length()));
+        all.push((0, longest.expect("invariant: there are axes").normalize()));
+    }
+    all[known.len()..].iter().map(|(_, axis)| *axis).collect()
+}
+
+/// What `w` has across all of the `axes`.
+fn across(axes: &[(usize, DVec3)], w: DVec3) -> DVec3 {
+    axes.iter()
+        .fold(w, |left, (_, axis)| left - left.dot(*axis) * *axis)
+}
+
+fn normal(seen: &Seen) -> DVec3 {
+    SampleFrame::of(&seen.rig.sample).to_mirror(DVec3::Z)
+}
+
+/// `part` with the height of the standard, at each stand of `seen` that tells one.
 pub(in super::super) fn with_height(seen: &[Seen], part: SeenPart) -> SeenPart {
     let mut part = part;
-    let mut known: Vec<DVec3> = Vec::new();
-    for seen in seen {
-        let normal = SampleFrame::of(&seen.rig.sample).to_mirror(DVec3::Z);
-        let new = known
-            .iter()
-            .fold(normal, |left, axis| left - left.dot(*axis) * *axis);
-        // Stands that are alike say the same.
-        if new.length() < 0.3 {
-            continue;
-        }
-        let axis = new.normalize();
+    for (stand, axis) in known_axes(seen) {
         // Along what no stand before knows of, so far that it is so high along the normal.
-        let step = axis / axis.dot(normal);
-        if let Some(height_m) = seen.height_m(&part, step) {
+        let step = axis / axis.dot(normal(&seen[stand]));
+        if let Some(height_m) = seen[stand].height_m(&part, step) {
             part = part.displaced(step * height_m);
         }
-        known.push(axis);
     }
     part
 }
@@ -74,12 +102,13 @@ impl Seen<'_> {
     fn height_m(&self, part: &SeenPart, step: DVec3) -> Option<f64> {
         let spotted = self.spotted();
         let cost = |height_m: f64| self.cost(&part.displaced(step * height_m), &spotted);
-        let best = |heights: Vec<f64>| {
-            let costs: Vec<(f64, f64)> = heights
+        let by_cost = |heights: Vec<f64>| {
+            let mut costs: Vec<(f64, f64)> = heights
                 .into_par_iter()
                 .filter_map(|height_m| Some((cost(height_m)?, height_m)))
                 .collect();
-            costs.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))
+            costs.sort_by(|a, b| a.0.total_cmp(&b.0));
+            costs
         };
         let around = |middle_m: f64, reach_m: f64, step_m: f64| -> Vec<f64> {
             let steps = (reach_m / step_m).round() as i32;
@@ -87,8 +116,13 @@ impl Seen<'_> {
                 .map(|step| f64::from(step).mul_add(step_m, middle_m))
                 .collect()
         };
-        let (_, coarse_m) = best(around(0.0, HIGHEST_M, STEP_M))?;
-        best(around(coarse_m, STEP_M, FINE_M)).map(|(_, height_m)| height_m)
+        let coarse = by_cost(around(0.0, HIGHEST_M, STEP_M));
+        let near = coarse.iter().take(FEW);
+        let fine = by_cost(
+            near.flat_map(|(_, at_m)| around(*at_m, 0.5 * STEP_M, FINE_M))
+                .collect(),
+        );
+        fine.first().map(|(_, height_m)| *height_m)
     }
 
     /// Pairs of the first channel, and those that are dark, thinned.

@@ -1,0 +1,160 @@
+//! Turns of fitting and judging, until nothing changes.
+//!
+//! # Design
+//! Light and throughput are fitted to what the standard wholly fills, and that is judged by them (`share`). The first turns grow
+//! outwards from the normal, where every sample is seen, with fields that are held smooth: what falls away from how they go on is not
+//! whole. What part of the standard is seen begins at the height that was searched for, which little near the normal tells, and is
+//! fitted along in the turns after that. Where it does not settle nothing is known.
+
+use super::rank_one::{Fields, Held, Seen, fit, with_height};
+use super::share::{Frames, Judged};
+use crate::instrument::calibration::{SeenPart, UNKNOWNS, Unknowns};
+
+/// Turns of fitting and judging, at most.
+const TURNS: usize = 8;
+/// Up to which θ in degrees the turns before them reach, and how little of its prediction is whole then.
+const GROWTH_DEG: [f64; 6] = [52.0, 60.0, 66.0, 72.0, 76.0, 80.0];
+const GROWTH_LEAST: f64 = 0.8;
+/// In one turn what part of the standard is seen changes by so many tolerances at most, and by less it counts as found: what edges do
+/// is linear over a part of a millimetre only, what falloff does is nearly.
+const FARTHEST: Unknowns = [0.15, 0.15, 0.15, 0.4, 0.4, 1.0];
+const STILL: f64 = 0.02;
+/// It also does where it would change by less than this share of what it is uncertain by.
+const WITHIN: f64 = 0.7;
+/// Steps that turn back are made so much shorter, down to this share of them.
+const SHORTER: f64 = 0.5;
+const SHORTEST: f64 = 0.25;
+
+/// What part of the standard is seen and lit, on the way to where it is found.
+struct Search {
+    part: SeenPart,
+    /// The last step, in tolerances.
+    last: Unknowns,
+    /// How much of a step is gone.
+    reach: f64,
+    /// Whether the last fit found it where it was.
+    is_still: bool,
+}
+
+impl Search {
+    const fn from(part: SeenPart) -> Self {
+        Self {
+            part,
+            last: [0.0; UNKNOWNS],
+            reach: 1.0,
+            is_still: false,
+        }
+    }
+
+    /// Goes on by what a fit of the `fields` found, if it looked for it.
+    fn step(&mut self, fields: &Fields) {
+        let Some((by, covariance)) = fields.part else {
+            return;
+        };
+        let back: f64 = by.iter().zip(self.last).map(|(by, last)| by * last).sum();
+        self.reach = if back < 0.0 {
+            (SHORTER * self.reach).max(SHORTEST)
+        } else {
+            (self.reach / SHORTER).min(1.0)
+        };
+        self.is_still = (0..UNKNOWNS).all(|at| {
+            let known = covariance[at][at]
+                .sqrt()
+                .hypot(SeenPart::LEFT[at] / SeenPart::TOLERANCES[at]);
+            by[at].abs() < STILL.max(WITHIN * known)
+        });
+        let farthest = by.iter().zip(FARTHEST).map(|(by, most)| most / by.abs());
+        let share = self.reach * farthest.fold(1.0, f64::min);
+        self.last = by.map(|by| share * by);
+        self.part = self
+            .part
+            .moved(&self.last)
+            .with_covariance(|row, column| covariance[row][column]);
+    }
+}
+
+/// Why there are no fields.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum NoFields {
+    /// What is whole does not determine them.
+    TooLittle,
+    /// What part of the standard is seen is found elsewhere in every turn.
+    Unsettled,
+}
+
+/// Fields from what is whole of all that was `seen`, and what that is; `frames` are those of each stand. With them what part of the
+/// standard was seen and lit, if the rig says anything of that.
+///
+/// # Errors
+/// [`NoFields`].
+pub(super) fn fit_whole(
+    seen: &mut [Seen],
+    frames: &[Frames],
+) -> Result<(Fields, Option<SeenPart>), NoFields> {
+    let part = SeenPart::of(seen[0].rig()).map(|part| with_height(seen, part));
+    set_part(seen, part.as_ref());
+    for (seen, frames) in seen.iter_mut().zip(frames) {
+        seen.drop_the_dim(frames);
+    }
+    for theta_deg in GROWTH_DEG {
+        let before: Vec<Judged> = seen.iter().map(|seen| seen.judged.clone()).collect();
+        for seen in seen.iter_mut() {
+            seen.keep_within(theta_deg);
+        }
+        // What is near to the normal says too little of edges.
+        let Some(fields) = fit(seen, Held::Smooth, None) else {
+            // Nothing is lit so near to the normal: not yet.
+            for (seen, before) in seen.iter_mut().zip(before) {
+                seen.judged = before;
+            }
+            continue;
+        };
+        for (seen, frames) in seen.iter_mut().zip(frames) {
+            seen.judge(frames, &fields, Some(GROWTH_LEAST));
+        }
+    }
+    let mut search = part.map(Search::from);
+    for _ in 0..TURNS {
+        let fields = fit_with(seen, &mut search)?;
+        let before: Vec<Judged> = seen.iter().map(|seen| seen.judged.clone()).collect();
+        for (seen, frames) in seen.iter_mut().zip(frames) {
+            seen.judge(frames, &fields, None);
+        }
+        let mut pairs = seen.iter().zip(&before);
+        if pairs.all(|(seen, before)| seen.takes_the_same(before))
+            && search.as_ref().is_none_or(|search| search.is_still)
+        {
+            return Ok((fields, search.map(|search| search.part)));
+        }
+    }
+    let fields = fit_with(seen, &mut search)?;
+    match search {
+        Some(search) if !search.is_still => Err(NoFields::Unsettled),
+        search => Ok((fields, search.map(|search| search.part))),
+    }
+}
+
+/// Takes what is seen and lit for as in `part`, if anything is known of it.
+fn set_part(seen: &mut [Seen], part: Option<&SeenPart>) {
+    if let Some(part) = part {
+        for seen in seen {
+            seen.set_part(part);
+        }
+    }
+}
+
+/// Fits the fields, and goes on with the `search` for the part of the sample that is seen.
+fn fit_with(seen: &mut [Seen], search: &mut Option<Search>) -> Result<Fields, NoFields> {
+    let from = search
+        .as_ref()
+        .map(|search| search.part.beside_nominal(seen[0].rig()));
+    let fields = fit(seen, Held::Loosely, from.as_ref()).ok_or(NoFields::TooLittle)?;
+    if let Some(search) = search {
+        search.step(&fields);
+        for (stand, seen) in seen.iter_mut().enumerate() {
+            seen.set_trust(&fields, stand);
+        }
+        set_part(seen, Some(&search.part));
+    }
+    Ok(fields)
+}
