@@ -139,4 +139,14 @@ fi
 
 step "tests and trials"
 tests
+
+# Of each rig as many measurements, by the commands: none may be wrong in silence.
+rigs=4
+requests=2
+if [ "$kind" = full ]; then
+    rigs=10
+    requests=3
+fi
+step "random worlds: $rigs rigs × $requests"
+target/debug/rcg worlds --count "$rigs" --requests "$requests" --seed 11 --jobs "$(nproc)"
 finish

@@ -9,7 +9,7 @@ fn main() {
     divan::main();
 }
 
-#[divan::bench(sample_count = 10, sample_size = 1, args = ["rcg-1", "rcg-2"])]
+#[divan::bench(sample_count = 10, sample_size = 1, args = ["rcg-1-16bit", "rcg-2"])]
 fn direction_map_1024x768(bencher: Bencher, preset: &str) {
     let view = View::projector(&Rig::load(preset).expect("a preset"));
     bencher
@@ -17,7 +17,7 @@ fn direction_map_1024x768(bencher: Bencher, preset: &str) {
         .bench_local(|| DirectionMap::of(black_box(&view)));
 }
 
-#[divan::bench(args = ["rcg-1", "rcg-2"])]
+#[divan::bench(args = ["rcg-1-16bit", "rcg-2"])]
 fn direction_to_pixel(bencher: Bencher, preset: &str) {
     let view = View::camera(&Rig::load(preset).expect("a preset"));
     let w = from_degrees(50.0, 33.0);
@@ -41,7 +41,7 @@ fn positions(view: &View) -> Vec<(f64, f64)> {
 }
 
 /// The baseline of `pixel_to_direction_table`.
-#[divan::bench(args = ["rcg-1", "rcg-2"])]
+#[divan::bench(args = ["rcg-1-16bit", "rcg-2"])]
 fn pixel_to_direction_traced(bencher: Bencher, preset: &str) {
     let view = View::camera(&Rig::load(preset).expect("a preset"));
     let positions = positions(&view);
@@ -53,7 +53,7 @@ fn pixel_to_direction_traced(bencher: Bencher, preset: &str) {
     });
 }
 
-#[divan::bench(args = ["rcg-1", "rcg-2"])]
+#[divan::bench(args = ["rcg-1-16bit", "rcg-2"])]
 fn pixel_to_direction_table(bencher: Bencher, preset: &str) {
     let view = View::camera(&Rig::load(preset).expect("a preset"));
     let (table, positions) = (DirectionTable::new(&view, 1e-6), positions(&view));

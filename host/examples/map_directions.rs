@@ -1,6 +1,6 @@
 //! Tells which pixels of camera and projector belong to a direction at the sample, and which direction to a pixel.
 //!
-//! `cargo run --release --example map_directions [RIG]`, where RIG is rcg-1 (as if nothing is given), rcg-2, rcg-3, dmd or the
+//! `cargo run --release --example map_directions [RIG]`, where RIG is rcg-1-16bit (as if nothing is given), rcg-2, rcg-3, dmd or the
 //! path of a rig file.
 
 use std::error::Error;
@@ -10,7 +10,9 @@ use rcg::instrument::optics::{Unmeasurable, View};
 use rcg::instrument::rig::Rig;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let name = std::env::args().nth(1).unwrap_or_else(|| "rcg-1".to_owned());
+    let name = std::env::args()
+        .nth(1)
+        .unwrap_or_else(|| "rcg-1-16bit".to_owned());
     let rig = Rig::load(&name)?;
     let (camera, projector) = (View::camera(&rig), View::projector(&rig));
 

@@ -45,7 +45,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// The whole job: plan, capture, assembly, evaluation and report, into `folder`, which must be new or empty.
 fn measure(folder: &Path) -> Result<(), Box<dyn Error>> {
-    let rig = Rig::load("rcg-1")?;
+    let rig = Rig::load("rcg-1-16bit")?;
     let request = Request {
         grid: Grid::ThetaPhi { step_deg: 10.0 },
         image_size: 48,

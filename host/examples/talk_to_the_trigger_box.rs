@@ -14,7 +14,7 @@ use rcg::virtual_rig::VirtualController;
 use rcg_protocol::{Event, Extent, Micros, Pace, Program, State, StepRecord, Ticks};
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let rig = Rig::load("rcg-1")?;
+    let rig = Rig::load("rcg-1-16bit")?;
     let link: Box<dyn Link> = match std::env::args().nth(1) {
         Some(port) => link::open(&port)?,
         None => Box::new(VirtualController::alone(&rig)),

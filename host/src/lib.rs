@@ -11,7 +11,7 @@
 //! let request = Request { grid: Grid::ThetaPhi { step_deg: 30.0 }, image_size: 16, ..Request::default() };
 //! let setup = Setup::from(Virtual { sample: "ward:brass".to_owned(), ..Virtual::default() });
 //! // `folder` is a path: new, or empty.
-//! let (job, measurement) = measure::prepare(folder, &Rig::load("rcg-1")?, request, &setup, &Silent)?;
+//! let (job, measurement) = measure::prepare(folder, &Rig::load("rcg-1-16bit")?, request, &setup, &Silent)?;
 //! measure::capture(&measurement, &job, &Silent)?;
 //! measure::assemble_measurement(&measurement, &Silent)?;
 //!

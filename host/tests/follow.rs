@@ -185,7 +185,7 @@ proptest! {
         dead_man_us in 20_000..3_000_000_u32,
         period_s in (-3.0..2.05_f64).prop_map(|exponent| 10_f64.powf(exponent)),
     ) {
-        let mut device = simulated("rcg-1");
+        let mut device = simulated("rcg-1-16bit");
         let period = (period_s * 125e6) as u64;
         let step = Step { proj: Pulse::new(0, 10), cam: Pulse::new(20, period - 40), period: Ticks(period) };
         let program = Program {
@@ -214,7 +214,7 @@ fn a_sync_that_does_not_come_in_time_is_a_fault_at_the_start_and_at_a_step() {
         (Start::OnSync, Pace::FreeRunning),
         (Start::AtOnce, Pace::EachOnSync),
     ] {
-        let mut rig = Rig::load("rcg-1").expect("a preset");
+        let mut rig = Rig::load("rcg-1-16bit").expect("a preset");
         rig.projector.min_period_s = 5.0;
         let link = VirtualController::alone(&rig);
         let mut device = Device::connect(link, 1, Patience::default()).expect("it answers");

@@ -65,7 +65,7 @@ fn share(filled: &Filled, provenance: &str) -> f64 {
 fn tilts_close_the_hole_and_every_origin_is_judged_by_itself() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    let rig = Rig::load("rcg-1").unwrap();
+    let rig = Rig::load("rcg-1-16bit").unwrap();
     let files: Vec<PathBuf> = TILTS
         .iter()
         .enumerate()
@@ -193,7 +193,7 @@ fn captures_without_common_directions_are_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     // Cameras that see one half of the mirror each.
     let half = |name: &str, centre_px: f64| {
-        let mut rig = Rig::load("rcg-1").unwrap();
+        let mut rig = Rig::load("rcg-1-16bit").unwrap();
         rig.camera.lens.centre_px[0] = centre_px;
         measured(&folder.path().join(name), &rig, 15.0, None, None, 1)
     };

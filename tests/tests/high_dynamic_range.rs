@@ -44,7 +44,7 @@ fn holding(sample: &str, noise: bool) -> Virtual {
 
 /// RCG-1 with a camera of `bits`.
 fn rig(bits: u8) -> Rig {
-    let mut rig = Rig::load("rcg-1").unwrap();
+    let mut rig = Rig::load("rcg-1-16bit").unwrap();
     rig.camera.bits = bits;
     if bits == 12 {
         rig.camera.dark_dn = 16.0;
@@ -238,7 +238,7 @@ fn each_exposure_of_a_pattern_is_that_of_a_measurement_with_this_one_alone() {
 
 #[test]
 fn the_edges_come_as_planned_to_the_tick() {
-    for preset in ["rcg-1", "dmd"] {
+    for preset in ["rcg-1-16bit", "dmd"] {
         let dir = tempfile::tempdir().unwrap();
         let rig = Rig::load(preset).unwrap();
         let times = if preset == "dmd" {

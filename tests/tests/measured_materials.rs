@@ -123,7 +123,7 @@ fn comes_back(path: &Path, largest: f64) {
         ..Virtual::default()
     });
     let dir = tempfile::tempdir().unwrap();
-    let rig = Rig::load("rcg-1").unwrap();
+    let rig = Rig::load("rcg-1-16bit").unwrap();
     let (job, measurement) = prepare(&dir.path().join("m"), &rig, request, &setup, &Silent).unwrap();
     let summary = complete(&measurement, &job, &|| Duration::ZERO, &Silent).unwrap();
     let against = summary.evaluation.against_reference.unwrap();

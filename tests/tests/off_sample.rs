@@ -20,8 +20,8 @@ use rcg_tests::measurements::{Scored, coarse, scored};
 
 /// Of which devices stand how far off, millimetres: camera, projector, sample.
 const DRAWS: [(&str, [f64; 3]); 4] = [
-    ("rcg-1", [4.0, 0.0, 0.0]),
-    ("rcg-1", [0.0, 4.0, 0.0]),
+    ("rcg-1-16bit", [4.0, 0.0, 0.0]),
+    ("rcg-1-16bit", [0.0, 4.0, 0.0]),
     ("rcg-2", [0.0, 0.0, 1.0]),
     ("dmd", [2.0, 2.0, 0.5]),
 ];
@@ -142,7 +142,7 @@ fn what_the_standard_did_not_fill_is_off_sample_and_the_rest_is_right() {
 #[test]
 fn a_sample_at_a_tilt_without_a_standard_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let known = coarse("rcg-1");
+    let known = coarse("rcg-1-16bit");
     std::fs::write(folder.path().join(RIG), known.to_toml()).unwrap();
     let request = Request {
         standard: "lambert:0.98".to_owned(),

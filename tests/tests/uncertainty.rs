@@ -11,6 +11,7 @@ use rcg::instrument::calibration::Calibration;
 use rcg::instrument::rig::Rig;
 use rcg::judge::evaluate::evaluate;
 use rcg::judge::fit::{Fit, Model};
+use rcg::judge::worlds::judge;
 use rcg::measure::{assemble_measurement, capture, prepare};
 use rcg::plan::brackets::Brackets;
 use rcg::plan::{Request, Virtual};
@@ -95,7 +96,7 @@ fn measured(
 #[test]
 #[ignore = "long: ./test.sh full runs it"]
 fn calibration_brings_a_misaligned_and_uneven_rig_back() {
-    let nominal = Rig::load("rcg-1").unwrap();
+    let nominal = Rig::load("rcg-1-16bit").unwrap();
     let folder = tempfile::tempdir().unwrap();
     let truth = Truth::drawn(&nominal, TOLERANCES, 5).unwrap();
     let truth = save(&truth, &folder.path().join("truth.toml"));
@@ -146,7 +147,7 @@ fn in_drawn_worlds_values_and_fits_hold_the_truth_tilted_or_not() {
     for draw in 0..draws {
         let uniform = |purpose: u64| uniform(2000 + 10 * draw + purpose);
         let folder = tempfile::tempdir().unwrap();
-        let nominal = coarse(["rcg-1", "dmd", "rcg-2"][draw as usize]);
+        let nominal = coarse(["rcg-1-16bit", "dmd", "rcg-2"][draw as usize]);
         let tolerances = Tolerances {
             position_m: 1e-3,
             angle_deg: 0.6,
@@ -213,7 +214,7 @@ fn blur_is_a_part_of_the_uncertainty_for_lobes_and_pixels_of_any_width() {
     for draw in 0..24_u64 {
         let uniform = |purpose: u64| uniform(1000 + 10 * draw + purpose);
         let alpha = |purpose: u64| 0.05 * 14_f64.powf(uniform(purpose));
-        let preset = ["rcg-1", "rcg-2", "dmd"][draw as usize % 3];
+        let preset = ["rcg-1-16bit", "rcg-2", "dmd"][draw as usize % 3];
         let image_size = 20 + (44.0 * uniform(0)) as u32;
         let model = ["ward:rs=0.3,rd=0.2", "ggx:f0=0.5,rd=0.2"][draw as usize % 2];
         let spec = format!("{model},ax={:.3},ay={:.3}", alpha(1), alpha(2));
@@ -292,7 +293,7 @@ fn off(calibration: &Calibration, lamp: f64, [standard, lamp_draw, back]: [f64; 
 
 #[test]
 fn over_many_seeded_runs_the_interval_of_k_2_holds_the_truth() {
-    let nominal = coarse("rcg-1");
+    let nominal = coarse("rcg-1-16bit");
     let folder = tempfile::tempdir().unwrap();
     let truth = Truth::drawn(&nominal, TOLERANCES, 8).unwrap();
     let first = save(&truth, &folder.path().join("truth.toml"));
@@ -362,6 +363,37 @@ fn over_many_seeded_runs_the_interval_of_k_2_holds_the_truth() {
         (0.93..=0.97).contains(&share),
         "{share:.4}, scores spread by {spread:.3}"
     );
+}
+
+#[test]
+fn terms_that_no_fit_has_are_in_the_uncertainty() {
+    let nominal = Rig::load("rcg-3").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let mut truth = Truth::drawn(&nominal, TOLERANCES, 12).unwrap();
+    // Narrower than any polynomial of the fit: what a wiped mirror and a lamp with a filament do.
+    truth.flaws.throughput.bumps.push([0.35, -0.2, 0.25, 0.02]);
+    truth.flaws.intensity.bumps.push([-0.3, 0.25, 0.25, -0.02]);
+    truth.flaws.black.bumps.push([0.2, 0.3, 0.15, 0.3]);
+    let saved = save(&truth, &folder.path().join("truth.toml"));
+    let calibration = calibrated(&nominal, &saved, &[], &folder.path().join("calibration"));
+    for (seed, spec) in [(1, "lambert:0.5"), (2, "ggx:f0=0.4,ax=0.4,ay=0.5,rd=0.2")] {
+        let request = Request {
+            grid: Grid::ThetaPhi { step_deg: 15.0 },
+            image_size: 48,
+            brackets: Brackets::Number(2),
+            ..Request::default()
+        };
+        let dir = folder.path().join(format!("run-{seed}"));
+        let virtual_rig = holding(spec, &saved, seed);
+        let measurement = measured(&dir, Some(&calibration), &nominal, request, virtual_rig);
+        let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
+        let sample = rcg::brdf::sample::parse(spec).unwrap();
+        let judgement = judge(&brdf, sample.as_ref()).unwrap();
+        println!("{spec}: {judgement:?}");
+        assert_eq!(judgement.wrong, Vec::<String>::new(), "{spec}");
+        assert!(judgement.measured.coverage().unwrap() > 0.9, "{judgement:?}");
+        assert!(judgement.scored_share.unwrap() > 0.3, "{judgement:?}");
+    }
 }
 
 /// A number from 0 to 1 of its own for each `seed`: SplitMix64.

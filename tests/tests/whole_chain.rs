@@ -103,11 +103,11 @@ fn chain(preset: &str, sample: &str, exposure_s: f64, moved: &Moved) -> f64 {
 
 #[test]
 fn what_was_put_in_comes_out_on_every_preset() {
-    for (preset, exposure_s) in [("rcg-1", 0.0333), ("rcg-2", 0.0333), ("dmd", 80e-6)] {
+    for (preset, exposure_s) in [("rcg-1-16bit", 0.0333), ("rcg-2", 0.0333), ("dmd", 80e-6)] {
         let error = chain(preset, "lambert:0.5", exposure_s, &Moved(0.0));
         assert!(error < 0.005, "{preset}: median error {error}");
     }
-    let error = chain("rcg-1", "ward:brass", 0.004, &Moved(0.0));
+    let error = chain("rcg-1-16bit", "ward:brass", 0.004, &Moved(0.0));
     assert!(error < 0.005, "brass: median error {error}");
 }
 
@@ -164,8 +164,8 @@ fn a_model_is_recovered_from_its_noisy_measurement_within_the_stated_uncertainty
     let (wide, brass) = ([0.15, 0.3, 0.2, 0.3], [0.05, 0.16, 0.1, 0.33]);
     let cases = [
         ("rcg-2", wide, 15.0, 32),
-        ("rcg-1", wide, 15.0, 32),
-        ("rcg-1", brass, 5.0, 96),
+        ("rcg-1-16bit", wide, 15.0, 32),
+        ("rcg-1-16bit", brass, 5.0, 96),
         ("rcg-2", brass, 5.0, 96),
     ];
     for &(preset, known, step_deg, image_size) in &cases[..if is_full() { 4 } else { 2 }] {
@@ -204,8 +204,8 @@ fn a_camera_pulse_that_straddles_two_patterns_spoils_the_brdf() {
     // A broad lobe without a diffuse part, so that every sample changes from one pattern to the next. The pattern
     // settles for 33.3 ms: a trigger 5 ms earlier sees half of its 10 ms under the pattern before.
     let lobe = "ggx:f0=0.5,ax=0.3,ay=0.3,rd=0.0";
-    let in_time = chain("rcg-1", lobe, 0.01, &Moved(0.0));
-    let straddling = chain("rcg-1", lobe, 0.01, &Moved(-0.005));
+    let in_time = chain("rcg-1-16bit", lobe, 0.01, &Moved(0.0));
+    let straddling = chain("rcg-1-16bit", lobe, 0.01, &Moved(-0.005));
     assert!(in_time < 0.005, "in time: {in_time}");
     assert!(straddling > 0.05, "straddling: {straddling} was not noticed");
 }
@@ -219,7 +219,7 @@ fn missed_triggers_dropped_and_doubled_frames_change_nothing_but_the_tally() {
             ..holding("ggx:satin", false)
         };
         let asked = (request(), virtual_rig);
-        let measurement = begin(&dir.path().join(name), "rcg-1", asked, 0.01, &Moved(0.0));
+        let measurement = begin(&dir.path().join(name), "rcg-1-16bit", asked, 0.01, &Moved(0.0));
         let tally = capture(&measurement);
         assemble_measurement(&measurement, &Silent).unwrap();
         let brdf = Brdf::open(&measurement.path("brdf.zarr")).unwrap();
@@ -268,7 +268,7 @@ fn a_capture_taken_up_again_at_any_segment_has_the_same_bits() {
     let dir = tempfile::tempdir().unwrap();
     // Two segments and more of black patterns alone, which look the same.
     let begun = |name: &str| {
-        let rig = Rig::load("rcg-1").unwrap().with_image_size(16).unwrap();
+        let rig = Rig::load("rcg-1-16bit").unwrap().with_image_size(16).unwrap();
         let request = Request {
             image_size: 16,
             grid: Grid::ThetaPhi { step_deg: 30.0 },
@@ -315,7 +315,7 @@ fn the_stated_uncertainty_is_that_of_the_noise() {
     let dir = tempfile::tempdir().unwrap();
     let measurement = measured(
         &dir.path().join("m"),
-        "rcg-1",
+        "rcg-1-16bit",
         (request(), holding("lambert:0.5", true)),
         0.0333,
         &Moved(0.0),
@@ -391,7 +391,7 @@ fn a_known_brdf_is_judged_without_error_and_a_wrong_one_is_not() {
 fn a_real_sample_is_compared_with_nothing_unless_that_is_asked_for() {
     let dir = tempfile::tempdir().unwrap();
     for reference in [None, Some("lambert:0.5")] {
-        let rig = Rig::load("rcg-1").unwrap().with_image_size(16).unwrap();
+        let rig = Rig::load("rcg-1-16bit").unwrap().with_image_size(16).unwrap();
         let request = Request {
             grid: Grid::ThetaPhi { step_deg: 30.0 },
             image_size: 16,

@@ -73,7 +73,7 @@ fn files(dir: &Path) -> BTreeMap<String, Vec<u8>> {
 #[test]
 fn a_measurement_has_the_same_bits_behind_a_port() {
     let dir = tempfile::tempdir().unwrap();
-    let rig = Rig::load("rcg-1").unwrap();
+    let rig = Rig::load("rcg-1-16bit").unwrap();
     let measure = |name: &str, setup: &Setup| {
         let (job, measurement) = prepare(&dir.path().join(name), &rig, request(), setup, &Silent).unwrap();
         let summary = complete(&measurement, &job, &|| Duration::ZERO, &Silent).unwrap();
@@ -132,7 +132,7 @@ fn expose(instrument: &mut Instrument, timing: &Timing, program: &Program) -> Ve
 
 #[test]
 fn runs_that_begin_on_sync_have_the_same_images() {
-    let rig = Rig::load("rcg-1").unwrap().with_image_size(32).unwrap();
+    let rig = Rig::load("rcg-1-16bit").unwrap().with_image_size(32).unwrap();
     let timing = Timing::new(&rig, 0.004).unwrap();
     // Noise off: what differs between two runs of one instrument is then the exposure.
     let free = Timing::program(4);
@@ -174,7 +174,7 @@ fn runs_that_begin_on_sync_have_the_same_images() {
 
 #[test]
 fn a_box_that_is_still_busy_is_taken_over() {
-    let rig = Rig::load("rcg-1").unwrap().with_image_size(16).unwrap();
+    let rig = Rig::load("rcg-1-16bit").unwrap().with_image_size(16).unwrap();
     let bridge = Bridge::new(Ticks(3), Ticks::ZERO);
     let world = setup(Some(&bridge), true, CALM).world().unwrap();
     let mut first = world.open(&rig, None).unwrap();

@@ -21,7 +21,7 @@ crate::trials!("chain":
 /// Runs the host's command and returns what it prints.
 fn rcg(arguments: &[&str]) -> Result<String> {
     let output = Command::new(places::command())
-        .env("RCG_RIG", "rcg-1")
+        .env("RCG_RIG", "rcg-1-16bit")
         .args(arguments)
         .current_dir(places::workspace())
         .output()?;

@@ -50,7 +50,7 @@ const RIG_VARIABLE: &str = "RCG_RIG";
 #[derive(Debug, Parser)]
 #[command(name = "rcg", version, max_term_width = 100, arg_required_else_help = true)]
 struct Cli {
-    /// The instrument: rcg-1, rcg-2, rcg-3, dmd, or a rig file (TOML) [default: that in RCG_RIG, else rcg-3]
+    /// The instrument: rcg-1, rcg-1-16bit, rcg-2, rcg-3, dmd, or a rig file (TOML) [default: that in RCG_RIG, else rcg-3]
     #[arg(long, global = true, value_name = "FILE|PRESET")]
     rig: Option<String>,
     /// Print one JSON object instead of text

@@ -12,7 +12,7 @@ use crate::request::image_size;
 
 /// Make every figure of the RCG paper from our own data, with a page that puts each beside what the paper says.
 ///
-/// Measures brass on the virtual rig rcg-1 and two model cloths on rcg-2, runs the sampling study, draws all figures and
+/// Measures brass on the virtual rig rcg-1-16bit and two model cloths on rcg-2, runs the sampling study, draws all figures and
 /// writes paper.html. Takes about two minutes and, with the defaults, 2 GB of disk.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {

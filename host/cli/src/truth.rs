@@ -219,11 +219,14 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     if let Some(row_noise_e) = args.row_noise_e {
         in_range("row-noise-e", row_noise_e, 0.0, 100.0)?;
     }
+    let rig = Rig::load(rig)?;
     let tolerances = Tolerances {
         position_m: position_mm * 1e-3,
         angle_deg,
         field: args.field_percent / 100.0,
-        contrast: args.contrast.or(args.flaws.pick(1500.0, 400.0)),
+        contrast: args
+            .contrast
+            .or(args.flaws.pick(rig.projector.contrast.unwrap_or(1500.0), 400.0)),
         glare: share(args.glare_percent, 3e-3, 1e-2),
         ghost: share(args.ghost_percent, 1e-2, 4e-2),
         drift: share(args.drift_percent, 5e-3, 2e-2),
@@ -234,7 +237,6 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         pixels: pixels(args),
     };
     to_write(&args.out, TRUTH)?;
-    let rig = Rig::load(rig)?;
     let mut truth = Truth::drawn(&rig, tolerances, args.seed)?;
     for flaw in &args.without {
         flaw.leave_out(&mut truth, &rig);

@@ -49,7 +49,7 @@ mod tests {
 
     #[test]
     fn what_an_edge_may_cut_is_left_out() {
-        let rig = Rig::load("rcg-1").unwrap();
+        let rig = Rig::load("rcg-1-16bit").unwrap();
         let view = View::projector(&rig);
         // The hole ends at 27°, and half a spot is 0.5° wide.
         for (theta_deg, edge_deg, is_cut) in [

@@ -106,7 +106,7 @@ mod tests {
 
     #[test]
     fn taps_interpolate_the_direction_of_their_cell() {
-        for preset in ["rcg-1", "rcg-2"] {
+        for preset in ["rcg-1-16bit", "rcg-2"] {
             let rig = Rig::load(preset).unwrap().with_image_size(96).unwrap();
             let camera = View::camera(&rig);
             let disk = Disk::new(64);
@@ -128,7 +128,7 @@ mod tests {
 
     #[test]
     fn every_cell_has_taps_or_a_reason() {
-        let rig = Rig::load("rcg-1").unwrap().with_image_size(96).unwrap();
+        let rig = Rig::load("rcg-1-16bit").unwrap().with_image_size(96).unwrap();
         let disk = Disk::new(96);
         let camera = View::camera(&rig);
         let resampling = Resampling::new(&camera, &camera.cut_pixels(0.0), disk);

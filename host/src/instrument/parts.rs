@@ -172,6 +172,9 @@ pub struct ProjectorPart {
     pub min_period_s: f64,
     /// Relative intensity `E_p` of every pixel.
     pub irradiance: f64,
+    /// Full on over full off, as its data sheet has it; as black as one wants if that says nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contrast: Option<f64>,
     /// Image size, projection and pose.
     pub lens: Lens,
 }

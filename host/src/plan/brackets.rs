@@ -186,7 +186,7 @@ mod tests {
 
     #[test]
     fn at_the_largest_ratio_what_saturates_the_longer_is_ten_times_the_noise_of_the_shorter() {
-        let mut rig = Rig::load("rcg-1").unwrap();
+        let mut rig = Rig::load("rcg-1-16bit").unwrap();
         (rig.camera.bits, rig.camera.dark_dn) = (12, 16.0);
         let full_dn = 4095.0 - 16.0;
         let noise_dn = ((3.0 * full_dn / 20_000.0_f64).powi(2) + ROUNDING_DN2).sqrt();

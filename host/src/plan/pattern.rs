@@ -228,7 +228,7 @@ mod tests {
 
     #[test]
     fn the_solid_angle_is_constant_to_half_a_pixel_and_the_centroid_is_where_it_should_be() {
-        for preset in ["rcg-1", "rcg-2"] {
+        for preset in ["rcg-1-16bit", "rcg-2"] {
             let maker = maker(preset, 1.0);
             let grid = Rings::theta_phi(5.0).unwrap();
             let mut pixels = (usize::MAX, 0);
@@ -270,7 +270,7 @@ mod tests {
 
     #[test]
     fn what_cannot_be_lit_says_why() {
-        let maker = maker("rcg-1", 1.0);
+        let maker = maker("rcg-1-16bit", 1.0);
         assert_eq!(
             maker.lit_set(from_degrees(10.0, 0.0)).unwrap_err(),
             Unmeasurable::Hole
@@ -287,7 +287,7 @@ mod tests {
 
     #[test]
     fn whatever_is_in_reach_is_lit_at_edges_too() {
-        let nominal = Rig::load("rcg-1").unwrap();
+        let nominal = Rig::load("rcg-1-16bit").unwrap();
         let tolerances = Tolerances {
             position_m: 5e-4,
             angle_deg: 0.3,

@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn the_prototype_takes_the_papers_50_minutes_and_the_dmd_3_4_seconds() {
-        let rcg1 = pace(&Rig::load("rcg-1").unwrap(), 1.0);
+        let rcg1 = pace(&Rig::load("rcg-1-16bit").unwrap(), 1.0);
         assert!((rcg1.grid_s / 60.0 - 50.0).abs() < 0.1, "{}", rcg1.grid_s);
         assert!((rcg1.lit_s + rcg1.black_s - rcg1.instrument_s).abs() < 1e-9);
         assert!(rcg1.lit_s < rcg1.grid_s);

@@ -294,7 +294,7 @@ mod tests {
             prop_oneof![Just(125_000_000_u32), Just(200_000_000), Just(150_000_000)],
         );
         proptest!(|(((settle_s, min_period_s, delay_s, readout_s), mut exposures_s, overlap, clock_hz) in worlds)| {
-            let mut rig = Rig::load("rcg-1").unwrap();
+            let mut rig = Rig::load("rcg-1-16bit").unwrap();
             rig.projector.settle_s = settle_s;
             rig.projector.min_period_s = min_period_s.max(1e-7);
             rig.camera.exposure_delay_s = delay_s;
@@ -320,13 +320,13 @@ mod tests {
 
     #[test]
     fn steps_that_no_trigger_box_makes_are_refused() {
-        let mut rig = Rig::load("rcg-1").unwrap();
+        let mut rig = Rig::load("rcg-1-16bit").unwrap();
         rig.projector.settle_s = 59.0;
         rig.camera.readout_s = 30.0;
         for exposures_s in [&[60.0][..], &[1.0, 60.0]] {
             let refused = Timing::series(&rig, exposures_s).unwrap_err().to_string();
             assert!(
-                refused.starts_with("rig rcg-1: expected steps of at most 120 s"),
+                refused.starts_with("rig rcg-1-16bit: expected steps of at most 120 s"),
                 "{refused}"
             );
         }
@@ -334,7 +334,7 @@ mod tests {
 
     #[test]
     fn the_prototypes_pace_and_the_dmds() {
-        let rcg1 = Rig::load("rcg-1").unwrap();
+        let rcg1 = Rig::load("rcg-1-16bit").unwrap();
         let timing = Timing::new(&rcg1, rcg1.camera.exposure_s).unwrap();
         assert!(
             (timing.period_s * 32_400.0 / 60.0 - 50.0).abs() < 0.1,
@@ -349,7 +349,7 @@ mod tests {
 
     #[test]
     fn exposure_times_out_of_range_are_refused() {
-        let rig = Rig::load("rcg-1").unwrap();
+        let rig = Rig::load("rcg-1-16bit").unwrap();
         for exposure_s in [0.0, -1.0, 61.0, f64::NAN, f64::INFINITY] {
             assert!(Timing::new(&rig, exposure_s).is_err(), "{exposure_s}");
         }

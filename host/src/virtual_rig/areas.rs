@@ -153,7 +153,8 @@ impl LitArea {
     fn light(&self, at_m: DVec2) -> f64 {
         let rho = self.in_pupil(at_m).length();
         let on = ((1.0 - rho) / SOFT + 0.5).clamp(0.0, 1.0);
-        on * (1.0 - self.falloff * (rho.min(1.0) * FRAC_PI_2).sin().powi(2))
+        let inner = rho.min(1.0);
+        on * (1.0 - self.falloff * inner * inner * (3.0 - 2.0 * inner))
     }
 }
 
@@ -172,7 +173,7 @@ mod tests {
             falloff: 0.0,
             blades_deg: 10.0,
         };
-        for (preset, offset_m) in [("rcg-1", 0.0), ("rcg-3", 0.0), ("rcg-3", 5e-4)] {
+        for (preset, offset_m) in [("rcg-1-16bit", 0.0), ("rcg-3", 0.0), ("rcg-3", 5e-4)] {
             let mut rig = Rig::load(preset).unwrap();
             rig.camera.lens.offset_m = [offset_m, -offset_m, offset_m];
             rig.sample.offset_m = [offset_m; 3];

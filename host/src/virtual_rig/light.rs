@@ -183,7 +183,7 @@ mod tests {
 
     #[test]
     fn four_nodes_have_the_moments_of_the_lit_pixels() {
-        let view = View::projector(&Rig::load("rcg-1").unwrap());
+        let view = View::projector(&Rig::load("rcg-1-16bit").unwrap());
         let projector = DirectionTiles::of(view.clone());
         let maker = PatternMaker::new(view, 4.0, 1.0);
         for theta_deg in [35.0, 60.0, 80.0] {
@@ -213,7 +213,7 @@ mod tests {
 
     #[test]
     fn the_light_of_separate_spots_is_that_of_each() {
-        let view = View::projector(&Rig::load("rcg-1").unwrap());
+        let view = View::projector(&Rig::load("rcg-1-16bit").unwrap());
         let projector = DirectionTiles::of(view.clone());
         let maker = PatternMaker::new(view, 1.0, 1.0);
         let sets = [(35.0, 10.0), (60.0, 10.0), (60.0, 200.0), (75.0, 100.0)]
@@ -242,7 +242,7 @@ mod tests {
 
     #[test]
     fn no_pixels_no_light() {
-        let projector = DirectionTiles::of(View::projector(&Rig::load("rcg-1").unwrap()));
+        let projector = DirectionTiles::of(View::projector(&Rig::load("rcg-1-16bit").unwrap()));
         assert_eq!(Light::spots(&[], &projector, &|_| 1.0), []);
         assert_eq!(Light::spots(&[0, u32::MAX], &projector, &|_| 1.0), []);
     }

@@ -136,6 +136,7 @@ impl Tolerances {
     fn flaws(self, nominal: &Rig, seed: u64, rng: &mut Xoshiro256PlusPlus) -> Flaws {
         let (throughput, intensity) = (Field::drawn(self.field, rng), Field::drawn(self.field, rng));
         let drawn = log_uniform(CONTRASTS, rng);
+        let drawn = nominal.projector.contrast.unwrap_or(drawn);
         let mut flaws = Flaws {
             throughput,
             intensity,
@@ -176,7 +177,10 @@ impl Truth {
         Self {
             version: VERSION,
             rig: rig.clone(),
-            flaws: Flaws::default(),
+            flaws: Flaws {
+                black_level: rig.projector.contrast.map_or(0.0, f64::recip),
+                ..Flaws::default()
+            },
         }
     }
 
@@ -349,7 +353,7 @@ mod tests {
 
     #[test]
     fn a_drawn_truth_strays_as_far_as_it_may_and_reads_back() {
-        let nominal = Rig::load("rcg-1").unwrap();
+        let nominal = Rig::load("rcg-1-16bit").unwrap();
         let tolerances = Tolerances {
             position_m: 1e-3,
             angle_deg: 0.5,
@@ -384,7 +388,7 @@ mod tests {
 
     #[test]
     fn another_version_and_flaws_that_nothing_real_has_are_refused() {
-        let truth = Truth::of(&Rig::load("rcg-1").unwrap());
+        let truth = Truth::of(&Rig::load("rcg-1-16bit").unwrap());
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("truth.toml");
         let refusal = |text: String| {
@@ -430,7 +434,7 @@ mod tests {
 
     #[test]
     fn a_standard_reflects_what_it_does_and_not_what_is_stated() {
-        let mut truth = Truth::of(&Rig::load("rcg-1").unwrap());
+        let mut truth = Truth::of(&Rig::load("rcg-1-16bit").unwrap());
         truth.flaws.standards = [0.004, 0.0];
         let stated: Arc<dyn Sample> = Arc::from(crate::brdf::sample::parse("lambert:0.5").unwrap());
         let [first, second] =

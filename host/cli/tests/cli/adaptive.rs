@@ -55,7 +55,7 @@ fn a_budget_is_kept_and_the_plan_can_be_measured_again() {
         &[
             text(&plan),
             "expected a plan of rig dmd",
-            "found one of rig rcg-1",
+            "found one of rig rcg-1-16bit",
         ],
     );
 }
@@ -306,7 +306,7 @@ impl Uneven {
         let rig = if options.contains(&"rcg-2") {
             "rcg-2"
         } else {
-            "rcg-1"
+            "rcg-1-16bit"
         };
         let [again, listed] = ["again", "listed"].map(|name| self.at(&format!("{name}{place}")));
         let known = self.known();

@@ -19,14 +19,14 @@ fn plan(rig: &str, step: &str) -> Value {
 
 #[test]
 fn the_papers_rig_takes_92_6_ms_per_exposure() {
-    let plan = plan("rcg-1", "1");
+    let plan = plan("rcg-1-16bit", "1");
     let exposures = number(&plan, "exposures");
     assert!(
         (number(&plan, "instrument_s") / exposures - 0.0926).abs() < 5e-5,
         "{plan}"
     );
     assert_eq!(plan["bound_by"], "camera");
-    assert_eq!(plan["rig"], "rcg-1");
+    assert_eq!(plan["rig"], "rcg-1-16bit");
     // The hole hides the innermost 27 of 90 rings, the wire a few directions more.
     let directions = number(&plan, "directions");
     assert!(
@@ -49,7 +49,7 @@ fn the_dmd_rig_is_bound_by_its_projector() {
 
 #[test]
 fn a_rig_without_a_hole_measures_more() {
-    assert!(number(&plan("rcg-2", "3"), "directions") > number(&plan("rcg-1", "3"), "directions"));
+    assert!(number(&plan("rcg-2", "3"), "directions") > number(&plan("rcg-1-16bit", "3"), "directions"));
 }
 
 #[test]
@@ -81,7 +81,7 @@ fn measure_sums_up_what_it_did() {
     arguments.push("--json".to_owned());
     let summary = run(&arguments, "").object();
     assert_eq!(summary["out"], text(&out));
-    assert_eq!(summary["rig"], "rcg-1");
+    assert_eq!(summary["rig"], "rcg-1-16bit");
     assert_eq!(summary["sample"], "ward:brass");
     assert_eq!(number(&summary, "step_deg"), 15.0);
     assert_eq!(number(&summary, "image_size"), 16.0);

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use crate::command::{quick_measurement, refuses, run, text};
 
-/// A pair in the middle of what rcg-1 reaches.
+/// A pair in the middle of what rcg-1-16bit reaches.
 const PAIR: &str = "52.5 90 50 200\n";
 
 fn measured(scratch: &Path) -> PathBuf {

@@ -128,7 +128,7 @@ fn a_measurement_is_resumed_only_as_what_it_is() {
         ("--noise", "on", ["noise", "off", "on"]),
         ("--exposure-ms", "5", ["exposure-ms", "4 ms", "5 ms"]),
         ("--spot", "2", ["spot", "that of the rig", "2°"]),
-        ("--rig", "rcg-2", ["rig", "rcg-1", "rcg-2"]),
+        ("--rig", "rcg-2", ["rig", "rcg-1-16bit", "rcg-2"]),
     ] {
         let arguments = ["measure", "--out", text(&out), "--resume", name, value];
         let [field, expected, found] = parts;

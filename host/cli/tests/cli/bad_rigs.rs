@@ -4,7 +4,7 @@ use std::fs;
 
 use crate::command::{quick, rcg, refuses, run, text};
 
-const RCG_1: &str = include_str!("../../../src/instrument/rig/presets/rcg-1.toml");
+const RCG_1: &str = include_str!("../../../src/instrument/rig/presets/rcg-1-16bit.toml");
 
 /// The preset with `from` replaced by `to`, refused by every command that takes a rig; nothing is made.
 fn refused(from: &str, to: &str, parts: &[&str]) {
@@ -107,7 +107,12 @@ fn what_is_not_toml_is_refused_with_its_line() {
 
 #[test]
 fn a_rig_that_does_not_exist_is_refused() {
-    let parts = ["no-such-rig", "expected", "rcg-1, rcg-2, rcg-3, dmd", "found"];
+    let parts = [
+        "no-such-rig",
+        "expected",
+        "rcg-1, rcg-1-16bit, rcg-2, rcg-3, dmd",
+        "found",
+    ];
     refuses(&["map", "--rig", "no-such-rig"], "45 0\n", 2, &parts);
 }
 

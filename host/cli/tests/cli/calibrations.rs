@@ -244,7 +244,7 @@ fn captures_that_do_not_go_together_are_refused_by_name() {
 #[test]
 #[ignore = "long: ./test.sh full runs it"]
 fn every_preset_can_be_calibrated_and_measures_what_is_there() {
-    for preset in ["rcg-1", "rcg-2", "dmd"] {
+    for preset in ["rcg-1-16bit", "rcg-2", "dmd"] {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| text(&folder.path().join(name)).to_owned();
         let (truth, out, measured) = (at("truth.toml"), at("calibration"), at("measured"));

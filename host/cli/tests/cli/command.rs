@@ -37,7 +37,7 @@ pub(crate) fn rcg<S: AsRef<OsStr>>(arguments: &[S]) -> Command {
         .args(arguments)
         .arg("-q")
         .env_remove("RCG_LOG")
-        .env("RCG_RIG", "rcg-1");
+        .env("RCG_RIG", "rcg-1-16bit");
     command
 }
 

@@ -36,7 +36,7 @@ fn sizes(rig: &str) -> [f64; 4] {
 
 #[test]
 fn the_rigs_on_the_axis_have_a_hole_and_the_tilted_one_has_not() {
-    for rig in ["rcg-1", "dmd"] {
+    for rig in ["rcg-1-16bit", "dmd"] {
         assert_eq!(map(rig, &[(0.0, 0.0), (26.9, 80.0)]), ["- hole", "- hole"]);
         pixels(&map(rig, &[(27.1, 80.0)])[0]);
     }
@@ -45,7 +45,7 @@ fn the_rigs_on_the_axis_have_a_hole_and_the_tilted_one_has_not() {
 
 #[test]
 fn nothing_is_seen_below_the_horizon() {
-    for rig in ["rcg-1", "rcg-2", "dmd"] {
+    for rig in ["rcg-1-16bit", "rcg-2", "dmd"] {
         let answers = map(rig, &[(95.0, 0.0), (180.0, 0.0), (90.1, 271.0)]);
         assert!(
             answers.iter().all(|answer| answer == "- below horizon"),
@@ -56,14 +56,14 @@ fn nothing_is_seen_below_the_horizon() {
 
 #[test]
 fn the_wire_hides_what_is_behind_it() {
-    assert_eq!(map("rcg-1", &[(45.0, 270.0)]), ["- occluded"]);
-    pixels(&map("rcg-1", &[(45.0, 272.0)])[0]);
+    assert_eq!(map("rcg-1-16bit", &[(45.0, 270.0)]), ["- occluded"]);
+    pixels(&map("rcg-1-16bit", &[(45.0, 272.0)])[0]);
 }
 
 #[test]
 fn what_can_be_measured_is_inside_both_images() {
     let directions: Vec<(f64, f64)> = (0..72).map(|i| (45.0, 2.0 + 5.0 * f64::from(i))).collect();
-    for rig in ["rcg-1", "rcg-2", "dmd"] {
+    for rig in ["rcg-1-16bit", "rcg-2", "dmd"] {
         for answer in map(rig, &directions) {
             for (pixel, size) in pixels(&answer).into_iter().zip(sizes(rig)) {
                 assert!((0.0..size).contains(&pixel), "{rig}: {answer}");
@@ -80,7 +80,7 @@ fn on_the_axis_the_image_is_the_formulas_and_turns_with_the_azimuth() {
         let psi = 2.0 * (0.05 / 0.45 * (theta_deg.to_radians() / 2.0).tan()).atan();
         psi.tan() / 0.225 * 0.96 * height / 2.0
     };
-    for rig in ["rcg-1", "dmd"] {
+    for rig in ["rcg-1-16bit", "dmd"] {
         let [width, height, proj_width, proj_height] = sizes(rig);
         for theta in [30.0, 45.0, 60.0, 85.0] {
             let directions: Vec<(f64, f64)> = (0..24).map(|i| (theta, 2.0 + 15.0 * f64::from(i))).collect();
@@ -123,7 +123,7 @@ fn on_the_axis_the_image_is_the_formulas_and_turns_with_the_azimuth() {
 
 #[test]
 fn an_image_of_another_size_is_the_same_image() {
-    let full = pixels(&map("rcg-1", &[(50.0, 33.0)])[0]);
+    let full = pixels(&map("rcg-1-16bit", &[(50.0, 33.0)])[0]);
     let small = pixels(run(&["map", "--image-size", "64"], "50 33\n").done().trim_end());
     for axis in 0..2 {
         assert!(
@@ -141,9 +141,9 @@ fn an_image_of_another_size_is_the_same_image() {
 fn json_says_the_same() {
     let lines = "45 10\n0 0\n";
     let object = run(&["map", "--json"], lines).object();
-    assert_eq!(object["rig"], "rcg-1");
+    assert_eq!(object["rig"], "rcg-1-16bit");
     let directions = object["directions"].as_array().unwrap();
-    let [cam_u, cam_v, proj_u, proj_v] = pixels(&map("rcg-1", &[(45.0, 10.0)])[0]);
+    let [cam_u, cam_v, proj_u, proj_v] = pixels(&map("rcg-1-16bit", &[(45.0, 10.0)])[0]);
     for (path, expected) in [
         ("/cam_px/0", cam_u),
         ("/cam_px/1", cam_v),

@@ -279,7 +279,7 @@ fn the_files_that_a_measurement_names_are_told_by_content() {
 fn a_rig_of_the_same_name_is_told_by_content() {
     let world = World::new();
     let rig = world.at("mine.toml");
-    let preset = include_str!("../../../src/instrument/rig/presets/rcg-1.toml");
+    let preset = include_str!("../../../src/instrument/rig/presets/rcg-1-16bit.toml");
     fs::write(&rig, preset).unwrap();
     let out = world.at("out");
     let measure = |out: &Path, rest: &[&str]| {
@@ -290,7 +290,7 @@ fn a_rig_of_the_same_name_is_told_by_content() {
     run(&measure(&out, &["--rig", text(&rig)]), "").done();
     let before = files(&out);
     // The same by another name.
-    run(&measure(&out, &["--resume", "--rig", "rcg-1"]), "").done();
+    run(&measure(&out, &["--resume", "--rig", "rcg-1-16bit"]), "").done();
     assert!(files(&out) == before);
     let edited = preset.replacen("read_noise_e = ", "read_noise_e = 1", 1);
     assert_ne!(edited, preset);
@@ -301,7 +301,7 @@ fn a_rig_of_the_same_name_is_told_by_content() {
         2,
         &[
             text(&out),
-            "rig: expected rcg-1 (SHA-256",
+            "rig: expected rcg-1-16bit (SHA-256",
             "found another one of that name",
         ],
     );

@@ -124,8 +124,8 @@ fn any_reader_finds_nan_where_there_is_no_value() {
     let at = |name: &str| scratch.path().join(name);
     // Saturated pixels, a hole, chunks that are absent; two exposures, of which one may saturate; another rig; noise.
     let cases: [(&str, &[&str]); 4] = [
-        ("rcg-1", &["--exposure-ms", "60", "--noise", "on"]),
-        ("rcg-1", &["--brackets", "4,60"]),
+        ("rcg-1-16bit", &["--exposure-ms", "60", "--noise", "on"]),
+        ("rcg-1-16bit", &["--brackets", "4,60"]),
         ("rcg-2", &["--sample", "lambert:0"]),
         ("dmd", &["--noise", "on", "--sample", "ggx:metal"]),
     ];

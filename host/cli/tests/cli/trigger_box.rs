@@ -171,7 +171,7 @@ fn a_bracket_is_fired_as_a_table_or_as_a_stream_and_recorded_step_by_step() {
     assert_eq!(fire("low.csv", &rest_high), table);
     // A SYNC of 60 Hz: 70 ms are more than four of its periods, so each step begins five after the one before.
     let paced = fire("paced.csv", &["--each-on-sync", "--sync-timeout", "1s"]);
-    let sync_s = rcg::instrument::rig::Rig::load("rcg-1")
+    let sync_s = rcg::instrument::rig::Rig::load("rcg-1-16bit")
         .unwrap()
         .projector
         .min_period_s;

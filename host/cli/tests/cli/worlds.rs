@@ -12,7 +12,10 @@ fn draws_that_cannot_be_are_refused() {
             ["--count", "0"],
             &["--count", "whole number from 1", "found `0`"][..],
         ),
-        (["--rigs", "gold"], &["--rigs", "rcg-1", "dmd", "found `gold`"]),
+        (
+            ["--rigs", "gold"],
+            &["--rigs", "rcg-1-16bit", "dmd", "found `gold`"],
+        ),
         (
             ["--kind", "good"],
             &["--kind", "any, careful or bad", "found `good`"],
@@ -36,7 +39,7 @@ fn draws_that_cannot_be_are_refused() {
 fn a_careful_world_is_right_kept_and_not_run_again() {
     let scratch = tempfile::tempdir().unwrap();
     let out = scratch.path().join("worlds");
-    let line = "worlds --count 1 --kind careful --rigs rcg-1 --step 30 --image-size 24 --geometry-image-size 64 \
+    let line = "worlds --count 1 --kind careful --rigs rcg-1-16bit --step 30 --image-size 24 --geometry-image-size 64 \
                 --photometry-image-size 32 --seed";
     let line = |seed: &'static str| {
         let mut line: Vec<&str> = line.split_whitespace().collect();

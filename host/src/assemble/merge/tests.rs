@@ -12,7 +12,7 @@ const PIXELS: usize = 40_000;
 
 /// RCG-1 with a camera of 12 bits.
 fn rig() -> Rig {
-    let mut rig = Rig::load("rcg-1").unwrap();
+    let mut rig = Rig::load("rcg-1-16bit").unwrap();
     (rig.camera.bits, rig.camera.dark_dn) = (12, 16.0);
     rig
 }

@@ -26,7 +26,7 @@ const LINEAR: CameraFound = CameraFound {
 
 #[test]
 fn numbers_above_saturation_are_saturated_in_black_and_lit_frames_alike() {
-    let mut rig = Rig::load("rcg-1").unwrap();
+    let mut rig = Rig::load("rcg-1-16bit").unwrap();
     (rig.camera.bits, rig.camera.dark_dn) = (12, 16.0);
     let camera = CameraFound {
         dark_dn: 16.0,
@@ -111,7 +111,7 @@ fn onto_one_cell(frames: &[u16], way: &Way<'_>, radiometry: &[Radiometry]) -> [f
 
 #[test]
 fn responses_and_rows_are_stated_by_as_much_as_they_scatter() {
-    let rig = Rig::load("rcg-1").unwrap();
+    let rig = Rig::load("rcg-1-16bit").unwrap();
     let camera = |prnu: f64, row_noise_e: f64| CameraFound {
         dark_dn: rig.camera.dark_dn,
         gain_e_per_dn: rig.gain_e_per_dn(),

@@ -25,7 +25,7 @@ fn calibrated_beside(
     change: impl Fn(&mut Request),
     stray: impl Fn(&mut Truth, &mut Rig),
 ) -> (Truth, Result<Photometry, CalibrateError>) {
-    let rig = Rig::load("rcg-1").unwrap();
+    let rig = Rig::load("rcg-1-16bit").unwrap();
     let tolerances = Tolerances {
         position_m: 0.0,
         angle_deg: 0.0,

@@ -59,7 +59,7 @@ const LIMITS: Limits = Limits {
 
 #[test]
 fn a_bracket_is_one_step_for_each_exposure_and_the_rigs_own_unless_told() {
-    let rig = Rig::load("rcg-1").unwrap();
+    let rig = Rig::load("rcg-1-16bit").unwrap();
     let own = Timing::new(&rig, rig.camera.exposure_s).unwrap().step(CLOCK_HZ);
     assert_eq!(Bracket::default().steps(&rig, LIMITS).unwrap(), [own]);
     let exposures = vec![Span::Seconds(0.002), Span::Ticks(7), Span::Ticks(0)];
@@ -144,7 +144,7 @@ proptest! {
 
 #[test]
 fn refusals_name_the_pulse_and_by_how_much() {
-    let rig = Rig::load("rcg-1").unwrap();
+    let rig = Rig::load("rcg-1-16bit").unwrap();
     let bracket = |exposure: &str, cam_at: &str, proj_width: &str, period: &str| {
         let span = |text: &str| (!text.is_empty()).then(|| text.parse().unwrap());
         Bracket {

@@ -271,7 +271,7 @@ mod tests {
 
     #[test]
     fn what_is_lit_in_part_is_uncertain_and_where_an_edge_may_be_there_is_no_value() {
-        let rig = Rig::load("rcg-1").unwrap().with_image_size(64).unwrap();
+        let rig = Rig::load("rcg-1-16bit").unwrap().with_image_size(64).unwrap();
         let mut part = SeenPart::of(&rig).unwrap().with_covariance(|_, _| 0.0);
         let camera = View::camera(&rig);
         let seen = |theta_deg: f64, phi_deg: f64| {

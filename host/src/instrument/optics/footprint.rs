@@ -64,7 +64,7 @@ mod tests {
 
     #[test]
     fn a_pixel_is_occluded_only_where_the_wire_is() {
-        for preset in ["rcg-1", "dmd"] {
+        for preset in ["rcg-1-16bit", "dmd"] {
             for (size, azimuth_deg) in [
                 (40, None),
                 (48, None),
@@ -99,8 +99,8 @@ mod tests {
     #[test]
     fn whole_pixels_see_with_all_of_their_area_and_the_others_do_not() {
         for (preset, size, thin) in [
-            ("rcg-1", 32, false),
-            ("rcg-1", 48, true),
+            ("rcg-1-16bit", 32, false),
+            ("rcg-1-16bit", 48, true),
             ("rcg-2", 24, false),
             ("dmd", 40, false),
         ] {

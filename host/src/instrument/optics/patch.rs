@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn a_small_pupil_is_imaged_by_the_lengths_of_the_ray_and_stretched_by_the_cosine() {
-        let rig = Rig::load("rcg-1").unwrap();
+        let rig = Rig::load("rcg-1-16bit").unwrap();
         let view = View::projector(&rig);
         for theta_deg in [30.0_f64, 60.0, 80.0] {
             let found = patch(&view, theta_deg, 90.0, 1e-4);

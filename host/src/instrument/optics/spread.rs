@@ -69,7 +69,7 @@ mod tests {
 
     #[test]
     fn the_widths_span_the_solid_angle_and_an_aligned_rig_has_no_parallax() {
-        let view = View::camera(&Rig::load("rcg-1").unwrap());
+        let view = View::camera(&Rig::load("rcg-1-16bit").unwrap());
         for theta_deg in [30.0, 50.0, 70.0, 85.0] {
             let w = from_degrees(theta_deg, 20.0);
             let spread = view.spread(w).unwrap();
@@ -86,7 +86,7 @@ mod tests {
 
     #[test]
     fn a_displaced_device_and_a_displaced_sample_have_parallax() {
-        let mut rig = Rig::load("rcg-1").unwrap();
+        let mut rig = Rig::load("rcg-1-16bit").unwrap();
         rig.sample.offset_m = [1e-3, 0.0, 0.0];
         let w = from_degrees(50.0, 20.0);
         // The rays still meet at F1, which is now 1 mm beside the sample's centre.

@@ -220,7 +220,7 @@ mod tests {
 
     #[test]
     fn a_finer_tolerance_is_kept_by_a_finer_mesh() {
-        let view = View::camera(&Rig::load("rcg-1").unwrap().with_image_size(512).unwrap());
+        let view = View::camera(&Rig::load("rcg-1-16bit").unwrap().with_image_size(512).unwrap());
         let (coarse, fine) = (DirectionTable::new(&view, 1e-3), DirectionTable::new(&view, 1e-7));
         assert!(fine.spacing_px < coarse.spacing_px);
         assert!(fine.max_error_rad() < coarse.max_error_rad());

@@ -102,7 +102,7 @@ fn there_and_back_is_the_identity_in_a_general_pose() {
 
 #[test]
 fn newton_agrees_with_the_closed_form_next_to_the_focus() {
-    let ideal = preset("rcg-1");
+    let ideal = preset("rcg-1-16bit");
     let mut near = ideal.clone();
     near.camera.lens.offset_m = [1e-12, 0.0, 0.0];
     let (ideal, near) = (View::camera(&ideal), View::camera(&near));
@@ -121,7 +121,7 @@ fn newton_agrees_with_the_closed_form_next_to_the_focus() {
 
 #[test]
 fn the_trace_obeys_the_law_of_reflection() {
-    let rig = bent("rcg-1");
+    let rig = bent("rcg-1-16bit");
     let view = View::camera(&rig);
     let mirror = view.ellipsoid();
     let centre_m = mirror.f2() + DVec3::from_array(rig.camera.lens.offset_m);
@@ -150,9 +150,9 @@ fn the_trace_obeys_the_law_of_reflection() {
 
 #[test]
 fn a_device_turns_about_z_first_then_y_then_x() {
-    // rcg-1 without hole and wire; the middle of the image looks along the device's own +z, which a turn
+    // rcg-1-16bit without hole and wire; the middle of the image looks along the device's own +z, which a turn
     // about z leaves alone, a turn of 2° about y brings towards +x and one of 3° about x towards −y.
-    let mut rig = preset("rcg-1");
+    let mut rig = preset("rcg-1-16bit");
     rig.mirror.hole_deg = 0.0;
     rig.wire = None;
     rig.camera.lens.rotation_deg = [3.0, 2.0, 30.0];
@@ -168,7 +168,7 @@ fn a_device_turns_about_z_first_then_y_then_x() {
 
 #[test]
 fn pixels_lie_where_the_on_axis_relation_puts_them() {
-    let view = View::camera(&preset("rcg-1"));
+    let view = View::camera(&preset("rcg-1-16bit"));
     let focal_px = 0.96 * 1024.0 / 0.225;
     for (theta_deg, phi_deg) in [(30.0, 0.0), (45.0, 100.0), (75.0, 200.0), (90.0, 359.0)] {
         let pixel = view.pixel(from_degrees(theta_deg, phi_deg)).expect("measurable");
@@ -227,7 +227,7 @@ fn solid_angles_sum_to_that_of_the_region() {
 fn a_displaced_device_still_measures_the_whole_region() {
     // With another pose the map is distorted, but its solid angles must still fill the same region; the
     // reach of the sample is taken away, as grazing rays of a displaced device miss a small sample.
-    let mut rig = bent("rcg-1");
+    let mut rig = bent("rcg-1-16bit");
     rig.sample.radius_m = 1.0;
     rig.wire = None;
     rig.camera.lens.focal_px *= 0.8;
@@ -243,7 +243,7 @@ fn a_displaced_device_still_measures_the_whole_region() {
 
 #[test]
 fn the_map_holds_what_the_view_says() {
-    let rig = bent("rcg-1").with_image_size(96).expect("usable");
+    let rig = bent("rcg-1-16bit").with_image_size(96).expect("usable");
     let view = View::camera(&rig);
     let map = DirectionMap::of(&view);
     assert_eq!((map.width_px, map.height_px), (96, 96));
@@ -288,7 +288,7 @@ fn the_solid_angle_of_a_small_square_is_that_of_the_pixel() {
 #[test]
 fn each_reason_is_given_where_it_applies() {
     use Unmeasurable::{BelowHorizon, BeyondRim, Hole, Occluded, OffSample, OutsideImage};
-    let rig = preset("rcg-1");
+    let rig = preset("rcg-1-16bit");
     let view = View::camera(&rig);
     let reason = |view: &View, theta, phi| view.pixel(from_degrees(theta, phi)).err();
     assert_eq!(reason(&view, 0.0, 0.0), Some(Hole));
@@ -355,7 +355,7 @@ fn no_direction_makes_a_panic_or_a_nan() {
         f64::NEG_INFINITY,
         f64::NAN,
     ];
-    for rig in [preset("rcg-1"), bent("rcg-2")] {
+    for rig in [preset("rcg-1-16bit"), bent("rcg-2")] {
         for (_, view) in views(&rig) {
             for x in odd {
                 for y in odd {

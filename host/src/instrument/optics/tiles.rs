@@ -91,7 +91,7 @@ mod tests {
 
     #[test]
     fn every_pixel_is_that_of_the_map() {
-        for (preset, size_px) in [("rcg-1", 75), ("rcg-2", 64)] {
+        for (preset, size_px) in [("rcg-1-16bit", 75), ("rcg-2", 64)] {
             let view = View::camera(&Rig::load(preset).unwrap().with_image_size(size_px).unwrap());
             let map = DirectionMap::of(&view);
             let tiles = DirectionTiles::of(view);

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 pub enum RigError {
     /// The file cannot be read.
     #[error(
-        "{}: expected a readable rig file (TOML) or one of the presets rcg-1, rcg-2, rcg-3, dmd, found: {found}",
+        "{}: expected a readable rig file (TOML) or one of the presets rcg-1, rcg-1-16bit, rcg-2, rcg-3, dmd, found: {found}",
         path.display()
     )]
     Unreadable {

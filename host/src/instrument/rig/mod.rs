@@ -1,6 +1,6 @@
 //! Description of an instrument: mirror, sample, camera, projector and light.
 //!
-//! A rig is read from a TOML file or from one of the embedded presets (`rcg-1`, `rcg-2`, `rcg-3`, `dmd`). The
+//! A rig is read from a TOML file or from one of the embedded presets (`rcg-1`, `rcg-1-16bit`, `rcg-2`, `rcg-3`, `dmd`). The
 //! preset files comment every key with its unit and are the reference for writing one's own.
 //!
 //! # Design
@@ -29,7 +29,7 @@ pub(crate) use read::explain;
 pub use tilt::Tilt;
 
 /// Names of the embedded rigs, in the order in which they are listed to people.
-pub const PRESETS: [&str; 4] = ["rcg-1", "rcg-2", "rcg-3", "dmd"];
+pub const PRESETS: [&str; 5] = ["rcg-1", "rcg-1-16bit", "rcg-2", "rcg-3", "dmd"];
 
 impl Rig {
     /// Shortest time in seconds from one exposure of `exposure_s` seconds to the next with a new pattern.

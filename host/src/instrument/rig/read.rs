@@ -46,6 +46,7 @@ impl Rig {
 fn preset(name: &str) -> Option<&'static str> {
     match name {
         "rcg-1" => Some(include_str!("presets/rcg-1.toml")),
+        "rcg-1-16bit" => Some(include_str!("presets/rcg-1-16bit.toml")),
         "rcg-2" => Some(include_str!("presets/rcg-2.toml")),
         "rcg-3" => Some(include_str!("presets/rcg-3.toml")),
         "dmd" => Some(include_str!("presets/dmd.toml")),

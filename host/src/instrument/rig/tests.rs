@@ -8,9 +8,9 @@ fn text(name: &str) -> String {
     Rig::load(name).expect("presets are valid").to_toml()
 }
 
-/// The sentence that reading rcg-1 gives after each `(from, to)` replacement, which must apply once.
+/// The sentence that reading rcg-1-16bit gives after each `(from, to)` replacement, which must apply once.
 fn sentence(changes: &[(&str, &str)]) -> String {
-    let mut text = include_str!("presets/rcg-1.toml").to_owned();
+    let mut text = include_str!("presets/rcg-1-16bit.toml").to_owned();
     for (from, to) in changes {
         assert_eq!(text.matches(from).count(), 1, "{from}");
         text = text.replace(from, to);
@@ -54,7 +54,7 @@ fn a_rig_is_read_from_a_file() {
 #[test]
 fn optional_keys_have_defaults() {
     let optional = ["distortion", "offset_m", "rotation_deg"];
-    let short: String = include_str!("presets/rcg-1.toml")
+    let short: String = include_str!("presets/rcg-1-16bit.toml")
         .split_inclusive('\n')
         .filter(|line| !optional.iter().any(|key| line.starts_with(key)))
         .filter(|line| !line.starts_with("[wire]") && !line.starts_with("half_width"))
@@ -69,7 +69,7 @@ fn optional_keys_have_defaults() {
         })
         .collect();
     let rig = Rig::from_toml(&short, Path::new("x")).expect("usable");
-    let whole = Rig::load("rcg-1").expect("usable");
+    let whole = Rig::load("rcg-1-16bit").expect("usable");
     assert_eq!(rig, Rig { wire: None, ..whole });
 }
 
@@ -79,7 +79,7 @@ fn the_paces_of_the_presets() {
         let rig = Rig::load(name).expect("usable");
         rig.step_period_s(rig.camera.exposure_s)
     };
-    let minutes = pace("rcg-1") * 32_400.0 / 60.0;
+    let minutes = pace("rcg-1-16bit") * 32_400.0 / 60.0;
     assert!((minutes - 50.0).abs() < 0.02, "{minutes}");
     assert!((pace("rcg-3") - 1.0 / 60.0).abs() < 1e-7, "one frame of 60 Hz");
     assert!((pace("dmd") - 105e-6).abs() < 1e-12, "one pattern of the DMD");
@@ -100,7 +100,7 @@ fn a_camera_that_cannot_overlap_waits_for_its_read_out() {
 #[test]
 fn a_smaller_image_shows_the_same_directions() {
     use crate::instrument::optics::View;
-    let mut wide = Rig::load("rcg-1").expect("usable");
+    let mut wide = Rig::load("rcg-1-16bit").expect("usable");
     wide.camera.lens.width_px = 3000;
     wide.camera.lens.centre_px = [1490.0, 1030.0];
     wide.camera.lens.distortion = [-0.2, 0.1, 0.001, 0.002, 0.0];
@@ -118,17 +118,17 @@ fn a_smaller_image_shows_the_same_directions() {
 
 #[test]
 fn an_image_of_no_pixels_is_refused() {
-    let rig = Rig::load("rcg-1").expect("usable");
+    let rig = Rig::load("rcg-1-16bit").expect("usable");
     assert_eq!(
         rig.with_image_size(0).expect_err("no image").to_string(),
-        "rcg-1: image size: expected 1 to 2048 pixels, as many as the camera has, found 0"
+        "rcg-1-16bit: image size: expected 1 to 2048 pixels, as many as the camera has, found 0"
     );
 }
 
 #[test]
 fn a_missing_file_is_named() {
     let message = Rig::load("rcg-9").expect_err("no such rig").to_string();
-    let expected = "rcg-9: expected a readable rig file (TOML) or one of the presets rcg-1, rcg-2, rcg-3, dmd, found: \
+    let expected = "rcg-9: expected a readable rig file (TOML) or one of the presets rcg-1, rcg-1-16bit, rcg-2, rcg-3, dmd, found: \
                     No such file or directory";
     assert!(message.starts_with(expected), "{message}");
     assert!(Rig::load("/").is_err());
@@ -164,7 +164,7 @@ fn the_table_of_a_mistake_is_named_wherever_it_stands() {
         message("mirror = 3\n"),
         "my.toml: mirror: expected a table, found integer `3`"
     );
-    let nameless = text("rcg-1").replacen("name = \"rcg-1\"", "", 1);
+    let nameless = text("rcg-1-16bit").replacen("name = \"rcg-1-16bit\"", "", 1);
     assert_eq!(
         message(nameless.trim_start()),
         format!("my.toml: name: {missing}")
@@ -204,8 +204,8 @@ const MISTAKES: &[(&str, &str, &str)] = &[
         "projector.lens.width_px: expected a whole number from 0 to 4294967295, found floating point `1024.5`",
     ),
     (
-        "name = \"rcg-1\"",
-        "name = \"rcg-1\"\nbaffle = 1",
+        "name = \"rcg-1-16bit\"",
+        "name = \"rcg-1-16bit\"\nbaffle = 1",
         "baffle: expected one of `name`, `mirror`, `sample`, `wire`, `camera`, `projector`, `light`, found unknown field `baffle`",
     ),
     (
@@ -214,7 +214,7 @@ const MISTAKES: &[(&str, &str, &str)] = &[
         "light.spot_deg: expected a value, as the field is required, found nothing",
     ),
     (
-        "name = \"rcg-1\"",
+        "name = \"rcg-1-16bit\"",
         "",
         "name: expected a value, as the field is required, found nothing",
     ),

@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn the_normal_leans_where_it_should_and_the_frame_turns_about_it() {
-        let mut rig = Rig::load("rcg-1").unwrap();
+        let mut rig = Rig::load("rcg-1-16bit").unwrap();
         rig.sample.offset_m = [0.0, 0.0, 1e-3];
         let tilted = |text: &str| rig.tilted(Some(text.parse().unwrap())).unwrap();
         for (tilt_deg, towards_deg) in [(0.0, 0.0), (51.0, 90.0), (30.0, 200.0), (20.0, -45.0)] {
@@ -175,7 +175,7 @@ mod tests {
     #[test]
     fn a_mirror_turned_about_its_axis_is_no_other_one_to_a_tilted_sample() {
         // What no calibration can tell apart: all of the rig turned about the mirror's axis, the sample with it.
-        let rig = Rig::load("rcg-1").unwrap();
+        let rig = Rig::load("rcg-1-16bit").unwrap();
         let mut turned = rig.clone();
         turned.sample.azimuth_deg += 5.0;
         turned.wire.as_mut().unwrap().azimuth_deg += 5.0;

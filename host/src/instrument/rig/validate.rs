@@ -142,6 +142,15 @@ impl Rig {
             1e9,
             "(relative intensity)",
         )?;
+        if let Some(contrast) = projector.contrast {
+            check.range(
+                "projector.contrast",
+                contrast,
+                10.0,
+                1e9,
+                "(full on over full off)",
+            )?;
+        }
         self.check_lens(check, "projector.lens", &projector.lens)?;
         check.range(
             "light.full_scale_f_sr",

@@ -224,6 +224,8 @@ pub fn judge(brdf: &Brdf, sample: &dyn Sample) -> Result<Judgement, StoreError> 
         .common_uncertainty()
         .map(|stated| stated.max(brdf.standards_uncertainty().unwrap_or(0.0)));
     let common = stated.unwrap_or(0.0);
+    // What standards do to such a sample is no factor of all values, and stays.
+    let of_all = brdf.common_uncertainty().unwrap_or(0.0);
     let (mut up, mut down) = (0.0, 0.0);
     each(brdf, sample, &mut |row| {
         for (one, weight) in row.iter().zip(weights(row, common)) {
@@ -250,7 +252,7 @@ pub fn judge(brdf: &Brdf, sample: &dyn Sample) -> Result<Judgement, StoreError> 
             }
             measured.add(z);
             let beside = one.f - value.unwrap_or(1.0) * one.truth;
-            within_own += u64::from(beside * beside <= 4.0 * one.own_variance(common));
+            within_own += u64::from(beside * beside <= 4.0 * one.own_variance(of_all));
             let left = weight * one.truth * beside;
             rows[one.row] += left;
             cells[one.cell] += left;

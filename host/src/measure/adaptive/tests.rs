@@ -50,7 +50,7 @@ type Psnr = (f64, f64, usize);
 /// PSNR in dB of ideal captures at `set`, interpolated by the better of the two rules: (over all judged directions, of
 /// the worst one), and how many were: none is where all captures beside it lie in the hole.
 fn psnr_db(sample: &dyn Sample, set: &IncidentSet, usable: &[bool]) -> Psnr {
-    let rig = Rig::load("rcg-1").unwrap();
+    let rig = Rig::load("rcg-1-16bit").unwrap();
     let maker = PatternMaker::new(View::projector(&rig), 1.0, 1.0);
     let disk = Disk::new(64);
     let cells = judged_cells(disk);
@@ -88,7 +88,7 @@ fn psnr_db(sample: &dyn Sample, set: &IncidentSet, usable: &[bool]) -> Psnr {
 
 /// Captures, then PSNR of adaptive and uniform directions, each (mean, worst, judged), and the predicted one.
 fn compared(spec: &str, step_deg: f64) -> (usize, Psnr, Psnr, f64) {
-    let rig = Rig::load("rcg-1").unwrap();
+    let rig = Rig::load("rcg-1-16bit").unwrap();
     let sample = crate::brdf::sample::parse(spec).unwrap();
     let uniform = Directions::new(&rig, &Grid::EqualSolidAngle { step_deg }).unwrap();
     let budget = uniform.measurable().count();

@@ -103,7 +103,7 @@ fn the_measured_variance_is_the_predicted_one_at_251_cells() {
         let truth = electrons(parse(spec).unwrap().as_ref(), CELLS, PIXELS, 400.0);
         let coded = multiplex(code, &truth, PIXELS);
         for read_noise_e in [0.0, 3.0, 10.0, 100.0] {
-            let mut rig = Rig::load("rcg-1").unwrap();
+            let mut rig = Rig::load("rcg-1-16bit").unwrap();
             rig.camera.read_noise_e = read_noise_e;
             rig.camera.full_well_e = 1e6; // saturation is not what is tested here
             rig.camera.dark_dn = 2000.0; // nor is the converter's lower end

@@ -2,7 +2,7 @@
 //!
 //! # Design
 //! Figures that the paper simulates come from the sampling study. Where it shows a measurement, the virtual rig
-//! measures: patterns and camera images with the preset `rcg-1`, two cloths with `rcg-2`, which has no hole. The paper's
+//! measures: patterns and camera images with the preset `rcg-1-16bit`, two cloths with `rcg-2`, which has no hole. The paper's
 //! cloths are not at hand; anisotropic models stand in for them ([`CLOTHS`]), and the page says so.
 
 mod page;
@@ -40,7 +40,7 @@ pub const CLOTHS: [&str; 2] = ["velvet", "satin"];
 /// What the paper simulates.
 const BRASS: &str = "ward:brass";
 /// Rig of the patterns and camera images, and that of the cloths.
-const RIGS: [&str; 2] = ["rcg-1", "rcg-2"];
+const RIGS: [&str; 2] = ["rcg-1-16bit", "rcg-2"];
 /// Degrees between the patterns that are shown together.
 const PATTERN_STEP_DEG: f64 = 15.0;
 /// Degrees between the incident directions of which camera images are shown.

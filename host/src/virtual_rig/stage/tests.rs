@@ -37,7 +37,11 @@ fn stage() -> Stage {
         faults: Faults::default(),
         lamp_h: 0.0,
     };
-    let mut stage = Stage::new(&Truth::of(&Rig::load("rcg-1").unwrap()), behaviour, CLOCK_HZ);
+    let mut stage = Stage::new(
+        &Truth::of(&Rig::load("rcg-1-16bit").unwrap()),
+        behaviour,
+        CLOCK_HZ,
+    );
     for index in 1..=4 {
         stage.load_pattern(&[index], u8::MAX, light(f64::from(index)));
     }
@@ -164,7 +168,7 @@ fn images_do_not_know_when_their_run_began() {
 
 #[test]
 fn a_rounded_schedule_never_meets_a_busy_camera() {
-    let mut rig = Rig::load("rcg-1").unwrap();
+    let mut rig = Rig::load("rcg-1-16bit").unwrap();
     (rig.projector.settle_s, rig.camera.exposure_delay_s) = (0.0, 0.0);
     for n in 0..64 {
         // Half a tick each is the worst: 4 ns.
@@ -183,7 +187,7 @@ fn a_rounded_schedule_never_meets_a_busy_camera() {
 
 #[test]
 fn the_lamp_drifts_by_the_hour_and_flickers_from_exposure_to_exposure() {
-    let mut truth = Truth::of(&Rig::load("rcg-1").unwrap());
+    let mut truth = Truth::of(&Rig::load("rcg-1-16bit").unwrap());
     truth.flaws.lamp = Lamp {
         change: 0.0,
         drift_per_h: -0.02,

@@ -13,7 +13,7 @@ use crate::plan::Faults;
 use crate::virtual_rig::{Behaviour, Held, Noise, Truth, VirtualCamera, VirtualProjector, VirtualRig};
 
 fn rig() -> Rig {
-    Rig::load("rcg-1").unwrap().with_image_size(16).unwrap()
+    Rig::load("rcg-1-16bit").unwrap().with_image_size(16).unwrap()
 }
 
 fn wired(address: &str) -> Result<(VirtualCamera, VirtualProjector), WiresError> {

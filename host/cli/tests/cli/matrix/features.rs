@@ -55,7 +55,7 @@ const DARK: &str = "lambert:0.005";
 
 /// What is measured unless a feature says otherwise.
 pub(super) const USUAL: Case = Case {
-    rig: "rcg-1",
+    rig: "rcg-1-16bit",
     sample: "lambert:0.5",
     grid: "theta-phi",
     adaptive: false,

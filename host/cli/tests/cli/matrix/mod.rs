@@ -72,7 +72,7 @@ impl Lab {
     /// The calibration of `rig` as it really is; made when it is first asked for.
     fn calibration(&self, rig: &'static str) -> Result<String, String> {
         static MADE: [OnceLock<Result<(), String>>; 3] = [OnceLock::new(), OnceLock::new(), OnceLock::new()];
-        let place = ["rcg-1", "rcg-2", "dmd"]
+        let place = ["rcg-1-16bit", "rcg-2", "dmd"]
             .iter()
             .position(|name| *name == rig)
             .unwrap();
@@ -439,7 +439,7 @@ fn chosen() -> Vec<[Value; 2]> {
 #[test]
 fn options_work_in_pairs_or_are_refused() {
     let lab = Lab::open();
-    for rig in ["rcg-1", "rcg-2", "dmd"] {
+    for rig in ["rcg-1-16bit", "rcg-2", "dmd"] {
         lab.draw_truth(rig);
     }
     let all = chosen();

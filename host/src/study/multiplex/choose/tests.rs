@@ -18,7 +18,7 @@ const MEDIAN_RMS: f64 = 0.916;
 
 /// A monochrome camera of few pixels.
 fn rig(full_scale_f_sr: f64, read_noise_e: f64) -> Rig {
-    let mut rig = Rig::load("rcg-1").unwrap();
+    let mut rig = Rig::load("rcg-1-16bit").unwrap();
     rig.camera.channels = 1;
     rig.light.full_scale_f_sr = full_scale_f_sr;
     // The sensor itself has as few: a mean of many would have hardly any noise but of rounding.
