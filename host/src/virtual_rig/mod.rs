@@ -12,6 +12,7 @@
 //! - `areas`: what part of the sample a pixel sees and a spot lights
 //! - `stray`: light that goes other ways: glare, ghost and direct light
 //! - `held`: what stands in the holder: a sample or, for calibration, a flat mirror
+//! - `figure`: where the mirror is not the ellipsoid
 //! - `flaws`: imperfections that no rig file has
 //! - `truth`: how the rig really is, if that is not what its rig file says
 //! - `sensor`: charge → digital numbers, with noise
@@ -24,6 +25,7 @@
 
 mod areas;
 mod controller;
+mod figure;
 mod flaws;
 mod held;
 mod light;
@@ -49,6 +51,7 @@ use crate::plan::Faults;
 use crate::plan::pattern::BitPattern;
 
 pub use controller::{CLOCK_HZ, VirtualController};
+pub use figure::{FIGURES_RAD, Figure};
 pub use flaws::{
     CONTRASTS, DRIFTS, Direct, FALLOFFS, FLICKERS, Field, Flaws, GHOSTS, GLARES, Ghost, Glare, Lamp, PRNUS,
     Pixels, Pupils, ROW_NOISES_E,

@@ -47,7 +47,7 @@ pub struct Geometry {
     pub match_residual_deg: f64,
     /// Median angle of an edge's residual, degrees; `None` if the mirror shows no edge.
     pub edge_residual_deg: Option<f64>,
-    /// Standard uncertainty (k = 1, RMS over the image) of the directions of the camera, degrees.
+    /// Standard uncertainty (k = 1, RMS over what of the image is judged) of the directions of the camera, degrees.
     pub camera_deg: f64,
     /// The same of the projector's.
     pub projector_deg: f64,
