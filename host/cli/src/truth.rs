@@ -57,6 +57,10 @@ pub(crate) struct Args {
     /// RMS of the slopes by which the mirror is no ellipsoid, milliradians [default: drawn between 0.05 and 0.5; 0.15 or 0.5]
     #[arg(long, value_name = "MRAD", allow_negative_numbers = true)]
     figure_mrad: Option<f64>,
+    /// Light at the full well that the camera does not show because its response bends near it, percent [default: drawn between
+    /// 0.3 and 3; 1 or 3]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
+    knee_percent: Option<f64>,
     /// Standard deviation over the sensor's pixels of what each shows of the same light, percent; how their dark signals
     /// differ is drawn along [default: drawn between 0.2 and 1; 0.5 or 1]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
@@ -115,6 +119,8 @@ enum Flaw {
     Gamma,
     /// The camera is linear
     Nonlinearity,
+    /// The camera's response does not bend near its full well
+    Knee,
     /// No light returns onto the sample
     Interreflection,
     /// The standards reflect what is stated
@@ -156,6 +162,7 @@ impl Flaw {
             Self::BlackLight => (flaws.black_level, flaws.black) = (none.black_level, none.black),
             Self::Gamma => flaws.gamma = none.gamma,
             Self::Nonlinearity => flaws.nonlinearity = none.nonlinearity,
+            Self::Knee => flaws.knee = none.knee,
             Self::Interreflection => flaws.interreflection = none.interreflection,
             Self::Standards => flaws.standards = none.standards,
             Self::Glare => flaws.glare = none.glare,
@@ -209,6 +216,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         ("drift-percent", args.drift_percent, 20.0),
         ("flicker-percent", args.flicker_percent, 10.0),
         ("falloff-percent", args.falloff_percent, 100.0),
+        ("knee-percent", args.knee_percent, 20.0),
     ];
     for (name, percent, most) in percents {
         if let Some(percent) = percent {
@@ -239,6 +247,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         drift: share(args.drift_percent, 5e-3, 2e-2),
         flicker: share(args.flicker_percent, 1e-3, 5e-3),
         falloff: share(args.falloff_percent, 5e-2, 2e-1),
+        knee: share(args.knee_percent, 1e-2, 3e-2),
         figure_rad: args
             .figure_mrad
             .map(|mrad| mrad * 1e-3)

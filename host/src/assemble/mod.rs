@@ -220,8 +220,13 @@ pub fn assemble(
     let errors = Brdf::open(writer.partial_path())?.learn()?;
     writer.rewrite(&interpolation_errors(errors.as_ref()))?;
     writer.finish()?;
+    // What the camera bends is no range.
+    let linear_to = applied
+        .photometry
+        .as_ref()
+        .map_or(1.0, |found| found.camera.linear_to);
     Ok(Assembled {
-        dynamic_range: dynamic_range(rig, &exposures_s),
+        dynamic_range: dynamic_range(rig, &exposures_s).map(|ratio| ratio * linear_to),
         ..total
     })
 }

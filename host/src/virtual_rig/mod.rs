@@ -11,6 +11,7 @@
 //! - `scene`: light and sample → charge of every camera pixel
 //! - `areas`: what part of the sample a pixel sees and a spot lights
 //! - `stray`: light that goes other ways: glare, ghost and direct light
+//! - `knee`: how the camera's response bends near its full well
 //! - `held`: what stands in the holder: a sample or, for calibration, a flat mirror
 //! - `figure`: where the mirror is not the ellipsoid
 //! - `flaws`: imperfections that no rig file has
@@ -28,6 +29,7 @@ mod controller;
 mod figure;
 mod flaws;
 mod held;
+mod knee;
 mod light;
 mod pixels;
 mod scene;
@@ -57,6 +59,7 @@ pub use flaws::{
     Pixels, Pupils, ROW_NOISES_E,
 };
 pub use held::{FlatMirror, Held};
+pub use knee::{KNEES, Knee};
 pub use sensor::Noise;
 pub use truth::{PixelTolerances, Tolerances, Truth};
 pub use wires::{Wires, WiresError};

@@ -196,7 +196,7 @@ impl Scene {
                 .map(|field| field * rig.projector.irradiance)
                 .collect(),
             gamma: if flaws.gamma > 0.0 { flaws.gamma } else { 1.0 },
-            sensor: Sensor::of(rig).with_nonlinearity(flaws.nonlinearity),
+            sensor: Sensor::of(rig).with_response(flaws.nonlinearity, flaws.knee),
             maps: PixelMaps::of(&flaws.pixels, rig),
             sensitivity: rig.sensitivity_e(),
             black: None,

@@ -23,6 +23,7 @@ use super::flaws::{
     BLACK_FIELD, CONTRASTS, Direct, Field, Flaws, Ghost, Glare, Lamp, Pixels, Pupils, log_uniform,
 };
 use super::held::Off;
+use super::knee::Knee;
 
 /// Version of a truth's file; 1 does not say so.
 const VERSION: u32 = 5;
@@ -34,7 +35,10 @@ const NEWS: [(u32, &str); 4] = [
         "the lamp's drift and flicker and pixels of the camera that differ",
     ),
     (4, "pupils, whose images are what is seen and lit of the sample"),
-    (5, "the mirror's figure"),
+    (
+        5,
+        "the mirror's figure and the bend of the camera's response near its full well",
+    ),
 ];
 
 /// A virtual rig as it really is.
@@ -79,6 +83,9 @@ pub struct Tolerances {
     /// Slope of the mirror's figure error, RMS, radians; `None` draws it from [`FIGURES_RAD`](super::FIGURES_RAD),
     /// log-uniformly.
     pub figure_rad: Option<f64>,
+    /// Share of a signal at the full well that the camera does not show; `None` draws it from [`KNEES`](super::KNEES),
+    /// log-uniformly.
+    pub knee: Option<f64>,
     /// Standard uncertainty of the reflectance of each standard, relative: a certificate of a pressed or sintered PTFE standard
     /// says 0.25 to 0.5 %.
     pub standard: f64,
@@ -134,6 +141,7 @@ impl Tolerances {
         flicker: None,
         falloff: None,
         figure_rad: None,
+        knee: None,
         standard: 0.0,
         pixels: PixelTolerances::DRAWN,
     };
@@ -158,6 +166,7 @@ impl Tolerances {
             pixels: self.pixels.drawn(seed),
             pupils: Pupils::default(),
             figure: Figure::drawn(seed),
+            knee: Knee::drawn(seed),
         };
         flaws.standards = std::array::from_fn(|_| {
             let normal: f64 = rng.sample(StandardNormal);
@@ -171,6 +180,7 @@ impl Tolerances {
         flaws.lamp.drift_per_h = self.drift.map_or(flaws.lamp.drift_per_h, |drift| sign * drift);
         flaws.lamp.flicker = self.flicker.unwrap_or(flaws.lamp.flicker);
         flaws.pupils = Pupils::drawn([nominal.camera.lens.pupil_m, nominal.projector.lens.pupil_m], rng);
+        flaws.knee.loss = self.knee.unwrap_or(flaws.knee.loss);
         flaws.figure.slope_rad = self.figure_rad.unwrap_or(flaws.figure.slope_rad);
         flaws.pupils.falloff = self.falloff.unwrap_or(flaws.pupils.falloff);
         flaws
@@ -287,6 +297,7 @@ impl Truth {
             pixels,
             pupils,
             figure,
+            knee,
             ..
         } = &self.flaws;
         let of_glare = |low: f64| if glare.share > 0.0 { low } else { 0.0 };
@@ -318,6 +329,8 @@ impl Truth {
             ("flaws.pupils.falloff", pupils.falloff, 0.0, 1.0),
             ("flaws.pupils.blades_deg", pupils.blades_deg, -360.0, 360.0),
             ("flaws.figure.slope_rad", figure.slope_rad, 0.0, 0.01),
+            ("flaws.knee.start", knee.start, 0.0, 0.99),
+            ("flaws.knee.loss", knee.loss, 0.0, 0.5),
         ] {
             if !(low..=high).contains(&found) {
                 return Err(refuse(
@@ -427,6 +440,7 @@ mod tests {
                 flaws.pixels.row_noise_e = f64::NAN;
             }),
             ("flaws.figure.slope_rad", |flaws| flaws.figure.slope_rad = 0.1),
+            ("flaws.knee.start", |flaws| flaws.knee.start = 1.0),
             ("flaws.black_level", |flaws| flaws.black_level = f64::NAN),
         ] {
             let mut wrong = truth.clone();

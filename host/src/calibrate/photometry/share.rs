@@ -127,11 +127,10 @@ impl Seen<'_> {
         let one = |room: &mut Room, (place, dn): (usize, &&'b [u16])| {
             let more = |at: usize| {
                 let dn = f64::from(dn[at]);
-                let is_saturated = dn >= self.saturation_dn;
-                if is_saturated {
-                    f64::NAN
-                } else {
+                if linear.trusts(dn) {
                     linear.of(dn) - black[at]
+                } else {
+                    f64::NAN
                 }
             };
             let shown: Vec<Vec4> = (0..dn.len() / channels)
@@ -188,7 +187,7 @@ impl Seen<'_> {
     fn signal(&self, frames: &Frames, place: usize, at: usize) -> Option<(f64, f64)> {
         let lit = &frames.lit[place];
         let dn = f64::from(lit.dn[at]);
-        if dn >= self.saturation_dn {
+        if !frames.linear.trusts(dn) {
             return None;
         }
         let camera = &frames.linear.camera;
