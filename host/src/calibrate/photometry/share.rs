@@ -184,7 +184,7 @@ impl Seen<'_> {
     }
 
     /// Signal and its variance by noise, in linear digital numbers, of one number of a frame; `None` if it saturated.
-    fn signal(&self, frames: &Frames, place: usize, at: usize) -> Option<(f64, f64)> {
+    fn signal(frames: &Frames, place: usize, at: usize) -> Option<(f64, f64)> {
         let lit = &frames.lit[place];
         let dn = f64::from(lit.dn[at]);
         if !frames.linear.trusts(dn) {
@@ -225,7 +225,7 @@ impl Seen<'_> {
             let f = frames
                 .standard
                 .f(lights::direction(self.stand.directions[place]), wo);
-            let (signal, _) = self.signal(frames, place, index * self.channels)?;
+            let (signal, _) = Self::signal(frames, place, index * self.channels)?;
             Some(signal / (self.f_of(f, 0) * irradiance))
         };
         let pixels: Vec<(usize, Option<f64>)> = self
@@ -290,7 +290,7 @@ impl Seen<'_> {
                 * fields.intensity.at(p[0], p[1]);
             let lit = self.share(place, index);
             for channel in 0..self.channels {
-                if let Some((signal, variance)) = self.signal(frames, place, index * self.channels + channel)
+                if let Some((signal, variance)) = Self::signal(frames, place, index * self.channels + channel)
                 {
                     let predicted = scale * fields.sensitivity[channel] * self.f_of(f, channel) * lit;
                     share.add(signal, predicted, variance);
