@@ -34,6 +34,7 @@ fn strayed(preset: &str, millimetres: [f64; 3], seed: u64) -> (Truth, Rig) {
         angle_deg: 0.0,
         field: 0.3,
         standard: 0.0,
+        figure_rad: Some(0.0),
         ..Tolerances::DRAWN
     };
     let mut truth = Truth::drawn(&coarse(preset), still, seed).unwrap();

@@ -14,9 +14,10 @@ use crate::output::{Output, to_write};
 
 /// Draw by chance how a virtual rig really is, where it differs from its rig file.
 ///
-/// Camera, projector, sample and mirror are displaced and turned, lenses distorted; light and throughput are not uniform;
-/// black is not black, the camera not quite linear, its pixels differ, the light is not steady; glare, the beam splitter's ghost
-/// and direct light come on top. Measurements and calibrations with `--truth FILE` are taken on that rig and are not told.
+/// Camera, projector, sample and mirror are displaced and turned, lenses distorted, the mirror is no ellipsoid; light and
+/// throughput are not uniform; black is not black, the camera not quite linear, its pixels differ, the light is not steady; glare,
+/// the beam splitter's ghost and direct light come on top. Measurements and calibrations with `--truth FILE` are taken on that
+/// rig and are not told.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// The file to write (TOML)
@@ -53,6 +54,13 @@ pub(crate) struct Args {
     /// sample is its image [default: drawn between 2 and 20; 5 or 20]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     falloff_percent: Option<f64>,
+    /// RMS of the slopes by which the mirror is no ellipsoid, milliradians [default: drawn between 0.05 and 0.5; 0.15 or 0.5]
+    #[arg(long, value_name = "MRAD", allow_negative_numbers = true)]
+    figure_mrad: Option<f64>,
+    /// Light at the full well that the camera does not show because its response bends near it, percent [default: drawn between
+    /// 0.3 and 3; 1 or 3]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
+    knee_percent: Option<f64>,
     /// Standard deviation over the sensor's pixels of what each shows of the same light, percent; how their dark signals
     /// differ is drawn along [default: drawn between 0.2 and 1; 0.5 or 1]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
@@ -111,6 +119,8 @@ enum Flaw {
     Gamma,
     /// The camera is linear
     Nonlinearity,
+    /// The camera's response does not bend near its full well
+    Knee,
     /// No light returns onto the sample
     Interreflection,
     /// The standards reflect what is stated
@@ -129,6 +139,8 @@ enum Flaw {
     Pixels,
     /// All of the sample is lit, and a point of it seen
     Pupils,
+    /// The mirror is an ellipsoid
+    Figure,
 }
 
 impl Flaw {
@@ -150,6 +162,7 @@ impl Flaw {
             Self::BlackLight => (flaws.black_level, flaws.black) = (none.black_level, none.black),
             Self::Gamma => flaws.gamma = none.gamma,
             Self::Nonlinearity => flaws.nonlinearity = none.nonlinearity,
+            Self::Knee => flaws.knee = none.knee,
             Self::Interreflection => flaws.interreflection = none.interreflection,
             Self::Standards => flaws.standards = none.standards,
             Self::Glare => flaws.glare = none.glare,
@@ -159,6 +172,7 @@ impl Flaw {
             Self::Flicker => flaws.lamp.flicker = none.lamp.flicker,
             Self::Pixels => flaws.pixels = none.pixels,
             Self::Pupils => flaws.pupils = none.pupils,
+            Self::Figure => flaws.figure = none.figure,
         }
     }
 }
@@ -202,6 +216,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         ("drift-percent", args.drift_percent, 20.0),
         ("flicker-percent", args.flicker_percent, 10.0),
         ("falloff-percent", args.falloff_percent, 100.0),
+        ("knee-percent", args.knee_percent, 20.0),
     ];
     for (name, percent, most) in percents {
         if let Some(percent) = percent {
@@ -213,6 +228,9 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             .map(|percent| percent / 100.0)
             .or(args.flaws.pick(typical, bad))
     };
+    if let Some(mrad) = args.figure_mrad {
+        in_range("figure-mrad", mrad, 0.0, 10.0)?;
+    }
     if let Some(percent) = args.prnu_percent {
         in_range("prnu-percent", percent, 0.0, 10.0)?;
     }
@@ -232,6 +250,11 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         drift: share(args.drift_percent, 5e-3, 2e-2),
         flicker: share(args.flicker_percent, 1e-3, 5e-3),
         falloff: share(args.falloff_percent, 5e-2, 2e-1),
+        knee: share(args.knee_percent, 1e-2, 3e-2),
+        figure_rad: args
+            .figure_mrad
+            .map(|mrad| mrad * 1e-3)
+            .or(args.flaws.pick(1.5e-4, 5e-4)),
         standard: args.standard_percent / 100.0,
         direct: args.flaws.pick(7e-4, 3e-3),
         pixels: pixels(args),

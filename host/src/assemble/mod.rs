@@ -225,9 +225,15 @@ pub fn assemble(
     writer.rewrite(&interpolation_errors(errors.as_ref()))?;
     writer.finish()?;
     Ok(Assembled {
-        dynamic_range: dynamic_range(rig, &exposures_s),
+        dynamic_range: dynamic_range(rig, &exposures_s).map(|ratio| ratio * linear_to(applied)),
         ..total
     })
+}
+
+/// Share of the camera's range that it does not bend.
+fn linear_to(applied: &AppliedCalibration) -> f64 {
+    let photometry = applied.photometry.as_ref();
+    photometry.map_or(1.0, |found| found.camera.linear_to)
 }
 
 /// Refuses frames of another number or `format` than those of `plan`, with the reason.

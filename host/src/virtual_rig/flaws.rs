@@ -6,6 +6,8 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
 
+use super::figure::Figure;
+use super::knee::Knee;
 use crate::instrument::frame_format::place_of_pixel;
 
 /// Imperfections of light, mirror and camera; none by default.
@@ -40,6 +42,10 @@ pub struct Flaws {
     pub lamp: Lamp,
     /// Pupils that are no points.
     pub pupils: Pupils,
+    /// Slopes of the mirror beyond an ellipsoid.
+    pub figure: Figure,
+    /// How the camera's response bends near its full well.
+    pub knee: Knee,
 }
 
 /// The pupils of camera and projector, whose images are what is seen and lit of the sample.

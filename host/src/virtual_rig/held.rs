@@ -77,8 +77,8 @@ pub(super) struct Reflections {
 }
 
 impl Reflections {
-    pub(super) fn of(rig: &Rig, mirror: FlatMirror) -> Self {
-        let (camera, projector) = (View::camera(rig), View::projector(rig));
+    /// Of `rig`, whose views these are of camera and projector.
+    pub(super) fn of(rig: &Rig, [camera, projector]: &[View; 2], mirror: FlatMirror) -> Self {
         let format = rig.frame_format();
         let (width_px, height_px) = (format.width_px, format.height_px);
         let seen = |u_px: usize, v_px: usize| -> Option<DVec2> {

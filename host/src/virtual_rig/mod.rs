@@ -11,7 +11,9 @@
 //! - `scene`: light and sample → charge of every camera pixel
 //! - `areas`: what part of the sample a pixel sees and a spot lights
 //! - `stray`: light that goes other ways: glare, ghost and direct light
+//! - `knee`: how the camera's response bends near its full well
 //! - `held`: what stands in the holder: a sample or, for calibration, a flat mirror
+//! - `figure`: where the mirror is not the ellipsoid
 //! - `flaws`: imperfections that no rig file has
 //! - `truth`: how the rig really is, if that is not what its rig file says
 //! - `sensor`: charge → digital numbers, with noise
@@ -24,8 +26,10 @@
 
 mod areas;
 mod controller;
+mod figure;
 mod flaws;
 mod held;
+mod knee;
 mod light;
 mod pixels;
 mod scene;
@@ -49,11 +53,13 @@ use crate::plan::Faults;
 use crate::plan::pattern::BitPattern;
 
 pub use controller::{CLOCK_HZ, VirtualController};
+pub use figure::{FIGURES_RAD, Figure};
 pub use flaws::{
     CONTRASTS, DRIFTS, Direct, FALLOFFS, FLICKERS, Field, Flaws, GHOSTS, GLARES, Ghost, Glare, Lamp, PRNUS,
     Pixels, Pupils, ROW_NOISES_E,
 };
 pub use held::{FlatMirror, Held};
+pub use knee::{KNEES, Knee};
 pub use sensor::Noise;
 pub use truth::{PixelTolerances, Tolerances, Truth};
 pub use wires::{Wires, WiresError};

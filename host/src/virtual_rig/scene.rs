@@ -165,9 +165,13 @@ impl Scene {
         let pupils = flaws.pupils.are_wide().then(|| flaws.pupils.clone());
         let rays = rays(rig, pupils.is_some());
         let format = rig.frame_format();
-        let view = View::camera(&rays);
+        let figure = flaws.figure.of(rig);
+        let views = |rig: &Rig| {
+            [View::camera(rig), View::projector(rig)].map(|view| view.with_figure(figure.clone()))
+        };
+        let [view, projector] = views(&rays);
         let pixels = pixels(&view, flaws, format, pupils.as_ref());
-        let projector = DirectionTiles::of(View::projector(&rays));
+        let projector = DirectionTiles::of(projector);
         let (width_px, height_px) = projector.view().size_px();
         let intensity = flaws.intensity.over(width_px, height_px);
         let mut scene = Self {
@@ -178,7 +182,7 @@ impl Scene {
                 _ => None,
             },
             reflections: match held {
-                Held::Mirror(mirror) => Some(Reflections::of(rig, mirror)),
+                Held::Mirror(mirror) => Some(Reflections::of(rig, &views(rig), mirror)),
                 Held::Sample(_) => None,
             },
             held,
@@ -192,7 +196,7 @@ impl Scene {
                 .map(|field| field * rig.projector.irradiance)
                 .collect(),
             gamma: if flaws.gamma > 0.0 { flaws.gamma } else { 1.0 },
-            sensor: Sensor::of(rig).with_nonlinearity(flaws.nonlinearity),
+            sensor: Sensor::of(rig).with_response(flaws.nonlinearity, flaws.knee),
             maps: PixelMaps::of(&flaws.pixels, rig),
             sensitivity: rig.sensitivity_e(),
             black: None,

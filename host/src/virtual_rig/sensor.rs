@@ -9,6 +9,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_distr::{Distribution as _, Poisson, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use super::knee::Knee;
 use crate::instrument::rig::{Binned, Rig};
 
 /// Whether images are noisy.
@@ -38,6 +39,7 @@ pub(super) struct Sensor {
     saturation_dn: f64,
     /// Share of the charge at saturation that is not shown; see [`Flaws`](super::truth::Flaws).
     nonlinearity: f64,
+    knee: Knee,
 }
 
 impl Sensor {
@@ -56,11 +58,16 @@ impl Sensor {
             dark_current_e_per_s: camera.dark_current_e_per_s,
             saturation_dn: f64::from(rig.saturation_dn()),
             nonlinearity: 0.0,
+            knee: Knee::default(),
         }
     }
 
-    pub(super) const fn with_nonlinearity(self, nonlinearity: f64) -> Self {
-        Self { nonlinearity, ..self }
+    pub(super) const fn with_response(self, nonlinearity: f64, knee: Knee) -> Self {
+        Self {
+            nonlinearity,
+            knee,
+            ..self
+        }
     }
 
     /// Digital numbers of pixels that collected `signal_e` electrons of light in `exposure_s` seconds, and show `offset_e`
@@ -92,7 +99,8 @@ impl Sensor {
                 let offset_e = offset_e.get(at).map_or(0.0, |offset_e| f64::from(*offset_e));
                 let signal_dn = (charge_e + offset_e + self.rounding_e(mean_e)) * per_e;
                 let fill = (signal_dn / (self.saturation_dn - self.dark_dn)).clamp(0.0, 1.0);
-                let dn = self.dark_dn + signal_dn * (1.0 - self.nonlinearity * fill);
+                let shown = (1.0 - self.nonlinearity * fill) * self.knee.shown(fill);
+                let dn = self.dark_dn + signal_dn * shown;
                 let dither = match noise {
                     Noise::On => rng.random_range(-0.5..0.5),
                     Noise::Off => 0.0,
@@ -154,6 +162,10 @@ mod tests {
         dark_current_e_per_s: 0.0,
         saturation_dn: 4095.0,
         nonlinearity: 0.0,
+        knee: Knee {
+            start: 0.0,
+            loss: 0.0,
+        },
     };
 
     #[test]

@@ -18,21 +18,27 @@ use serde::{Deserialize, Serialize};
 use crate::brdf::sample::Sample;
 use crate::instrument::rig::{Lens, Rig, RigError, explain};
 
+use super::figure::Figure;
 use super::flaws::{
     BLACK_FIELD, CONTRASTS, Direct, Field, Flaws, Ghost, Glare, Lamp, Pixels, Pupils, log_uniform,
 };
 use super::held::Off;
+use super::knee::Knee;
 
 /// Version of a truth's file; 1 does not say so.
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 /// What came with each later version.
-const NEWS: [(u32, &str); 3] = [
+const NEWS: [(u32, &str); 4] = [
     (2, "glare, the splitter's ghost and direct light"),
     (
         3,
         "the lamp's drift and flicker and pixels of the camera that differ",
     ),
     (4, "pupils, whose images are what is seen and lit of the sample"),
+    (
+        5,
+        "the mirror's figure and the bend of the camera's response near its full well",
+    ),
 ];
 
 /// A virtual rig as it really is.
@@ -74,6 +80,12 @@ pub struct Tolerances {
     /// By which share the edge of the projector's pupil is dimmer than its middle; `None` draws it from
     /// [`FALLOFFS`](super::FALLOFFS), log-uniformly.
     pub falloff: Option<f64>,
+    /// Slope of the mirror's figure error, RMS, radians; `None` draws it from [`FIGURES_RAD`](super::FIGURES_RAD),
+    /// log-uniformly.
+    pub figure_rad: Option<f64>,
+    /// Share of a signal at the full well that the camera does not show; `None` draws it from [`KNEES`](super::KNEES),
+    /// log-uniformly.
+    pub knee: Option<f64>,
     /// Standard uncertainty of the reflectance of each standard, relative: a certificate of a pressed or sintered PTFE standard
     /// says 0.25 to 0.5 %.
     pub standard: f64,
@@ -128,6 +140,8 @@ impl Tolerances {
         drift: None,
         flicker: None,
         falloff: None,
+        figure_rad: None,
+        knee: None,
         standard: 0.0,
         pixels: PixelTolerances::DRAWN,
     };
@@ -152,6 +166,8 @@ impl Tolerances {
             lamp: Lamp::default(),
             pixels: self.pixels.drawn(seed),
             pupils: Pupils::default(),
+            figure: Figure::drawn(seed),
+            knee: Knee::drawn(seed),
         };
         flaws.standards = std::array::from_fn(|_| {
             let normal: f64 = rng.sample(StandardNormal);
@@ -165,6 +181,8 @@ impl Tolerances {
         flaws.lamp.drift_per_h = self.drift.map_or(flaws.lamp.drift_per_h, |drift| sign * drift);
         flaws.lamp.flicker = self.flicker.unwrap_or(flaws.lamp.flicker);
         flaws.pupils = Pupils::drawn([nominal.camera.lens.pupil_m, nominal.projector.lens.pupil_m], rng);
+        flaws.knee.loss = self.knee.unwrap_or(flaws.knee.loss);
+        flaws.figure.slope_rad = self.figure_rad.unwrap_or(flaws.figure.slope_rad);
         flaws.pupils.falloff = self.falloff.unwrap_or(flaws.pupils.falloff);
         flaws
     }
@@ -282,6 +300,8 @@ impl Truth {
             lamp,
             pixels,
             pupils,
+            figure,
+            knee,
             ..
         } = &self.flaws;
         let of_glare = |low: f64| if glare.share > 0.0 { low } else { 0.0 };
@@ -312,6 +332,9 @@ impl Truth {
             ("flaws.pupils.projector_m", pupils.projector_m, 0.0, 0.2),
             ("flaws.pupils.falloff", pupils.falloff, 0.0, 1.0),
             ("flaws.pupils.blades_deg", pupils.blades_deg, -360.0, 360.0),
+            ("flaws.figure.slope_rad", figure.slope_rad, 0.0, 0.01),
+            ("flaws.knee.start", knee.start, 0.0, 0.99),
+            ("flaws.knee.loss", knee.loss, 0.0, 0.5),
         ] {
             if !(low..=high).contains(&found) {
                 return Err(refuse(
@@ -395,14 +418,14 @@ mod tests {
             std::fs::write(&path, text).unwrap();
             Truth::load(&path).unwrap_err().to_string()
         };
-        let older = refusal(truth.to_toml().replacen("version = 4\n", "", 1));
+        let older = refusal(truth.to_toml().replacen("version = 5\n", "", 1));
         assert!(
-            older.contains("version: expected 4, which also has glare") && older.ends_with("found none"),
+            older.contains("version: expected 5, which also has glare") && older.ends_with("found none"),
             "{older}"
         );
-        let before = refusal(truth.to_toml().replacen("version = 4\n", "version = 2\n", 1));
+        let before = refusal(truth.to_toml().replacen("version = 5\n", "version = 2\n", 1));
         assert!(
-            before.contains("version: expected 4, which also has the lamp's drift")
+            before.contains("version: expected 5, which also has the lamp's drift")
                 && before.ends_with("found 2"),
             "{before}"
         );
@@ -420,6 +443,8 @@ mod tests {
             ("flaws.pixels.row_noise_e", |flaws| {
                 flaws.pixels.row_noise_e = f64::NAN;
             }),
+            ("flaws.figure.slope_rad", |flaws| flaws.figure.slope_rad = 0.1),
+            ("flaws.knee.start", |flaws| flaws.knee.start = 1.0),
             ("flaws.black_level", |flaws| flaws.black_level = f64::NAN),
         ] {
             let mut wrong = truth.clone();

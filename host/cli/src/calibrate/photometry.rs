@@ -236,9 +236,10 @@ fn text(summary: &Summary) -> String {
         (
             "nonlinearity",
             format!(
-                "{} at saturation; left after correction {}",
+                "{} at saturation; left after correction {}; above {:.0} % of the range counts as saturated",
                 percent(camera.nonlinearity),
-                percent(camera.linearity_residual)
+                percent(camera.linearity_residual),
+                100.0 * camera.linear_to
             ),
         ),
         (

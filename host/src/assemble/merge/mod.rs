@@ -85,7 +85,7 @@ impl<'a> Merge<'a> {
         out.of_row.clear();
         out.several.clear();
         out.heaviest.clear();
-        let saturation = Vec4::splat(f32::from(self.exposures[0].saturation));
+        let saturation = Vec4::splat(f32::from(self.exposures[0].trusted));
         let mut numbers = [Number::default(); MOST_EXPOSURES];
         for pixel in 0..pixels {
             let at = pixel * CHANNELS;

@@ -38,6 +38,8 @@ pub(super) struct Radiometry {
     /// f per (DN / (s × irradiance)).
     pub(super) scale: f64,
     pub(super) saturation: u16,
+    /// The least number that counts as saturated: up to there the camera is linear.
+    pub(super) trusted: u16,
 }
 
 impl Radiometry {
@@ -98,6 +100,9 @@ impl Radiometry {
             shot_per_dn: (1.0 / gain) as f32,
             scale: rig.gain_e_per_dn() / rig.sensitivity_e(),
             saturation,
+            trusted: camera.map_or(saturation, |camera| {
+                (camera.trusted_dn(f64::from(saturation)).floor() as u16).min(saturation)
+            }),
         })
     }
 
@@ -119,7 +124,7 @@ impl Radiometry {
 
     /// What black frames show above the dark level, DN, the channels in the lanes; NaN where they may be saturated.
     pub(super) fn black_image(&self, channels: usize) -> Vec<Vec4> {
-        let full = FULL * self.linear(self.saturation);
+        let full = (FULL * self.linear(self.saturation)).min(self.linear(self.trusted));
         let of = |dark: &[f32]| {
             let mut lanes = [0.0; 4];
             for (lane, dark) in lanes.iter_mut().zip(dark) {
@@ -257,7 +262,7 @@ impl Radiometry {
         let mut lanes = [0.0; 4];
         let numbers = frame[at..at + CHANNELS].iter().zip(&self.dark[at..at + CHANNELS]);
         for (lane, (dn, dark)) in lanes.iter_mut().zip(numbers) {
-            *lane = if *dn >= self.saturation {
+            *lane = if *dn >= self.trusted {
                 f32::NAN
             } else {
                 self.linear(*dn) - dark

@@ -17,6 +17,7 @@ const LINEAR: CameraFound = CameraFound {
     read_noise_e: 3.0,
     nonlinearity: 0.0,
     linearity_residual: 0.0,
+    linear_to: 1.0,
     prnu: 0.0,
     prnu_is_assumed: false,
     row_noise_e: 0.0,

@@ -7,6 +7,7 @@
 //! | `sightings` | frames → matches of camera and projector, edges of the mirror |
 //! | `parameters` | the unknowns and their tolerances |
 //! | `solve` | robust least squares |
+//! | `leftover` | what the fit leaves that is no chance |
 //! | `picture` | the residuals over the camera's image |
 //!
 //! Two kinds of view make the unknowns observable:
@@ -18,9 +19,10 @@
 //!   hole, rim and wire, which are known about the mirror's axis.
 //!
 //! What counts in the end are directions, not parameters: [`Geometry`] states the standard uncertainty of the directions of
-//! camera and projector as the covariance has it, and views that leave it above [`WORST_DEG`] are refused.
+//! camera and projector as the covariance has it and what no such rig explains adds to it, and views that leave it above [`WORST_DEG`] are refused.
 
 mod capture;
+mod leftover;
 mod parameters;
 mod picture;
 mod sightings;
@@ -33,12 +35,14 @@ use std::path::Path;
 use nalgebra::{DMatrix, DVector};
 
 pub use capture::{Request, Views, capture};
+use leftover::Leftover;
 use parameters::{Parameter, parameters};
 use sightings::Sightings;
 use solve::{Solution, moved, solve};
 
 use super::{CalibrateError, RIG};
 use crate::hemisphere::direction::from_degrees;
+use crate::hemisphere::judged::is_judged;
 use crate::instrument::calibration::{Found, GEOMETRY, Geometry, WORST_DEG, file, rig_hash};
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
@@ -70,13 +74,24 @@ pub fn calibrate(dir: &Path) -> Result<Geometry, CalibrateError> {
     let nominal = &views.scaled()?;
     let unknowns = parameters(nominal);
     let mirrors = views.mirrors();
-    let solution = solve(nominal, &unknowns, &mirrors, &seen).ok_or_else(|| CalibrateError::Views {
+    let mut solution = solve(nominal, &unknowns, &mirrors, &seen).ok_or_else(|| CalibrateError::Views {
         expected: "views that a rig near the nominal one explains".to_owned(),
         found: "a fit that does not converge".to_owned(),
         advice: "check the tilts that were stated, and the nominal rig",
     })?;
+    let lens = &nominal.camera.lens;
+    let size_px = [lens.width_px, lens.height_px];
+    let left = Leftover::of(
+        &seen,
+        &solution.residuals,
+        solution.scales_rad[0],
+        unknowns.len(),
+        size_px,
+    );
+    solution.covariance *= left.design_effect;
     let [camera, projector] = uncertainties(nominal, &unknowns, &solution);
-    let (camera_deg, projector_deg) = (camera.rms_deg, projector.rms_deg);
+    let with_left = |deg: f64| deg.hypot((left.rad / 2_f64.sqrt()).to_degrees());
+    let (camera_deg, projector_deg) = (with_left(camera.rms_deg), with_left(projector.rms_deg));
     let is_determined = camera_deg.hypot(projector_deg) <= WORST_DEG;
     if !is_determined {
         return Err(CalibrateError::Views {
@@ -127,7 +142,7 @@ pub fn calibrate(dir: &Path) -> Result<Geometry, CalibrateError> {
 
 /// How uncertain the directions of one device are.
 struct Uncertainty {
-    /// Standard uncertainty, RMS over the image, degrees.
+    /// Standard uncertainty, RMS over what of the image is judged, degrees.
     rms_deg: f64,
     /// What each parameter by itself would make of it, squared.
     shares: Vec<f64>,
@@ -153,7 +168,8 @@ fn uncertainties(nominal: &Rig, parameters: &[Parameter], solution: &Solution) -
                 let at =
                     |index: u32, size: u32| (f64::from(index) + 0.5) / f64::from(PROBES) * f64::from(size);
                 let (u, v) = (at(column, width), at(row, height));
-                if views[0].direction(u, v).is_err() {
+                // Towards the border of the hemisphere nothing holds the lenses, and nothing is judged.
+                if !views[0].direction(u, v).is_ok_and(is_judged) {
                     continue;
                 }
                 let Some(w) = views[0].sight(u, v) else { continue };

@@ -11,8 +11,9 @@
 //! Linearity: what a pixel shows of light, over the exposure time, must be constant; light of black projector pixels is as
 //! good as that of the spot. The camera is described by one number β: of a signal s it shows s·(1 − β·s/range), and
 //! s'·(1 + β·s'/range) brings it back to first order. All pixels together determine β by least squares, each with a rate of
-//! its own.
+//! its own. Up to where that holds is told by `knee`.
 
+use super::knee::linear_to;
 use super::pixels::{DarkPattern, Layout};
 use crate::instrument::calibration::CameraFound;
 use crate::instrument::rig::ROUNDING_DN2;
@@ -23,8 +24,8 @@ use crate::calibrate::CalibrateError;
 const BINS: usize = 40;
 /// Fewest pixels in a bin that counts.
 const FEWEST: u32 = 50;
-/// Share of the range up to which signals count.
-const HIGHEST: f64 = 0.92;
+/// Share of the range up to which signals count: what comes above bends by a law of its own.
+const HIGHEST: f64 = 0.88;
 
 /// Share of the range above which a pixel shows linearity.
 const SHOWN: f64 = 0.05;
@@ -125,6 +126,7 @@ pub(super) fn camera(
         read_noise_e: read_noise_dn * gain_e_per_dn,
         nonlinearity: 0.0,
         linearity_residual: 0.0,
+        linear_to: 1.0,
         prnu: 0.0,
         prnu_is_assumed: false,
         row_noise_e: pattern.row_dn2.sqrt() * gain_e_per_dn,
@@ -153,6 +155,11 @@ pub(super) fn set_linearity(
         found: "fewer".to_owned(),
         advice: "take them with a longer --exposure-ms, with more light, or with a brighter --standard",
     })?;
+    let range = saturation_dn - found.dark_dn;
+    let beta = found.nonlinearity;
+    found.linear_to = linear_to(series, dark, range, |signal| {
+        signal * (1.0 + beta * signal / range)
+    });
     Ok(())
 }
 

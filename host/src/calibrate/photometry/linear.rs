@@ -31,6 +31,11 @@ impl Linear {
         self.sensor.of_image(&rig.camera.binned)
     }
 
+    /// Whether a number says how much light there was, or counts as saturated.
+    pub(super) fn trusts(&self, dn: f64) -> bool {
+        dn < self.camera.dark_dn + self.camera.linear_to * self.range
+    }
+
     pub(super) fn of(&self, dn: f64) -> f64 {
         let signal = dn - self.camera.dark_dn;
         signal * (1.0 + self.camera.nonlinearity * signal / self.range)

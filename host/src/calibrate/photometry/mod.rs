@@ -8,6 +8,7 @@
 //! | `lights` | the incident directions of the views |
 //! | `exposure` | how long they are exposed, and how much light there is |
 //! | `camera` | dark level, photon transfer, linearity |
+//! | `knee` | up to where the camera is linear |
 //! | `linear` | numbers as a linear camera would give them, and what they say of the lamp |
 //! | `field` | smooth fields over an image |
 //! | `rank_one` | light and throughput from the standard |
@@ -32,6 +33,7 @@ mod capture;
 mod contrast;
 mod exposure;
 mod in_holder;
+mod knee;
 mod linear;
 mod pixels;
 mod rank_one;

@@ -118,11 +118,10 @@ impl Seen<'_> {
         let one = |room: &mut Room, (place, dn): (usize, &&'b [u16])| {
             let more = |at: usize| {
                 let dn = f64::from(dn[at]);
-                let is_saturated = dn >= self.saturation_dn;
-                if is_saturated {
-                    f64::NAN
-                } else {
+                if linear.trusts(dn) {
                     linear.of(dn) - black[at]
+                } else {
+                    f64::NAN
                 }
             };
             let shown: Vec<Vec4> = (0..dn.len() / channels)
@@ -176,10 +175,10 @@ impl Seen<'_> {
     }
 
     /// Signal and its variance by noise, in linear digital numbers, of one number of a frame; `None` if it saturated.
-    fn signal(&self, frames: &Frames, place: usize, at: usize) -> Option<(f64, f64)> {
+    fn signal(frames: &Frames, place: usize, at: usize) -> Option<(f64, f64)> {
         let lit = &frames.lit[place];
         let dn = f64::from(lit.dn[at]);
-        if dn >= self.saturation_dn {
+        if !frames.linear.trusts(dn) {
             return None;
         }
         let camera = &frames.linear.camera;
@@ -217,7 +216,7 @@ impl Seen<'_> {
             let f = frames
                 .standard
                 .f(lights::direction(self.stand.directions[place]), wo);
-            let (signal, _) = self.signal(frames, place, index * self.channels)?;
+            let (signal, _) = Self::signal(frames, place, index * self.channels)?;
             Some(signal / (self.f_of(f, 0) * irradiance))
         };
         let pixels: Vec<(usize, Option<f64>)> = self
@@ -282,7 +281,7 @@ impl Seen<'_> {
                 * fields.intensity.at(p[0], p[1]);
             let lit = self.share(place, index);
             for channel in 0..self.channels {
-                if let Some((signal, variance)) = self.signal(frames, place, index * self.channels + channel)
+                if let Some((signal, variance)) = Self::signal(frames, place, index * self.channels + channel)
                 {
                     let predicted = scale * fields.sensitivity[channel] * self.f_of(f, channel) * lit;
                     share.add(signal, predicted, variance);

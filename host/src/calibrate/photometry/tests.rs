@@ -31,6 +31,8 @@ fn calibrated_beside(
         angle_deg: 0.0,
         field: 0.3,
         standard: 0.0,
+        // Geometry has not been asked what a mirror's figure leaves.
+        figure_rad: Some(0.0),
         ..Tolerances::DRAWN
     };
     let mut truth = Truth::drawn(&rig, tolerances, 4).unwrap();

@@ -18,8 +18,8 @@ pub const PHOTOMETRY: &str = "photometry.json";
 pub(crate) const COMMAND: &str = "rcg calibrate photometry --out DIR";
 /// Version of `photometry.json`: 2 says where the standard was seen, 3 what the end of a field's series leaves; 4
 /// describes pixels of the sensor, not of the image; 5 has stray light, 6 the lamp and what pixels and rows differ by, 7 what
-/// part of the sample is seen.
-pub(crate) const PHOTOMETRY_VERSION: u32 = 7;
+/// part of the sample is seen, 8 up to where the camera is linear.
+pub(crate) const PHOTOMETRY_VERSION: u32 = 8;
 
 /// What calibration found, as `photometry.json` has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -196,6 +196,7 @@ impl Photometry {
             // Beyond a half the camera would show less of more light.
             ("camera.nonlinearity", camera.nonlinearity, -0.49, 0.49),
             ("camera.linearity_residual", camera.linearity_residual, 0.0, 1.0),
+            ("camera.linear_to", camera.linear_to, 0.5, 1.0),
             ("camera.prnu", camera.prnu, 0.0, 0.5),
             ("camera.row_noise_e", camera.row_noise_e, 0.0, 1e12),
             ("camera.dsnu_e", camera.dsnu_e, 0.0, 1e12),
@@ -256,6 +257,9 @@ pub struct CameraFound {
     pub nonlinearity: f64,
     /// Largest deviation from a straight line that is left, of the mean over all pixels, relative.
     pub linearity_residual: f64,
+    /// Share of the range above the dark level up to which that holds; what is above counts as saturated.
+    #[serde(default)]
+    pub linear_to: f64,
     /// Photo-response non-uniformity (EMVA 1288): standard deviation of the response over the sensor's pixels, relative.
     pub prnu: f64,
     /// Whether too few pixels showed that, and it is the most that sensors usually have.
@@ -270,6 +274,11 @@ pub struct CameraFound {
 }
 
 impl CameraFound {
+    /// The least digital number that is not trusted, of a camera that saturates at `saturation_dn`.
+    pub(crate) fn trusted_dn(&self, saturation_dn: f64) -> f64 {
+        self.dark_dn + self.linear_to * (saturation_dn - self.dark_dn)
+    }
+
     /// The same for a pixel of an image that is `binned`, as what follows reckons with it: of the charge of all sensor
     /// pixels behind it. What their steps leave in common is added, which no series of frames shows.
     #[must_use]
@@ -335,6 +344,7 @@ mod tests {
             read_noise_e: 3.0,
             nonlinearity: 0.01,
             linearity_residual: 0.0,
+            linear_to: 1.0,
             prnu: 0.005,
             prnu_is_assumed: false,
             row_noise_e: 0.3,

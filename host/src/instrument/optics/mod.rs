@@ -4,6 +4,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `ellipsoid` | the mirror: points, normals, reflection, the map from focus to focus |
+//! | `figure` | where a real mirror is not that |
 //! | `wire` | the strip that the sample holder hides |
 //! | `frame` | sample frame ↔ mirror frame |
 //! | `pinhole` | pixel ↔ ray, with Brown–Conrady distortion |
@@ -21,6 +22,7 @@
 //! first pixel at 0.5. Directions are unit vectors in the sample frame that point away from the surface.
 
 mod ellipsoid;
+mod figure;
 mod footprint;
 mod frame;
 mod inverse;
@@ -36,6 +38,7 @@ mod view;
 mod wire;
 
 pub use ellipsoid::{Ellipsoid, reflect};
+pub use figure::Figure;
 pub use frame::SampleFrame;
 pub use map::DirectionMap;
 pub use patch::{LitPatch, Patch};

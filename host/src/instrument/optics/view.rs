@@ -8,9 +8,11 @@
 //! rays meet it.
 //! Hole, rim and wire are judged where the ray meets the mirror, seen from F1.
 
+use std::sync::Arc;
+
 use glam::{DMat3, DVec2, DVec3, EulerRot};
 
-use super::{Ellipsoid, Pinhole, SampleFrame, Unmeasurable, WireStrip, reflect};
+use super::{Ellipsoid, Figure, Pinhole, SampleFrame, Unmeasurable, WireStrip, reflect};
 use crate::hemisphere::direction::HORIZON_COS;
 use crate::instrument::parts::{Lens, Rig};
 
@@ -23,12 +25,14 @@ const IN_PLANE_M: f64 = 1e-12;
 #[derive(Debug, Clone)]
 pub struct View {
     pub(super) ellipsoid: Ellipsoid,
+    /// Where the mirror is not the ellipsoid; `None` if it is.
+    figure: Option<Arc<dyn Figure>>,
     pub(super) pinhole: Pinhole,
     frame: SampleFrame,
     pub(super) wire: Option<WireStrip>,
     /// Optical centre, mirror frame, metres.
     pub(super) centre_m: DVec3,
-    /// Whether the optical centre is exactly at F2.
+    /// Whether the optical centre is exactly at F2, and the mirror images it to F1.
     pub(super) at_focus: bool,
     /// Rotation from the device's frame to the mirror frame.
     device_to_m: DMat3,
@@ -74,6 +78,7 @@ impl View {
         let [x_rad, y_rad, z_rad] = lens.rotation_deg.map(f64::to_radians);
         View {
             ellipsoid,
+            figure: None,
             pinhole: Pinhole::of(lens),
             frame: SampleFrame::of(&rig.sample),
             wire: rig.wire.as_ref().map(WireStrip::of),
@@ -83,6 +88,28 @@ impl View {
             device_to_m: DMat3::from_euler(EulerRot::XYZ, x_rad, y_rad, z_rad),
             sample_radius_m: rig.sample.radius_m,
             sample_offset_m: DVec3::from_array(rig.sample.offset_m),
+        }
+    }
+
+    /// The same device before a mirror with this figure; no rig file has one.
+    #[must_use]
+    pub fn with_figure(self, figure: Option<Arc<dyn Figure>>) -> View {
+        View {
+            at_focus: self.at_focus && figure.is_none(),
+            figure,
+            ..self
+        }
+    }
+
+    /// Unit normal of the mirror at `mirror_m`, inwards.
+    fn normal(&self, mirror_m: DVec3) -> DVec3 {
+        let normal = self.ellipsoid.normal(mirror_m);
+        match &self.figure {
+            None => normal,
+            Some(figure) => {
+                let slope = figure.slope(mirror_m).reject_from_normalized(normal);
+                (normal - slope).normalize()
+            }
         }
     }
 
@@ -184,7 +211,7 @@ impl View {
     pub(super) fn reflect_ray(&self, ray: DVec3) -> Option<Reflection> {
         let along = (self.device_to_m * ray).normalize();
         let mirror_m = self.ellipsoid.exit_point(self.centre_m, along)?;
-        let reflected = reflect(along, self.ellipsoid.normal(mirror_m));
+        let reflected = reflect(along, self.normal(mirror_m));
         Some(Reflection {
             mirror_m,
             direction: -reflected,
@@ -264,7 +291,7 @@ impl View {
         let from_m = self.frame.to_mirror(at_m.extend(0.0)) + self.ellipsoid.f1() + self.sample_offset_m;
         let along = self.frame.to_mirror(w);
         let mirror_m = self.ellipsoid.exit_point(from_m, along)?;
-        let back = self.device_to_m.transpose() * reflect(along, self.ellipsoid.normal(mirror_m));
+        let back = self.device_to_m.transpose() * reflect(along, self.normal(mirror_m));
         let start_m = self.ray_to(mirror_m);
         let steps = -start_m.z / back.z;
         (steps > 0.0 && steps.is_finite()).then(|| (start_m + steps * back).truncate())

@@ -30,7 +30,7 @@ pub struct Flaw {
 }
 
 /// All flaws that are drawn.
-pub const FLAWS: [Flaw; 11] = [
+pub const FLAWS: [Flaw; 13] = [
     flaw("--position-mm", 0, [0.1, 3.0], 1.0),
     flaw("--angle-deg", 0, [0.05, 2.0], 0.5),
     flaw("--field-percent", 1, [5.0, 30.0], 30.0),
@@ -42,6 +42,8 @@ pub const FLAWS: [Flaw; 11] = [
     flaw("--prnu-percent", 6, [0.2, 1.0], 1.0),
     flaw("--row-noise-e", 6, [0.1, 1.0], 0.3),
     flaw("--falloff-percent", 7, [2.0, 20.0], 20.0),
+    flaw("--figure-mrad", 8, [0.05, 0.5], 0.15),
+    flaw("--knee-percent", 9, [0.3, 3.0], 1.0),
 ];
 
 const fn flaw(option: &'static str, group: usize, [good, bad]: [f64; 2], careful: f64) -> Flaw {

@@ -113,7 +113,7 @@ impl Lab {
         let still: &[&str] = if is_full() {
             &[]
         } else {
-            &["--position-mm", "0", "--angle-deg", "0"]
+            &["--position-mm", "0", "--angle-deg", "0", "--without", "figure"]
         };
         run(
             &[&["truth", "--rig", rig, "--seed", "2", "--out", &out][..], still].concat(),

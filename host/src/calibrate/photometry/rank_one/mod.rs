@@ -278,8 +278,8 @@ impl<'a> Seen<'a> {
                     let f = positive(self.f_of(f, channel), spec, wi, wo)?;
                     let dn = f64::from(frame.dn[at]);
                     self.values += 1;
-                    if dn >= self.saturation_dn {
-                        self.saturated += 1;
+                    self.saturated += u64::from(dn >= self.saturation_dn);
+                    if !linear.trusts(dn) {
                         continue;
                     }
                     let (all, dark) = (linear.of(dn), black[at]);
