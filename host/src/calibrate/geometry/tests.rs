@@ -113,7 +113,7 @@ fn what_a_mirror_that_is_no_ellipsoid_leaves_is_stated() {
         println!("rms {rms_deg:.4}, max {max_deg:.4}; states {stated_deg:.4}");
         // What bends the light by 0.06° is neither taken for a lens nor passed over.
         assert!(
-            rms_deg > 0.01 && rms_deg < 1.5 * stated_deg,
+            rms_deg > 0.01 && rms_deg < 2.0 * stated_deg,
             "{rms_deg} {stated_deg}"
         );
         assert!(
