@@ -35,7 +35,7 @@
 //! | [`store`] | Zarr arrays, frames and BRDFs on disk, provenance, files that are whole or not there |
 //! | [`instrument`] | the rig, its optics, the shape of frames, what calibration found |
 //! | [`brdf`] | what has values of f: known samples, measured tables, interpolation between directions |
-//! | [`plan`] | what is captured and when: schedule, brackets, patterns, stripes, time on the instrument |
+//! | [`plan`] | what is captured and when: schedule, brackets, patterns, codes of light, stripes, time on the instrument |
 //! | [`capture`] | trigger box, camera, projector, pairing, pilot captures, the measurement's directory |
 //! | [`virtual_rig`] | the simulated side of box, camera and projector, and which instrument a run gets |
 //! | [`judge`] | errors, fits, pictures, charts, scans, whole worlds drawn by chance |

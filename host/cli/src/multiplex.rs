@@ -71,6 +71,12 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
              itself, found one",
         ));
     }
+    if !request.light.is_single() {
+        return Err(Failure::input(format!(
+            "--light: expected single, as multiplex compares single exposures with codes itself, found {}",
+            request.light
+        )));
+    }
     if let Some(read_noise_e) = args.read_noise {
         if setup.virtual_rig.truth.is_some() || setup.calibration.is_some() {
             return Err(Failure::input(format!(

@@ -7,6 +7,7 @@ use rcg::instrument::rig::Rig;
 use rcg::measure::report::duration;
 use rcg::measure::{Job, prepare};
 use rcg::plan::brackets::milliseconds;
+use rcg::plan::light::{Coding, Light};
 use rcg::plan::predicted_time::PredictedTime;
 use rcg::plan::schedule::Bound;
 use rcg::plan::{Directions, Plan, PlanError};
@@ -64,6 +65,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         "dynamic_range": dynamic_range(&rig, &plan.exposures_s()),
         "bound_by": plan.timing.bound(&rig),
         "segment_exposures": plan.segment,
+        "light": plan.code.map_or(Light::Single, Coding::light),
         "out": args.out,
     });
     if let (Some(value), Ok(Value::Object(pace))) = (value.as_object_mut(), serde_json::to_value(&pace)) {
@@ -98,6 +100,7 @@ fn lines(
                 pace.rate_hz
             ),
         ),
+        ("light", light(plan)),
         (
             "dynamic range",
             rcg::measure::report::dynamic_range(dynamic_range(rig, &plan.exposures_s())),
@@ -136,4 +139,24 @@ fn lines(
         ));
     }
     lines
+}
+
+/// How light is made, in words.
+fn light(plan: &Plan) -> String {
+    plan.code_patterns().map_or_else(
+        || "single: one direction per pattern".to_owned(),
+        |codes| {
+            let inverted = if codes.are_inverted_too() {
+                ", half of them inverted"
+            } else {
+                ""
+            };
+            format!(
+                "{}: {} code patterns{inverted} for {} blocks of directions",
+                plan.code.map_or(Light::Single, Coding::light),
+                codes.len(),
+                codes.blocks().count()
+            )
+        },
+    )
 }

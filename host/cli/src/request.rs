@@ -9,6 +9,7 @@ use rcg::hemisphere::incident::Grid;
 use rcg::instrument::calibration::Calibration;
 use rcg::instrument::rig::{Rig, Tilt};
 use rcg::plan::brackets::Brackets;
+use rcg::plan::light::Light;
 use rcg::plan::schedule::EXPOSURES_S;
 use rcg::plan::{Faults, IMAGE_SIZES_PX, PlanError, Request, SPOTS_DEG, Virtual};
 use rcg::virtual_rig::setup::TriggerBox;
@@ -75,6 +76,11 @@ pub(crate) struct RequestArgs {
     /// its choice, or these times in milliseconds [default: 1]
     #[arg(long, value_name = "auto|N|MS,MS,...", allow_hyphen_values = true)]
     brackets: Option<Brackets>,
+    /// How light is made: one direction per pattern (single), codes that light many directions at once, from which what each
+    /// shows is computed (multiplexed, or complement with every pattern inverted too; multiplexed:63 lights blocks of at most 63
+    /// directions), or what a pilot capture finds to leave the least noise in the same time (auto) [default: single]
+    #[arg(long, value_name = "single|multiplexed|complement|auto")]
+    light: Option<Light>,
     /// Tilt of the sample by its holder, about the sample's centre: the normal leans by TILT towards the azimuth TOWARDS of
     /// the untilted sample, the sample is turned by TURN about it, degrees; for captures that `rcg fill` merges [default:
     /// none]
@@ -229,6 +235,7 @@ impl RequestArgs {
                 Some(Spot::Deg(deg)) => Some(deg),
             },
             spot_auto: self.spot.map_or(before.spot_auto, |spot| spot == Spot::Auto),
+            light: self.light.unwrap_or(before.light),
             tilt: self.tilt.or(before.tilt),
             sample_name: self.sample_name.clone().or(before.sample_name),
             sample_description: self.sample_description.clone().or(before.sample_description),

@@ -12,6 +12,7 @@ use crate::instrument::calibration::stray::Level;
 use crate::instrument::optics::Unmeasurable;
 use crate::instrument::rig::Rig;
 use crate::plan::Plan;
+use crate::plan::light::Coding;
 use crate::store::{SmallArray, SmallData};
 
 /// Words of the codes of reasons.
@@ -166,6 +167,7 @@ pub(super) fn attributes(
         "rig": rig.name,
         "spot_deg": plan.spot_deg,
         "exposure_s": plan.exposure_s,
+        "light": plan.code.map(Coding::light),
         UNCALIBRATED: unknown.iter().flatten().collect::<Vec<_>>(),
         DIRECTION_UNCERTAINTY: is_known.then_some(applied.direction_deg),
         COMMON_UNCERTAINTY: applied.photometry.as_ref().map(|found| found.common_uncertainty().hypot(by_lamp)),

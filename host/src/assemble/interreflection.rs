@@ -4,9 +4,9 @@
 //! Of the light that leaves the sample a share r returns onto it, so that f + r·ρ(ω_i)·ρ(ω_o)/π was seen, ρ being the sample's
 //! directional albedo. Black projector pixels tell it: they light the sample from everywhere at once, and what the black frames
 //! show of that in each direction is ρ there, divided by the contrast; by reciprocity it is ρ of light from there. So a lobe that
-//! no pixel sees counts too. A projector without black light tells nothing; then ρ is that of each image. Either way what was not
-//! seen of the hemisphere (or not lit: the mirror is the same) is taken to be like the rest, and as much as the lobe of a mirror might
-//! be in it.
+//! no pixel sees counts too. But what the mirror does not light tells nothing: where the direction that a mirror-like sample would
+//! exchange with one is dark, as much as such a lobe might be hidden. A projector without black light tells nothing at all; then ρ
+//! is that of each image, what was not seen of the hemisphere is taken to be like the rest, and a lobe might be in it.
 
 use glam::{DVec3, Vec4};
 
@@ -28,17 +28,46 @@ pub(super) struct Returned {
     channels: usize,
     /// cosθ times solid angle of each cell, 0 beyond the horizon.
     cosine_sr: Vec<f32>,
-    /// Directional albedo, [cell, channel], NaN where it was not seen; `None` if black light does not tell it.
-    albedo: Option<Vec<f32>>,
+    /// If black light tells it.
+    albedo: Option<Albedo>,
+}
+
+/// Directional albedo by black light.
+struct Albedo {
+    /// [cell, channel], NaN where it was not seen.
+    of: Vec<f32>,
+    /// Whether a lobe around the mirrored direction would be in it, [cell].
+    is_told: Vec<bool>,
+}
+
+impl Albedo {
+    fn new(of: Vec<f32>, disk: Disk, channels: usize) -> Self {
+        let is_seen = |cell: usize| of.get(cell * channels).is_some_and(|albedo| albedo.is_finite());
+        let is_lit = |w: DVec3| {
+            let mirrored = DVec3::new(-w.x, -w.y, w.z);
+            let around = disk.neighbours(mirrored);
+            around.is_some_and(|around| {
+                around
+                    .iter()
+                    .all(|(cell, weight)| *weight <= 0.0 || is_seen(*cell))
+            })
+        };
+        let is_told = (0..disk.len())
+            .map(|cell| disk.direction(cell).is_some_and(is_lit))
+            .collect();
+        Self { of, is_told }
+    }
 }
 
 /// What one channel of an image is made with.
 pub(super) struct Incoming {
     channel: usize,
-    /// Albedo for the light that comes in, the one that is taken where a cell has none, and the most that it may be.
+    /// Albedo for the light that comes in, and the most that it may be.
     albedo: f64,
-    usual: f64,
     most: f64,
+    /// The same of cells of which nothing else is known.
+    usual: f64,
+    usual_most: f64,
 }
 
 /// What returned in one cell, sr⁻¹.
@@ -49,11 +78,6 @@ pub(super) struct Back {
     pub(super) uncertainty: f32,
     /// What a share of 1 would add.
     pub(super) per_share: f32,
-}
-
-/// The most that an albedo may be beyond what was found, if that share of the hemisphere was seen.
-fn most(seen: f64) -> f64 {
-    if seen < 1.0 - UNSEEN { 1.0 } else { 0.0 }
 }
 
 impl Returned {
@@ -110,7 +134,7 @@ impl Returned {
                 }
             }
         }
-        self.albedo = Some(albedo);
+        self.albedo = Some(Albedo::new(albedo, self.disk, self.channels));
     }
 
     /// For the image f of light from `wi`, of which those cells are known that are `measured`.
@@ -122,22 +146,27 @@ impl Returned {
         channel: usize,
     ) -> Incoming {
         if let Some(albedo) = &self.albedo {
-            let usual = self.mean(|cell| f64::from(albedo[cell * self.channels + channel]));
-            let (usual, seen) = usual.unwrap_or((1.0, 0.0));
-            let around = self.disk.neighbours(wi).unwrap_or_default();
-            let (mut sum, mut weights) = (0.0, 0.0);
-            for (cell, weight) in around {
-                let of = albedo.get(cell * self.channels + channel);
+            let told = |cell: usize| {
+                let of = f64::from(albedo.of[cell * self.channels + channel]);
+                if albedo.is_told[cell] { of } else { f64::NAN }
+            };
+            let usual = self.mean(told).map_or(1.0, |(mean, _)| mean);
+            let (mut sum, mut weights, mut is_told) = (0.0, 0.0, true);
+            for (cell, weight) in self.disk.neighbours(wi).unwrap_or_default() {
+                let of = albedo.of.get(cell * self.channels + channel);
                 if let Some(of) = of.filter(|of| of.is_finite()) {
                     sum += weight * f64::from(*of);
                     weights += weight;
+                    is_told &= albedo.is_told[cell];
                 }
             }
+            let found = if weights > 0.0 { sum / weights } else { usual };
             return Incoming {
                 channel,
-                albedo: if weights > 0.0 { sum / weights } else { usual },
+                albedo: found,
+                most: if is_told { found } else { 1.0 },
                 usual,
-                most: most(seen),
+                usual_most: usual,
             };
         }
         let of = |cell: usize| {
@@ -149,11 +178,13 @@ impl Returned {
         };
         let (albedo, seen) = self.mean(of).unwrap_or((0.0, 1.0));
         let albedo = albedo.clamp(0.0, 1.0);
+        let most = if seen < 1.0 - UNSEEN { 1.0 } else { albedo };
         Incoming {
             channel,
             albedo,
+            most,
             usual: albedo,
-            most: most(seen).max(albedo),
+            usual_most: most,
         }
     }
 
@@ -173,15 +204,15 @@ impl Returned {
 
     /// What returned in `cell`.
     pub(super) fn back(&self, incoming: &Incoming, cell: usize) -> Back {
-        let outgoing = self
-            .albedo
-            .as_ref()
-            .map(|albedo| f64::from(albedo[cell * self.channels + incoming.channel]))
-            .filter(|albedo| albedo.is_finite())
-            .unwrap_or(incoming.usual);
+        let found = self.albedo.as_ref().and_then(|albedo| {
+            let of = f64::from(albedo.of[cell * self.channels + incoming.channel]);
+            let most = if albedo.is_told[cell] { of } else { 1.0 };
+            of.is_finite().then_some((of, most))
+        });
+        let (outgoing, outgoing_most) = found.unwrap_or((incoming.usual, incoming.usual_most));
         let per_share = incoming.albedo * outgoing / std::f64::consts::PI;
         let back = self.found.share * per_share;
-        let most = self.found.share * incoming.most.powi(2) / std::f64::consts::PI;
+        let most = self.found.share * incoming.most * outgoing_most / std::f64::consts::PI;
         let uncertainty = (self.found.standard_uncertainty * per_share)
             .hypot(MODEL * back)
             .hypot((most - back).max(0.0) / 2.0);
@@ -213,7 +244,7 @@ mod tests {
                 .map(|cell| if is_seen(cell) { value } else { f32::NAN })
                 .collect()
         };
-        returned.albedo = albedo.map(of);
+        returned.albedo = albedo.map(|value| Albedo::new(of(value), disk, 1));
         (returned, of(0.02))
     }
 

@@ -11,6 +11,7 @@
 //! over the pixels that were actually lit, not those that should have been. T_o and E_p are those of the rig file, which
 //! are uniform; what calibration found instead comes in behind (`correction`).
 //!
+//! Code patterns are shared out into the images of single directions (`assemble/coded`).
 //! Exposures of different length are merged pixel by pixel (`assemble/merge.rs`) before anything else. Then what came other ways
 //! is taken away (`assemble/stray.rs`).
 //!
@@ -49,6 +50,7 @@ use crate::plan::{BLACK_EXPOSURES, Directions, Exposure, Plan};
 use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
 
 mod agreement;
+mod coded;
 mod coordinates;
 mod correction;
 mod edges;
@@ -62,6 +64,7 @@ mod shape;
 mod stray;
 mod window;
 
+use coded::Cells;
 use coordinates::attributes;
 pub(crate) use coordinates::{coordinates, interpolation_errors, list_attributes};
 use correction::Correction;
@@ -92,6 +95,16 @@ pub struct Assembled {
     pub saturated: u64,
     /// Largest f that does not saturate over the noise-equivalent f, see [`dynamic_range`]; `None` if there is none.
     pub dynamic_range: Option<f64>,
+}
+
+impl Assembled {
+    /// Adds what was found in other chunks.
+    fn add(&mut self, other: &Self) {
+        self.directions += other.directions;
+        self.frames += other.frames;
+        self.measured += other.measured;
+        self.saturated += other.saturated;
+    }
 }
 
 /// Why assembly failed.
@@ -163,12 +176,6 @@ pub fn assemble(
     let resampling = seen(rig, &edges, &off_sample, disk);
     let grid = &directions.grid;
     let reasons = missing(rig, plan, directions, &edges, &off_sample);
-    let brdf_layout = BrdfLayout {
-        incident: grid.len(),
-        grid: disk.size(),
-        channels: format.channels,
-        chunk: CHUNK,
-    };
     let of_calibration = |reason: String| AssembleError::Mismatch {
         path: raw_path
             .with_file_name(AppliedCalibration::FILE)
@@ -200,40 +207,66 @@ pub fn assemble(
     }
     let writer = BrdfWriter::create(
         target,
-        brdf_layout,
+        layout(grid.len(), disk, format.channels),
         &coordinates(grid, &reasons, disk, &resampling.reasons, &resampling.pixel_sr),
         attributes(rig, plan, applied, lamp),
         true,
     )?;
+    let projection = Projection {
+        channels: format.channels,
+        disk,
+        radiometry,
+        stray,
+        resampling,
+    };
+    let (subject, folder) = ((rig, plan, directions), writer.partial_path());
+    let cells = Cells::of(subject, &projection, &raw, &agree, folder, progress)?;
     let chunks = Chunks {
-        places: places(&raw, &patterns, plan.brackets(), &reasons),
-        projection: Projection {
-            channels: format.channels,
-            disk,
-            radiometry,
-            stray,
-            resampling,
+        places: match &cells {
+            None => places(&raw, &patterns, plan.brackets(), &reasons),
+            Some(cells) => cells.places(&reasons),
         },
+        projection,
         correction,
+        cells,
         writer: &writer,
     };
-    let (total, budget) = chunks.write(raw_path, &agree, mismatch, progress)?;
-    for array in BudgetSums::arrays(Some(&budget)) {
+    let (total, budget) = if chunks.cells.is_some() {
+        chunks.write_cells(plan.lit_patterns() * plan.brackets())?
+    } else {
+        chunks.write(raw_path, &agree, mismatch, progress)?
+    };
+    let dynamic_range = dynamic_range(rig, &exposures_s).map(|ratio| ratio * applied.linear_to());
+    finished(writer, total, dynamic_range, &budget)
+}
+
+/// Writes what the values and their `budget` say of the whole, and puts the file of the `writer` under its name.
+fn finished(
+    writer: BrdfWriter,
+    total: Assembled,
+    dynamic_range: Option<f64>,
+    budget: &BudgetSums,
+) -> Result<Assembled, AssembleError> {
+    for array in BudgetSums::arrays(Some(budget)) {
         writer.rewrite(&array)?;
     }
     let errors = Brdf::open(writer.partial_path())?.learn()?;
     writer.rewrite(&interpolation_errors(errors.as_ref()))?;
     writer.finish()?;
     Ok(Assembled {
-        dynamic_range: dynamic_range(rig, &exposures_s).map(|ratio| ratio * linear_to(applied)),
+        dynamic_range,
         ..total
     })
 }
 
-/// Share of the camera's range that it does not bend.
-fn linear_to(applied: &AppliedCalibration) -> f64 {
-    let photometry = applied.photometry.as_ref();
-    photometry.map_or(1.0, |found| found.camera.linear_to)
+/// Of so many incident directions.
+const fn layout(incident: usize, disk: Disk, channels: usize) -> BrdfLayout {
+    BrdfLayout {
+        incident,
+        grid: disk.size(),
+        channels,
+        chunk: CHUNK,
+    }
 }
 
 /// Refuses frames of another number or `format` than those of `plan`, with the reason.
@@ -349,6 +382,8 @@ struct Chunks<'a> {
     places: Vec<Option<(usize, usize)>>,
     projection: Projection,
     correction: Correction,
+    /// If patterns were codes.
+    cells: Option<Cells>,
     writer: &'a BrdfWriter,
 }
 
@@ -383,15 +418,35 @@ impl Chunks<'_> {
                     .collect::<Result<Vec<_>, StoreError>>()?;
                 for (counts, of_chunk) in counts {
                     budget.merge(&of_chunk);
-                    total.directions += counts.directions;
-                    total.frames += counts.frames;
-                    total.measured += counts.measured;
-                    total.saturated += counts.saturated;
+                    total.add(&counts);
                 }
                 progress(total.frames);
             }
             Ok(())
         })?;
+        Ok((total, budget))
+    }
+
+    /// Writes all chunks from the cells that `frames` were shared out into; the dynamic range is left open.
+    fn write_cells(mut self, frames: usize) -> Result<(Assembled, BudgetSums), AssembleError> {
+        let (mut total, mut budget) = (Assembled::default(), BudgetSums::default());
+        let chunks: Vec<usize> = (0..self.places.len().div_ceil(CHUNK)).collect();
+        for batch in chunks.chunks(BATCH) {
+            let counts = batch
+                .par_iter()
+                .map_init(Work::default, |work, chunk| {
+                    self.write_one(*chunk, &BTreeMap::new(), work)
+                })
+                .collect::<Result<Vec<_>, StoreError>>()?;
+            for (counts, of_chunk) in counts {
+                budget.merge(&of_chunk);
+                total.add(&counts);
+            }
+        }
+        if let Some(cells) = self.cells.take() {
+            cells.remove()?;
+        }
+        total.frames = frames;
         Ok((total, budget))
     }
 
@@ -406,9 +461,11 @@ impl Chunks<'_> {
         if self.places[range.clone()].iter().all(Option::is_none) {
             return Ok(Default::default()); // an absent chunk means missing
         }
-        let mut counts = self
-            .projection
-            .rows(chunk * CHUNK, &self.places[range], window, work);
+        let places = &self.places[range];
+        let mut counts = match &self.cells {
+            None => self.projection.rows(chunk * CHUNK, places, window, work),
+            Some(cells) => cells.rows(chunk * CHUNK, places, &self.projection, work)?,
+        };
         let budget = self.correction.apply(chunk * CHUNK, &mut work.rows, &work.common);
         counts.measured -= work.rows.seal();
         self.writer.write_chunk(chunk, &work.rows)?;

@@ -32,16 +32,40 @@ impl Projection {
         window: &BTreeMap<usize, Segment>,
         work: &mut Work,
     ) -> Assembled {
-        let Self {
-            channels,
-            disk,
-            radiometry,
-            resampling,
-            stray,
-        } = self;
-        let channels = *channels;
-        let row = disk.len() * channels;
+        let radiometry = self.radiometry.as_slice();
         let samples = radiometry[0].dark.len();
+        // A frame that nothing lit says nothing.
+        let lit = |(segment, at): &(usize, usize)| window[segment].records[*at].lit_irradiance > 0.0;
+        self.fill(first, places.len(), work, |index, bench, out| {
+            let (segment, at) = places[index - first].filter(lit)?;
+            let segment = &window[&segment];
+            let record = &segment.records[at];
+            let frames = &segment.frames[at * samples..][..radiometry.len() * samples];
+            let way = &Way {
+                irradiance: record.lit_irradiance,
+                resampling: &self.resampling,
+                stray: self.stray.as_ref().map(|stray| stray.of(index)),
+            };
+            Some(match (self.channels, radiometry) {
+                (1, [one]) => project::<1>(frames, way, one, bench, out),
+                (_, [one]) => project::<3>(frames, way, one, bench, out),
+                (1, several) => project_merged::<1>(frames, way, several, bench, out),
+                (_, several) => project_merged::<3>(frames, way, several, bench, out),
+            })
+        })
+    }
+
+    /// Fills the rows of `count` incident directions from `first` on with what `project` makes of each, which returns how many
+    /// cells were measured and how many saturated, or nothing where there is no value.
+    pub(super) fn fill(
+        &self,
+        first: usize,
+        count: usize,
+        work: &mut Work,
+        mut project: impl FnMut(usize, &mut Bench<'_>, &mut Out<'_>) -> Option<(u64, u64)>,
+    ) -> Assembled {
+        let Self { channels, disk, .. } = self;
+        let row = disk.len() * channels;
         let Work {
             signal,
             merged,
@@ -59,12 +83,12 @@ impl Projection {
         };
         // Cells without taps are never written, so what the last chunk left there is NaN.
         sigma.resize(row, f32::NAN);
-        common.stray.resize(places.len() * row, 0.0);
-        common.lamp.resize(places.len() * row, 0.0);
-        rows.f.resize(places.len() * row, f32::NAN);
-        rows.sigma.resize(places.len() * row, f16::NAN);
+        common.stray.resize(count * row, 0.0);
+        common.lamp.resize(count * row, 0.0);
+        rows.f.resize(count * row, f32::NAN);
+        rows.sigma.resize(count * row, f16::NAN);
         rows.provenance
-            .resize(places.len() * disk.len(), Provenance::Missing.code());
+            .resize(count * disk.len(), Provenance::Missing.code());
         let mut counts = Assembled::default();
         let outs = rows
             .f
@@ -73,25 +97,7 @@ impl Projection {
             .zip(rows.provenance.chunks_exact_mut(disk.len()))
             .zip(common.stray.chunks_exact_mut(row))
             .zip(common.lamp.chunks_exact_mut(row));
-        // A frame that nothing lit says nothing.
-        let lit = |(segment, at): &(usize, usize)| window[segment].records[*at].lit_irradiance > 0.0;
-        for (index, (place, ((((f, row_sigma), provenance), stray_sigma), lamp_sigma))) in
-            (first..).zip(places.iter().zip(outs))
-        {
-            let Some((segment, at)) = place.filter(lit) else {
-                f.fill(f32::NAN);
-                row_sigma.fill(f16::NAN);
-                provenance.fill(Provenance::Missing.code());
-                continue;
-            };
-            let segment = &window[&segment];
-            let record = &segment.records[at];
-            let frames = &segment.frames[at * samples..][..radiometry.len() * samples];
-            let way = &Way {
-                irradiance: record.lit_irradiance,
-                resampling,
-                stray: stray.as_ref().map(|stray| stray.of(index)),
-            };
+        for (index, ((((f, row_sigma), provenance), stray_sigma), lamp_sigma)) in (first..).zip(outs) {
             let out = &mut Out {
                 f,
                 sigma: row_sigma,
@@ -100,14 +106,14 @@ impl Projection {
                 stray_sigma,
                 lamp_sigma,
             };
-            let (measured, saturated) = match (channels, radiometry.as_slice()) {
-                (1, [one]) => project::<1>(frames, way, one, bench, out),
-                (_, [one]) => project::<3>(frames, way, one, bench, out),
-                (1, several) => project_merged::<1>(frames, way, several, bench, out),
-                (_, several) => project_merged::<3>(frames, way, several, bench, out),
+            let Some((measured, saturated)) = project(index, bench, out) else {
+                out.f.fill(f32::NAN);
+                out.sigma.fill(f16::NAN);
+                out.provenance.fill(Provenance::Missing.code());
+                continue;
             };
             counts.directions += 1;
-            counts.frames += radiometry.len();
+            counts.frames += self.radiometry.len();
             counts.measured += measured;
             counts.saturated += saturated;
         }

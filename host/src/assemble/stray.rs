@@ -72,4 +72,18 @@ impl StrayLight {
     pub(super) fn of(&self, index: usize) -> (&Removal, &[f64; PROJECTOR_TERMS]) {
         (&self.removal, &self.lit[index])
     }
+
+    /// How frames that light the incident directions of these `indices` together lose it.
+    pub(super) fn of_all(
+        &self,
+        indices: impl IntoIterator<Item = usize>,
+    ) -> (&Removal, [f64; PROJECTOR_TERMS]) {
+        let mut all = [0.0; PROJECTOR_TERMS];
+        for index in indices {
+            for (all, lit) in all.iter_mut().zip(&self.lit[index]) {
+                *all += lit;
+            }
+        }
+        (&self.removal, all)
+    }
 }

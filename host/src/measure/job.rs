@@ -7,11 +7,12 @@ use crate::base::progress::Progress;
 use crate::brdf::sample::{Sample, parse};
 use crate::capture::Instrument;
 use crate::capture::directory::{Measurement, MeasurementError};
-use crate::capture::pilot::{auto_exposure_s, choose_spot, propose};
+use crate::capture::pilot::{auto_exposure_s, choose_light, choose_spot, propose};
 use crate::instrument::calibration::Calibration;
 use crate::instrument::monitor::watching;
 use crate::instrument::rig::Rig;
 use crate::measure::MeasureError;
+use crate::plan::light::Light;
 use crate::plan::{Plan, Request};
 use crate::virtual_rig::setup::{Setup, SetupError, TriggerBox, World};
 
@@ -93,7 +94,7 @@ impl Job {
     }
 
     /// As [`new`](Self::new), with exposures of `exposures_s` seconds of each pattern, ascending; nothing is captured, but what
-    /// chooses the spot if that is asked for.
+    /// chooses spot and light if that is asked for.
     ///
     /// # Errors
     /// [`MeasureError`].
@@ -122,6 +123,9 @@ impl Job {
         job.watch();
         if chooses {
             job.find_spot(exposures_s, progress)?;
+        }
+        if job.plan.request.light == Light::Auto {
+            job.find_light(progress)?;
         }
         Ok(job)
     }
@@ -182,12 +186,25 @@ impl Job {
         self.plan_anew(request, exposures_s)
     }
 
+    /// Plans with the light that a pilot capture chooses.
+    fn find_light(&mut self, progress: &dyn Progress) -> Result<(), MeasureError> {
+        progress.begin("pilot capture", 1, "runs");
+        let mut instrument = self.open()?;
+        let choice = choose_light(&self.rig, &self.plan.request, &mut instrument)?;
+        progress.remark(&choice.to_string());
+        progress.end();
+        self.plan.code = choice.code;
+        Ok(())
+    }
+
     /// Plans `request` with exposures of `exposures_s` seconds.
     fn plan_anew(&mut self, request: Request, exposures_s: &[f64]) -> Result<(), MeasureError> {
-        let plan = Plan::bracketed(request, &self.rig, exposures_s);
+        let plan = Plan::bracketed(request, &self.rig, exposures_s).map_err(MeasurementError::from)?;
         self.plan = Plan {
             virtual_rig: self.plan.virtual_rig.take(),
-            ..plan.map_err(MeasurementError::from)?
+            // What a pilot capture chose stays.
+            code: plan.code.or(self.plan.code),
+            ..plan
         };
         self.watch();
         Ok(())
@@ -210,9 +227,14 @@ impl Job {
         let mut instrument = self.open()?;
         let request = &self.plan.request;
         let exposures_s = if request.brackets.is_one() {
-            vec![auto_exposure_s(&self.rig, request, &mut instrument)?]
+            vec![auto_exposure_s(
+                &self.rig,
+                request,
+                self.plan.code,
+                &mut instrument,
+            )?]
         } else {
-            let proposal = propose(&self.rig, request, &mut instrument)?;
+            let proposal = propose(&self.rig, request, self.plan.code, &mut instrument)?;
             progress.remark(&proposal.to_string());
             proposal.exposures_s
         };

@@ -123,7 +123,7 @@ pub fn assemble_measurement(
     measurement: &Measurement,
     progress: &dyn Progress,
 ) -> Result<Assembled, MeasureError> {
-    let frames = measurement.plan.direction_count * measurement.plan.brackets();
+    let frames = measurement.plan.lit_patterns() * measurement.plan.brackets();
     progress.begin("assemble", frames, "frames");
     let Measurement {
         rig,

@@ -86,7 +86,20 @@ impl Plan {
             let expected = format!("a multiple of the {} exposures of a pattern", self.brackets());
             return Err(fail("segment", &expected, &self.segment));
         }
-        self.check_longer(&fail)
+        self.check_longer(&fail)?;
+        self.check_code(path)
+    }
+
+    /// Refuses a code that is none for so many directions.
+    fn check_code(&self, path: &std::path::Path) -> Result<(), PlanError> {
+        let Some(code) = self.code else {
+            return Ok(());
+        };
+        let patterns = code.patterns(self.direction_count);
+        patterns.map(|_| ()).map_err(|error| PlanError::File {
+            path: path.display().to_string(),
+            reason: format!("code.{error}"),
+        })
     }
 
     /// Refuses longer exposures of a pattern that do not follow on each other; `fail` makes the error of field, expected and

@@ -2,30 +2,35 @@
 //!
 //! # Design
 //! A plan is derived from a [`Request`] and a rig, and written to `plan.toml`; every later stage, and a
-//! resumed measurement, reads that file. Patterns are in the order of their incident directions, after a
-//! few black ones; each has one exposure, or several in a row (brackets), the shortest first, black ones too. They are
+//! resumed measurement, reads that file. Patterns are in the order of their incident directions, or codes that light many at
+//! once ([`light`]), after a few black ones; each has one exposure, or several in a row (brackets), the shortest first, black ones too. They are
 //! taken in *segments*: one segment is one run of the controller, one
 //! load of the projector and one chunk of `raw.zarr`, and what a crash may cost.
 
 pub mod brackets;
+pub mod light;
 pub mod pattern;
 pub mod predicted_time;
 pub mod schedule;
 pub mod stripes;
 mod virtual_rig;
 
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::base::blame::Blame;
 use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
 use crate::instrument::optics::{Unmeasurable, View};
-use crate::instrument::rig::{Rig, RigError, Tilt, explain};
+use crate::instrument::rig::{Rig, Tilt, explain};
 use crate::plan::brackets::{Brackets, largest_ratio};
-use crate::plan::schedule::{ScheduleError, Timing};
+use crate::plan::light::{CodePatterns, Coding, Light};
+use crate::plan::pattern::{LitSet, PatternMaker};
+use crate::plan::schedule::Timing;
 
+pub use error::PlanError;
 pub use virtual_rig::{Faults, Virtual};
 
 mod check;
+mod error;
 
 /// Pixels a side of camera images and of the outgoing grid.
 pub const IMAGE_SIZES_PX: std::ops::RangeInclusive<u32> = 8..=4096;
@@ -35,6 +40,8 @@ pub const SPOTS_DEG: std::ops::RangeInclusive<f64> = 0.05..=30.0;
 pub const BLACK_EXPOSURES: usize = 16;
 /// A segment holds about this many bytes of frames.
 const SEGMENT_BYTES: usize = 16 << 20;
+/// What assembly holds of a block of code patterns has at most about this many bytes.
+const BLOCK_BYTES: usize = 256 << 20;
 /// A segment is at most this long: the table of the controller and the memory of projectors.
 const SEGMENT_MAX: usize = 400;
 
@@ -68,6 +75,9 @@ pub struct Request {
     /// Exposures of each pattern; a pilot capture chooses their times unless they are given here.
     #[serde(default, skip_serializing_if = "Brackets::is_one")]
     pub brackets: Brackets,
+    /// How light is made.
+    #[serde(default, skip_serializing_if = "Light::is_single")]
+    pub light: Light,
     /// How the holder tilts the sample; not at all if there is nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tilt: Option<Tilt>,
@@ -93,6 +103,7 @@ impl Default for Request {
             spot_deg: None,
             spot_auto: false,
             brackets: Brackets::One,
+            light: Light::Single,
             tilt: None,
             sample_name: None,
             sample_description: None,
@@ -159,6 +170,9 @@ pub struct Plan {
     /// The other exposures of each pattern, longer and longer, while it stays.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub longer: Vec<Timing>,
+    /// The code of the patterns; `None` if each lights one direction.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub code: Option<Coding>,
     /// Side in pixels of the squares that watch the lamp in every pattern, see [`crate::instrument::monitor`]; 0 for none.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub watching_side: u32,
@@ -180,83 +194,19 @@ pub enum Exposure {
     Black,
     /// The incident direction of this index.
     Incident(usize),
+    /// The code pattern of this number.
+    Coded(usize),
 }
 
 impl Exposure {
-    /// Number in files: −1 for black, else the index of the incident direction.
+    /// Number in files: −1 for black, −2, −3, … for code patterns, else the index of the incident direction.
     #[must_use]
     pub fn code(self) -> i64 {
         match self {
             Self::Black => -1,
             Self::Incident(index) => index as i64,
+            Self::Coded(number) => -2 - number as i64,
         }
-    }
-}
-
-/// Why there is no plan.
-#[derive(Debug, thiserror::Error)]
-pub enum PlanError {
-    /// The incident directions.
-    #[error(transparent)]
-    Incident(#[from] IncidentError),
-    /// The image is too small or too large.
-    #[error("image-size: expected a number of pixels from 8 to 4096, found {0}")]
-    ImageSize(u32),
-    /// Two exposures of a pattern do not overlap.
-    #[error(
-        "brackets: expected neighbouring exposure times at most {largest:.0} times apart, or the signals between \
-         saturate the one and drown in the noise of the other; found {shorter_ms} and {longer_ms} ms, {found:.0} times \
-         (put a time between them, or let `--brackets auto` choose)"
-    )]
-    Apart {
-        /// The shorter in ms.
-        shorter_ms: f64,
-        /// The longer in ms.
-        longer_ms: f64,
-        /// Their ratio.
-        found: f64,
-        /// The largest ratio that the camera bridges.
-        largest: f64,
-    },
-    /// The times do not fit together.
-    #[error(transparent)]
-    Schedule(#[from] ScheduleError),
-    /// The projector lights none of the directions.
-    #[error(
-        "rig {rig}: expected incident directions that the projector can light, found none (most often: {reason})"
-    )]
-    NothingToMeasure {
-        /// Name of the rig.
-        rig: String,
-        /// The reason of the first direction.
-        reason: Unmeasurable,
-    },
-    /// The plan file is not TOML, or a field is unknown, missing or of the wrong type.
-    #[error(transparent)]
-    Toml(#[from] RigError),
-    /// The plan was made for another rig.
-    #[error("{path}: expected a plan of rig {rig}, found one of rig {plan}")]
-    OtherRig {
-        /// The file.
-        path: String,
-        /// The rig that it was made for.
-        plan: String,
-        /// The rig that there is.
-        rig: String,
-    },
-    /// The plan file cannot be used.
-    #[error("{path}: {reason}")]
-    File {
-        /// The file.
-        path: String,
-        /// What is wrong with it.
-        reason: String,
-    },
-}
-
-impl Blame for PlanError {
-    fn is_input(&self) -> bool {
-        true
     }
 }
 
@@ -290,6 +240,19 @@ impl Directions {
             .enumerate()
             .filter(|(_, reason)| reason.is_none())
             .map(|(index, _)| index)
+    }
+
+    /// What a spot of `spot_deg` degrees from each direction that can be lit lights on `rig`, in their order; nothing where the
+    /// projector has no pixel for it.
+    #[must_use]
+    pub fn lit_sets(&self, rig: &Rig, spot_deg: f64) -> Vec<LitSet> {
+        let maker = PatternMaker::new(View::projector(rig), spot_deg, rig.projector.irradiance);
+        let indices: Vec<usize> = self.measurable().collect();
+        let of = |index: &usize| maker.lit_set(self.grid.direction(*index));
+        let sets = indices
+            .par_iter()
+            .map(|index| of(index).unwrap_or_else(|_| light::together([])));
+        sets.collect()
     }
 }
 
@@ -338,6 +301,10 @@ impl Plan {
             }
         }
         let spot_deg = request.spot_deg(rig);
+        let code = match request.light {
+            Light::Single | Light::Auto => None,
+            light => light.coding(&directions.lit_sets(rig, spot_deg), most_cells(&request, rig))?,
+        };
         let segment = (SEGMENT_BYTES / frame_bytes).clamp(8, SEGMENT_MAX);
         let segment = segment / exposures_s.len() * exposures_s.len();
         Ok(Self {
@@ -350,6 +317,7 @@ impl Plan {
             timing,
             direction_count: count,
             longer,
+            code,
             watching_side: 0,
             virtual_rig: None,
         })
@@ -368,9 +336,30 @@ impl Plan {
     #[must_use]
     pub fn patterns(&self, directions: &Directions) -> Vec<Exposure> {
         let black = std::iter::repeat_n(Exposure::Black, BLACK_EXPOSURES);
-        black
-            .chain(directions.measurable().map(Exposure::Incident))
-            .collect()
+        match self.code_patterns() {
+            None => black
+                .chain(directions.measurable().map(Exposure::Incident))
+                .collect(),
+            Some(codes) => black.chain((0..codes.len()).map(Exposure::Coded)).collect(),
+        }
+    }
+
+    /// The code patterns; `None` if each pattern lights one direction.
+    ///
+    /// # Panics
+    /// If the code is none for so many directions, which [`check`](Self::check) refuses.
+    #[must_use]
+    pub fn code_patterns(&self) -> Option<CodePatterns> {
+        let patterns = |code: Coding| code.patterns(self.direction_count);
+        self.code
+            .map(|code| patterns(code).expect("invariant: a plan's code fits its directions"))
+    }
+
+    /// Number of patterns that are not black.
+    #[must_use]
+    pub fn lit_patterns(&self) -> usize {
+        self.code_patterns()
+            .map_or(self.direction_count, |codes| codes.len())
     }
 
     /// Exposures of each pattern.
@@ -394,8 +383,8 @@ impl Plan {
 
     /// Number of exposures.
     #[must_use]
-    pub const fn len(&self) -> usize {
-        (BLACK_EXPOSURES + self.direction_count) * self.brackets()
+    pub fn len(&self) -> usize {
+        (BLACK_EXPOSURES + self.lit_patterns()) * self.brackets()
     }
 
     /// Never: there are always black exposures.
@@ -408,7 +397,7 @@ impl Plan {
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         let cycle_s: f64 = self.timings().iter().map(|timing| timing.period_s).sum();
-        (BLACK_EXPOSURES + self.direction_count) as f64 * cycle_s
+        (BLACK_EXPOSURES + self.lit_patterns()) as f64 * cycle_s
     }
 
     /// The plan as TOML.
@@ -467,7 +456,16 @@ impl Plan {
         Request {
             exposure_s,
             brackets,
+            light: self.code.map_or(Light::Single, Coding::light),
             ..self.request.clone()
         }
     }
+}
+
+/// Cells of a block whose frames of `request` on `rig`, as numbers with a point, fill no more than is held of them.
+#[must_use]
+pub(crate) fn most_cells(request: &Request, rig: &Rig) -> usize {
+    let pixels = request.image_size as usize * request.image_size as usize;
+    let held = BLOCK_BYTES / (pixels * rig.camera.channels as usize * size_of::<f32>());
+    held.max(light::ORDERS[0])
 }

@@ -100,6 +100,8 @@ impl PredictedTime {
         let period_s = mean(&periods);
         let exposures = plan.len() as f64;
         let each = plan.brackets();
+        // Patterns per direction, 1 but for codes.
+        let shared = plan.lit_patterns() as f64 / plan.direction_count.max(1) as f64;
         let mut costs: Vec<Cost> = Limit::ALL
             .into_iter()
             .map(|limit| (limit, limit.without(rig, &exposures_s)))
@@ -115,9 +117,9 @@ impl PredictedTime {
             period_s,
             rate_hz: 1.0 / period_s,
             instrument_s: exposures * period_s,
-            lit_s: (plan.direction_count * each) as f64 * period_s,
+            lit_s: (plan.lit_patterns() * each) as f64 * period_s,
             black_s: (BLACK_EXPOSURES * each) as f64 * period_s,
-            grid_s: (directions.grid.len() * each) as f64 * period_s,
+            grid_s: (directions.grid.len() * each) as f64 * period_s * shared,
             exposing_share: mean(&exposures_s) / period_s,
             loads: plan.len().div_ceil(plan.segment),
             costs,

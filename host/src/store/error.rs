@@ -125,7 +125,7 @@ impl Blame for StoreError {
 }
 
 impl StoreError {
-    pub(super) fn io(path: &Path, action: &'static str, source: impl Into<Arc<io::Error>>) -> Self {
+    pub(crate) fn io(path: &Path, action: &'static str, source: impl Into<Arc<io::Error>>) -> Self {
         let (path, source) = (path.to_path_buf(), source.into());
         match source.kind() {
             io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Self::DiskFull { path, source },

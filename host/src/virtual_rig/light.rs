@@ -11,7 +11,7 @@
 //!
 //! # Tradeoffs
 //! Spots that touch count as one, which four nodes describe less well. Cells that are lit together are kept apart by
-//! [`crate::study::multiplex::cells`].
+//! [`crate::plan::light::cells`].
 
 use std::collections::HashMap;
 use std::sync::Arc;

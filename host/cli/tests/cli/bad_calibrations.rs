@@ -146,7 +146,7 @@ fn a_calibration_of_something_else_than_numbers_is_refused_by_its_field() {
         ("dsnu_e", json!(-1.0)),
         ("hot", json!(1.5)),
         ("version", json!(5)),
-        ("version", json!(8)),
+        ("version", json!(9)),
     ] {
         let mut tried = 0;
         spoiled(&whole, &bad, &mut |spoiled, name| {

@@ -102,7 +102,7 @@ fn a_number_out_of_range_is_refused() {
 
 #[test]
 fn what_is_not_toml_is_refused_with_its_line() {
-    refused("[mirror]", "[mirror", &["line 7"]);
+    refused("[mirror]", "[mirror", &["line 8"]);
 }
 
 #[test]

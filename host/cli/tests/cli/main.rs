@@ -34,6 +34,7 @@ mod identity;
 mod judge;
 #[cfg(unix)]
 mod killed;
+mod light;
 mod locks;
 #[cfg(unix)]
 mod matrix;

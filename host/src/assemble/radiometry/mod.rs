@@ -9,6 +9,7 @@ use crate::assemble::resample::{Resampling, Taps};
 use crate::instrument::calibration::CameraFound;
 use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, Removal, Room};
 use crate::instrument::rig::{ROUNDING_DN2, Rig};
+use crate::plan::Exposure;
 use crate::store::provenance::Provenance;
 use crate::store::{BrdfRows, LEAST_SIGMA, Segment, USELESS_SIGMA};
 
@@ -68,7 +69,9 @@ impl Radiometry {
         let mut count = 0_u32;
         for segment in segments {
             for (record, frame) in segment.records.iter().zip(segment.frames.chunks_exact(pixels)) {
-                if record.incident < 0 && record.exposure_s.total_cmp(&exposure_s).is_eq() {
+                if record.incident == Exposure::Black.code()
+                    && record.exposure_s.total_cmp(&exposure_s).is_eq()
+                {
                     count += 1;
                     for (sum, &dn) in sum.iter_mut().zip(frame) {
                         *sum += f64::from(linear_of(linear.as_deref(), dn));
@@ -272,14 +275,14 @@ impl Radiometry {
     }
 }
 
-/// One frame onto the disk. Returns how many cells were measured and how many saturated.
-pub(super) fn project<const CHANNELS: usize>(
+/// One frame as an image: what it shows of the sample is in the signal of the `bench` then, the lamp as in the black frames, and
+/// what came other ways in its room.
+pub(super) fn image<const CHANNELS: usize>(
     frame: &[u16],
     way: &Way<'_>,
     radiometry: &Radiometry,
     bench: &mut Bench<'_>,
-    out: &mut Out<'_>,
-) -> (u64, u64) {
+) {
     let Bench {
         signal, room, levels, ..
     } = bench;
@@ -296,6 +299,18 @@ pub(super) fn project<const CHANNELS: usize>(
         *signal = level.steady(*signal, black);
         room.lamp.push((*signal + black).abs() * level.uncertainty);
     }
+}
+
+/// One frame onto the disk. Returns how many cells were measured and how many saturated.
+pub(super) fn project<const CHANNELS: usize>(
+    frame: &[u16],
+    way: &Way<'_>,
+    radiometry: &Radiometry,
+    bench: &mut Bench<'_>,
+    out: &mut Out<'_>,
+) -> (u64, u64) {
+    image::<CHANNELS>(frame, way, radiometry, bench);
+    let Bench { signal, room, .. } = bench;
     let factor = (radiometry.scale / (radiometry.exposure_s * way.irradiance)) as f32;
     let variance = |pixel: usize, signal: Vec4| {
         let dark = lanes::<CHANNELS, f32>(&radiometry.dark[pixel * CHANNELS..]);
@@ -316,15 +331,13 @@ pub(super) fn project<const CHANNELS: usize>(
     )
 }
 
-/// The frames of one pattern, of exposure times as in `radiometry`, merged and onto the disk. Returns as
-/// [`project`] does.
-pub(super) fn project_merged<const CHANNELS: usize>(
+/// The frames of one pattern, of exposure times as in `radiometry`, merged into one image, as by [`image`].
+pub(super) fn image_merged<const CHANNELS: usize>(
     frames: &[u16],
     way: &Way<'_>,
     radiometry: &[Radiometry],
     bench: &mut Bench<'_>,
-    out: &mut Out<'_>,
-) -> (u64, u64) {
+) {
     let Bench {
         merged, room, levels, ..
     } = bench;
@@ -344,6 +357,19 @@ pub(super) fn project_merged<const CHANNELS: usize>(
             room.lamp.push((*signal + black).abs() * level.uncertainty);
         }
     }
+}
+
+/// The frames of one pattern, of exposure times as in `radiometry`, merged and onto the disk. Returns as
+/// [`project`] does.
+pub(super) fn project_merged<const CHANNELS: usize>(
+    frames: &[u16],
+    way: &Way<'_>,
+    radiometry: &[Radiometry],
+    bench: &mut Bench<'_>,
+    out: &mut Out<'_>,
+) -> (u64, u64) {
+    image_merged::<CHANNELS>(frames, way, radiometry, bench);
+    let Bench { merged, room, .. } = bench;
     let Merged {
         signal,
         variance,
@@ -378,7 +404,7 @@ pub(super) fn project_merged<const CHANNELS: usize>(
 /// standard uncertainties by stray light and by the lamp (nothing if there are none), which neighbours have in common, its variance
 /// by noise and response, given the pixel and its signal, and the standard deviation of what its row has in common, given the
 /// pixel. `factor` is f per signal. Returns as [`project`] does.
-fn resample<const CHANNELS: usize>(
+pub(super) fn resample<const CHANNELS: usize>(
     (signal, room): (&[Vec4], &Room),
     (variance_of, of_row): (impl Fn(usize, Vec4) -> Vec4, impl Fn(usize) -> Vec4),
     provenance_of: impl Fn(&Taps) -> Provenance,

@@ -11,7 +11,7 @@ use super::share::{Frames, Judged};
 use crate::instrument::calibration::{SeenPart, UNKNOWNS, Unknowns};
 
 /// Turns of fitting and judging, at most.
-const TURNS: usize = 8;
+const TURNS: usize = 12;
 /// Up to which θ in degrees the turns before them reach, and how little of its prediction is whole then.
 const GROWTH_DEG: [f64; 6] = [52.0, 60.0, 66.0, 72.0, 76.0, 80.0];
 const GROWTH_LEAST: f64 = 0.8;
@@ -19,11 +19,13 @@ const GROWTH_LEAST: f64 = 0.8;
 /// is linear over a part of a millimetre only, what falloff does is nearly.
 const FARTHEST: Unknowns = [0.15, 0.15, 0.15, 0.4, 0.4, 1.0];
 const STILL: f64 = 0.02;
+/// Turns in a row that are enough.
+const ENOUGH: usize = 2;
 /// It also does where it would change by less than this share of what it is uncertain by.
-const WITHIN: f64 = 0.7;
+const WITHIN: f64 = 1.0;
 /// Steps that turn back are made so much shorter, down to this share of them.
 const SHORTER: f64 = 0.5;
-const SHORTEST: f64 = 0.25;
+const SHORTEST: f64 = 0.05;
 
 /// What part of the standard is seen and lit, on the way to where it is found.
 struct Search {
@@ -32,8 +34,8 @@ struct Search {
     last: Unknowns,
     /// How much of a step is gone.
     reach: f64,
-    /// Whether the last fit found it where it was.
-    is_still: bool,
+    /// Of how many fits, the last ones, each found it where it was.
+    still: usize,
 }
 
 impl Search {
@@ -42,7 +44,7 @@ impl Search {
             part,
             last: [0.0; UNKNOWNS],
             reach: 1.0,
-            is_still: false,
+            still: 0,
         }
     }
 
@@ -57,19 +59,21 @@ impl Search {
         } else {
             (self.reach / SHORTER).min(1.0)
         };
-        self.is_still = (0..UNKNOWNS).all(|at| {
-            let known = covariance[at][at]
-                .sqrt()
-                .hypot(SeenPart::LEFT[at] / SeenPart::TOLERANCES[at]);
-            by[at].abs() < STILL.max(WITHIN * known)
-        });
         let farthest = by.iter().zip(FARTHEST).map(|(by, most)| most / by.abs());
         let share = self.reach * farthest.fold(1.0, f64::min);
         self.last = by.map(|by| share * by);
+        let is_still = (0..UNKNOWNS).all(|at| {
+            let known = covariance[at][at]
+                .sqrt()
+                .hypot(SeenPart::LEFT[at] / SeenPart::TOLERANCES[at]);
+            self.last[at].abs() < STILL.max(WITHIN * known)
+        });
+        self.still = if is_still { self.still + 1 } else { 0 };
         self.part = self
             .part
             .moved(&self.last)
-            .with_covariance(|row, column| covariance[row][column]);
+            // Where steps were made shorter it is not known better than what the last one was.
+            .with_covariance(|row, column| covariance[row][column] + by[row] * by[column]);
     }
 }
 
@@ -121,15 +125,18 @@ pub(super) fn fit_whole(
             seen.judge(frames, &fields, None);
         }
         let mut pairs = seen.iter().zip(&before);
-        if pairs.all(|(seen, before)| seen.takes_the_same(before))
-            && search.as_ref().is_none_or(|search| search.is_still)
-        {
+        let is_same = pairs.all(|(seen, before)| seen.takes_the_same(before));
+        // At the edge of what is whole a pixel may come and go for ever.
+        let is_found = search.as_ref().map_or(is_same, |search| {
+            search.still >= ENOUGH || is_same && search.still > 0
+        });
+        if is_found {
             return Ok((fields, search.map(|search| search.part)));
         }
     }
     let fields = fit_with(seen, &mut search)?;
     match search {
-        Some(search) if !search.is_still => Err(NoFields::Unsettled),
+        Some(search) if search.still == 0 => Err(NoFields::Unsettled),
         search => Ok((fields, search.map(|search| search.part))),
     }
 }

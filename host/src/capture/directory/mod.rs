@@ -21,6 +21,7 @@ use crate::capture::{Instrument, Tally};
 use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
+use crate::plan::light::together;
 use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::plan::{Directions, Exposure, Plan};
 use crate::store::lock::{self, dangling};
@@ -427,6 +428,12 @@ impl Measurement {
         let mut attributes = Map::new();
         attributes.insert(SUBJECT.to_owned(), json!(self.sums));
         attributes.insert("rig".to_owned(), json!(self.rig.name));
+        if let Some(code) = self.plan.code {
+            attributes.insert("light".to_owned(), json!(code.light()));
+            let meaning =
+                "incident is -2 - number of the code pattern, which lights many incident directions";
+            attributes.insert("code_patterns".to_owned(), json!(meaning));
+        }
         attributes.insert(
             "source".to_owned(),
             json!(concat!("rcg ", env!("CARGO_PKG_VERSION"))),
@@ -455,11 +462,19 @@ impl Measurement {
     }
 
     fn lit_sets(&self, maker: &PatternMaker, patterns: &[Exposure]) -> Vec<Option<LitSet>> {
+        let codes = self.plan.code_patterns();
+        let measurable: Vec<usize> = self.directions.measurable().collect();
+        let of = |index: usize| maker.lit_set(self.directions.grid.direction(index)).ok();
         patterns
             .par_iter()
             .map(|pattern| match pattern {
                 Exposure::Black => None,
-                Exposure::Incident(index) => maker.lit_set(self.directions.grid.direction(*index)).ok(),
+                Exposure::Incident(index) => of(*index),
+                Exposure::Coded(number) => {
+                    let lit = codes.iter().flat_map(|codes| codes.lit(*number));
+                    let cells: Vec<LitSet> = lit.filter_map(|cell| of(measurable[cell])).collect();
+                    Some(together(&cells))
+                }
             })
             .collect()
     }

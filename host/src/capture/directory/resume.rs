@@ -3,6 +3,7 @@
 use super::{Measurement, MeasurementError};
 use crate::instrument::calibration::{AppliedCalibration, Calibration, rig_hash};
 use crate::instrument::rig::Rig;
+use crate::plan::light::{Coding, Light};
 use crate::plan::{Request, Virtual};
 
 impl Measurement {
@@ -79,8 +80,16 @@ impl Measurement {
         let [asked_sample, asked_truth] = named(virtual_rig);
         let sample = if sample { held_sample.clone() } else { asked_sample };
         let truth = if truth { held_truth.clone() } else { asked_truth };
+        // A replayed plan asks for what a pilot capture chose.
+        let chosen = self.plan.code.map_or(Light::Single, Coding::light);
+        let light = if request.light == chosen {
+            held.light
+        } else {
+            request.light
+        }
+        .to_string();
         let tilt = |request: &Request| or_none(request.tilt.map(|tilt| tilt.to_string()));
-        let fields: [(&'static str, String, String); 12] = [
+        let fields: [(&'static str, String, String); 13] = [
             ("grid", grid(held), other_grid),
             (
                 "image-size",
@@ -94,6 +103,7 @@ impl Measurement {
                 held.brackets.to_string(),
                 request.brackets.to_string(),
             ),
+            ("light", held.light.to_string(), light),
             ("sample", held_sample, sample),
             ("truth", held_truth, truth),
             ("tilt", tilt(held), tilt(request)),

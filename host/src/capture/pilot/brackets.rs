@@ -18,6 +18,7 @@ use crate::instrument::rig::Rig;
 use crate::plan::brackets::{
     Brackets, LARGEST_RATIO, MOST_EXPOSURES, geometric, largest_ratio, milliseconds,
 };
+use crate::plan::light::Coding;
 use crate::plan::schedule::Timing;
 use crate::plan::{PlanError, Request};
 
@@ -73,7 +74,8 @@ impl fmt::Display for Proposal {
     }
 }
 
-/// The exposure times for the brackets of `request` on `rig`, whose camera image is scaled as it will be measured: the
+/// The exposure times for the brackets of `request` on `rig`, whose camera image is scaled as it will be measured, with
+/// patterns of `code` if there is one: the
 /// brightest pixel of a few test patterns comes to 80 % of the range in the shortest; 99 % of the pixels reach a signal of
 /// 120 times their noise in the longest, unless that is longer than 32 times the rig's default, or black patterns come to
 /// 80 % of the range before.
@@ -83,9 +85,10 @@ impl fmt::Display for Proposal {
 pub fn propose(
     rig: &Rig,
     request: &Request,
+    code: Option<Coding>,
     instrument: &mut Instrument,
 ) -> Result<Proposal, MeasurementError> {
-    let (black, lit) = test(rig, request, instrument)?;
+    let (black, lit) = test(rig, request, code, instrument)?;
     let black_e_per_s = median(black.clone()).unwrap_or(0.0);
     let camera = &rig.camera;
     let faintest = 1.0 / camera.exposure_s; // an electron in the default exposure: as good as nothing
@@ -143,9 +146,10 @@ pub fn propose(
 fn test(
     rig: &Rig,
     request: &Request,
+    code: Option<Coding>,
     instrument: &mut Instrument,
 ) -> Result<(Vec<f64>, Vec<Vec<f64>>), MeasurementError> {
-    let lit = patterns(rig, request)?;
+    let lit = patterns(rig, request, code)?;
     let tests_s: Vec<f64> = (0..TESTS)
         .rev()
         .map(|step| rig.camera.exposure_s / TEST_RATIO.powi(step))

@@ -5,14 +5,17 @@ use crate::capture::{Captured, Instrument, Tally};
 use crate::hemisphere::judged::is_judged;
 use crate::instrument::optics::{DirectionMap, View};
 use crate::instrument::rig::Rig;
+use crate::plan::light::Coding;
 use crate::plan::pattern::PatternMaker;
 use crate::plan::schedule::{LONGEST_EXPOSURE_S, SHORTEST_EXPOSURE_S, Timing};
 use crate::plan::{Directions, PlanError, Request};
 
 mod brackets;
+mod light;
 mod spot;
 
 pub use brackets::{Proposal, propose};
+pub use light::{LightChoice, choose_light};
 pub use spot::{SpotChoice, choose_spot};
 
 /// Incident directions of the pilot capture that chooses the exposure time.
@@ -25,25 +28,42 @@ pub(crate) const PILOT_TARGET: f64 = 0.85;
 /// The exposure time in s at which the brightest pixels of a few test exposures nearly fill the camera's range;
 /// at most the rig's default, beyond which the measurement would take longer than the rig is made for.
 ///
-/// `rig` has its camera image scaled as `request` will be measured.
+/// `rig` has its camera image scaled as `request` will be measured, with patterns of `code` if there is one.
 ///
 /// # Errors
 /// [`MeasurementError`].
 pub fn auto_exposure_s(
     rig: &Rig,
     request: &Request,
+    code: Option<Coding>,
     instrument: &mut Instrument,
 ) -> Result<f64, MeasurementError> {
-    let patterns = patterns(rig, request)?;
+    let patterns = patterns(rig, request, code)?;
     let longest_s = TestExposures::take(rig, &patterns, instrument)?.longest_s;
     Ok(longest_s
         .min(rig.camera.exposure_s)
         .clamp(SHORTEST_EXPOSURE_S, LONGEST_EXPOSURE_S))
 }
 
-/// Lit pixels of some patterns that are spread over the grid of `request`.
-fn patterns(rig: &Rig, request: &Request) -> Result<Vec<Vec<u32>>, MeasurementError> {
+/// Lit pixels of some patterns that are spread over the grid of `request`, or of some patterns of its `code`.
+fn patterns(rig: &Rig, request: &Request, code: Option<Coding>) -> Result<Vec<Vec<u32>>, MeasurementError> {
     let directions = Directions::new(rig, &request.grid)?;
+    if let Some(code) = code {
+        let cells = directions.lit_sets(rig, request.spot_deg(rig));
+        let codes = code.patterns(cells.len()).map_err(PlanError::from)?;
+        let irradiance = |number: &usize| codes.lit(*number).map(|cell| cells[cell].irradiance).sum::<f64>();
+        let mut brightest: Vec<usize> = (0..codes.len()).collect();
+        brightest.sort_by_cached_key(|number| (-1e9 * irradiance(number)) as i64);
+        // Those with most light, and as many of all; an odd stride again: with inverted patterns both kinds come.
+        let half = PILOT_DIRECTIONS / 2;
+        brightest.truncate(half);
+        brightest.extend((0..codes.len()).step_by((codes.len() / half).max(1) | 1));
+        let lit = |number: usize| {
+            let lit = codes.lit(number).flat_map(|cell| &cells[cell].pixels);
+            lit.copied().collect()
+        };
+        return Ok(brightest.into_iter().map(lit).collect());
+    }
     let measurable: Vec<usize> = directions.measurable().collect();
     let maker = PatternMaker::new(
         View::projector(rig),

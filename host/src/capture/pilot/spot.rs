@@ -83,7 +83,7 @@ pub fn choose_spot(
     instrument: &mut Instrument,
 ) -> Result<SpotChoice, MeasurementError> {
     let mut all = vec![Vec::new(); BLACK];
-    all.extend(patterns(rig, request)?);
+    all.extend(patterns(rig, request, None)?);
     let tests = TestExposures::take(rig, &all, instrument)?;
     let pixels = pixels(rig, &tests);
     let usual_deg = request.spot_deg(rig);

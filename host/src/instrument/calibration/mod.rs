@@ -158,6 +158,13 @@ impl AppliedCalibration {
     /// Name of its file in a measurement.
     pub const FILE: &str = "calibration.json";
 
+    /// Share of the camera's range above the dark level up to which it is linear.
+    pub(crate) fn linear_to(&self) -> f64 {
+        self.photometry
+            .as_ref()
+            .map_or(1.0, |found| found.camera.linear_to)
+    }
+
     /// What the measurement in `dir` takes into account: nothing if there is no such file.
     ///
     /// # Errors

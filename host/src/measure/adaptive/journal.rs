@@ -22,6 +22,7 @@ use crate::hemisphere::incident::{Grid, IncidentError};
 use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::rig::{Rig, RigError, explain};
 use crate::measure::MeasureError;
+use crate::plan::light::Light;
 use crate::plan::{BLACK_EXPOSURES, Plan, Request, Virtual};
 use crate::store::checksum::sum;
 use crate::store::raw::SUBJECT;
@@ -54,6 +55,14 @@ pub enum AdaptiveError {
         /// What differs.
         field: &'static str,
     },
+    /// Codes light many directions at once.
+    #[error(
+        "light: expected single with --adaptive, which looks at each direction before it chooses the next, found {found}"
+    )]
+    Light {
+        /// What was asked for.
+        found: Light,
+    },
     /// Nothing was seen that an error could be predicted from.
     #[error(
         "adaptive: expected images from which errors can be predicted, found none in {captures} captures: they are saturated, \
@@ -76,7 +85,11 @@ pub enum AdaptiveError {
 impl Blame for AdaptiveError {
     fn is_input(&self) -> bool {
         match self {
-            Self::Goal(_) | Self::Toml(_) | Self::Differs { .. } | Self::OutOfReach { .. } => true,
+            Self::Goal(_)
+            | Self::Toml(_)
+            | Self::Differs { .. }
+            | Self::Light { .. }
+            | Self::OutOfReach { .. } => true,
             Self::Measure(error) => error.is_input(),
             Self::NothingSeen { .. } => false,
         }

@@ -64,6 +64,9 @@ pub fn measure(
     resume: bool,
     progress: &dyn Progress,
 ) -> Result<(Job, Measurement, Adapted), AdaptiveError> {
+    if !request.light.is_single() {
+        return Err(AdaptiveError::Light { found: request.light });
+    }
     let request = Request {
         grid: grid(None),
         ..request.clone()

@@ -16,15 +16,10 @@
 //! - [`cells`]: blocks of cells that share no projector pixel
 //! - [`choose`](mod@choose): whether it is worth it, from a pilot capture
 
-pub mod cells;
 pub mod choose;
-pub mod code;
-pub mod demultiplex;
 mod pilot;
 #[cfg(test)]
 mod tests;
 
-pub use cells::{Blocks, CellError};
+pub use crate::plan::light::{Blocks, CellError, Code, CodeError, cells, code, demultiplex};
 pub use choose::{Choice, MultiplexError, choose};
-pub use code::{Code, CodeError};
-pub use demultiplex::demultiplex;

@@ -13,7 +13,6 @@
 //!
 //! All signals are rates in electrons per second.
 
-use super::cells::{Blocks, CellError, check_disjoint, union};
 use super::choose::MultiplexError;
 use crate::capture::pilot::{PILOT_CLIPPED, PILOT_TARGET, TestExposures, spread};
 use crate::capture::{Captured, Instrument};
@@ -21,6 +20,7 @@ use crate::hemisphere::direction::angle_between;
 use crate::hemisphere::judged::is_judged;
 use crate::instrument::optics::{DirectionMap, View};
 use crate::instrument::rig::Rig;
+use crate::plan::light::cells::{Blocks, union};
 use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::plan::{Directions, Request};
 
@@ -175,15 +175,6 @@ impl Mean {
     fn f(&self) -> f64 {
         self.rate.max(self.variance.sqrt()) / self.irradiance
     }
-}
-
-/// The blocks of `cells` of at most `order` cells, none of which overlap.
-pub(super) fn blocks(cells: &[LitSet], order: usize) -> Result<Blocks, CellError> {
-    let blocks = Blocks::new(cells.len(), order)?;
-    for block in 0..blocks.count() {
-        check_disjoint(blocks.cells(block).map(|cell| (cell, &cells[cell])))?;
-    }
-    Ok(blocks)
 }
 
 impl Sums {

@@ -34,6 +34,7 @@ pub(super) struct Case {
     pub(super) adaptive: bool,
     pub(super) brackets: Option<&'static str>,
     pub(super) exposure_ms: Option<&'static str>,
+    pub(super) light: Option<&'static str>,
     pub(super) world: World,
     pub(super) tilt: Option<&'static str>,
     pub(super) noise: bool,
@@ -61,6 +62,7 @@ pub(super) const USUAL: Case = Case {
     adaptive: false,
     brackets: None,
     exposure_ms: None,
+    light: None,
     world: World::AsFiled,
     tilt: None,
     noise: true,
@@ -75,7 +77,7 @@ pub(super) const USUAL: Case = Case {
 /// A feature's name, and the values that are not the usual one with what they change.
 type Feature = (&'static str, &'static [(&'static str, fn(&mut Case))]);
 
-pub(super) const FEATURES: [Feature; 15] = [
+pub(super) const FEATURES: [Feature; 16] = [
     (
         "rig",
         &[("rcg-2", |c| c.rig = "rcg-2"), ("dmd", |c| c.rig = "dmd")],
@@ -114,6 +116,14 @@ pub(super) const FEATURES: [Feature; 15] = [
                     c.sample = DARK;
                 }
             }),
+        ],
+    ),
+    (
+        "light",
+        &[
+            ("multiplexed", |c| c.light = Some("multiplexed:7")),
+            ("complement", |c| c.light = Some("complement:3")),
+            ("auto", |c| c.light = Some("auto")),
         ],
     ),
     (
@@ -196,9 +206,11 @@ impl Case {
             Via::Multiplex if is_bracketed || self.exposure_ms.is_some() => {
                 Some("finds the exposure times of every alternative itself")
             }
+            Via::Multiplex if self.light.is_some() => Some("--light: expected single"),
             Via::Multiplex if self.adaptive => Some("--adaptive"),
             Via::Multiplex if self.resume => Some("--resume"),
             Via::Multiplex if self.replay => Some("--replay"),
+            _ if self.adaptive && self.light.is_some() => Some("light: expected single with --adaptive"),
             _ => None,
         }
     }

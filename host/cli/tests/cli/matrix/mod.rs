@@ -2,7 +2,7 @@
 //! refused in one sentence that says why.
 //!
 //! # Design
-//! A table of features ([`features`]) makes some 360 pairs of values that are not the usual ones. Each pair is tried with
+//! A table of features ([`features`]) makes some 440 pairs of values that are not the usual ones. Each pair is tried with
 //! images of 24 pixels. A run of the tests draws [`DRAWN`] of them; `RCG_FULL=1` tries all, `RCG_SEED=N` draws others, and
 //! `RCG_PAIR=feature=value,feature=value` tries one.
 
@@ -166,6 +166,7 @@ impl Trial<'_> {
         for (option, value) in [
             ("--brackets", case.brackets),
             ("--exposure-ms", case.exposure_ms),
+            ("--light", case.light),
             ("--tilt", case.tilt),
         ] {
             if let Some(value) = value {
@@ -342,8 +343,10 @@ impl Trial<'_> {
     fn check(&self, found: &Scores, what: &str) {
         let case = &self.case;
         if found.count == 0 {
+            // Many directions at once saturate the camera in what suits a few exposure times of one.
+            let is_coded = case.light.is_some() && case.exposure_ms.is_some();
             let is_long = case.exposure_ms == Some("2000");
-            assert!(is_long, "{what}: nothing was measured");
+            assert!(is_long || is_coded, "{what}: nothing was measured");
             return;
         }
         // What nobody calibrated is not in the uncertainty, and 1/cosθ is steep for these coarse pixels.

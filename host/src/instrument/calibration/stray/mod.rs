@@ -300,6 +300,37 @@ impl Removal {
         }
     }
 
+    /// What came other ways with an image that has lost it, `clean`, into `room`, as [`find`](Self::find) would have found it;
+    /// a pixel without a value (NaN) is taken to be dark.
+    pub(crate) fn of_clean(
+        &self,
+        clean: &[Vec4],
+        lit: &[f64; PROJECTOR_TERMS],
+        exposure_s: f64,
+        room: &mut Room,
+    ) {
+        let direct = self.direct_coefficients(lit, exposure_s);
+        let direct_doubt = Vec4::splat(self.direct_uncertainty * (lit[0] * exposure_s) as f32);
+        room.clean.clear();
+        let known = |clean: &Vec4| Vec4::select(clean.is_nan_mask(), Vec4::ZERO, *clean);
+        room.clean.extend(clean.iter().map(known));
+        self.spread(&room.clean, &mut room.once, &mut room.halo);
+        room.stray.clear();
+        room.doubt.clear();
+        for (spread, terms) in room.once.iter().zip(&self.camera_terms) {
+            let mut light = Vec4::ZERO;
+            for (coefficients, term) in direct.iter().zip(terms) {
+                light += *coefficients * *term;
+            }
+            room.stray.push(light + *spread);
+            room.doubt
+                .push(hypot(direct_doubt, *spread * self.halo_uncertainty));
+        }
+        if let Some((shifted, share, uncertainty)) = &self.ghost {
+            shifted.doubt(&room.clean, *share, *uncertainty, &mut room.doubt);
+        }
+    }
+
     /// Adds what the light of saturated pixels beyond saturation makes.
     fn find_beyond(&self, shown: &[Vec4], room: &mut Room) {
         room.beyond.clear();

@@ -16,14 +16,14 @@
 
 use serde::Serialize;
 
-use super::cells::CellError;
-use super::pilot::{Singles, Sums, Value, blocks};
+use super::pilot::{Singles, Sums, Value};
 use crate::base::blame::Blame;
 use crate::base::median::median;
 use crate::capture::Instrument;
 use crate::capture::directory::MeasurementError;
 use crate::hemisphere::incident::IncidentError;
 use crate::instrument::rig::Rig;
+use crate::plan::light::cells::{CellError, disjoint_blocks};
 use crate::plan::schedule::Timing;
 use crate::plan::{PlanError, Request};
 
@@ -137,7 +137,7 @@ pub fn choose(
     let mut refused = Vec::new();
     let mut sums = Vec::new();
     for order in order.map_or_else(|| ORDERS.to_vec(), |order| vec![order]) {
-        match blocks(&singles.cells, order) {
+        match disjoint_blocks(&singles.cells, order) {
             Ok(blocks) => sums.push((order, Sums::take(rig, &singles, blocks, instrument)?)),
             Err(error) => refused.push((order, error)),
         }

@@ -34,6 +34,17 @@ pub enum CellError {
         /// What was asked for.
         order: usize,
     },
+    /// Frames of a block of so many cells would fill the memory.
+    #[error(
+        "light: expected at most {most} cells (incident directions) of a block, whose frames are held in memory together, found \
+         {order}"
+    )]
+    TooLarge {
+        /// Cells whose frames can be held.
+        most: usize,
+        /// What was asked for.
+        order: usize,
+    },
     /// Two cells of a block have a projector pixel in common.
     #[error(
         "cells of one block: expected disjoint patterns, found projector pixel {pixel} in those of incident directions \
@@ -105,6 +116,18 @@ pub fn check_disjoint<'a>(cells: impl IntoIterator<Item = (usize, &'a LitSet)>) 
         }
     }
     Ok(())
+}
+
+/// The blocks of `cells`, each with what it lights, of at most `order` cells, none of which overlap.
+///
+/// # Errors
+/// As [`Blocks::new`] and [`check_disjoint`].
+pub fn disjoint_blocks(cells: &[LitSet], order: usize) -> Result<Blocks, CellError> {
+    let blocks = Blocks::new(cells.len(), order)?;
+    for block in 0..blocks.count() {
+        check_disjoint(blocks.cells(block).map(|cell| (cell, &cells[cell])))?;
+    }
+    Ok(blocks)
 }
 
 /// The pixels that `exposure` of `code` lights: the union of its lit cells. `cells` is in the order of the code.
