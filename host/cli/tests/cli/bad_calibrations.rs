@@ -167,7 +167,7 @@ fn a_calibration_of_something_else_than_numbers_is_refused_by_its_field() {
         "",
         2,
         &[
-            "photometry.json: version: expected 7",
+            "photometry.json: version: expected 8",
             "rcg calibrate photometry --out DIR",
             "found 0",
         ],
