@@ -20,7 +20,7 @@ const GROWTH_LEAST: f64 = 0.8;
 const FARTHEST: Unknowns = [0.15, 0.15, 0.15, 0.4, 0.4, 1.0];
 const STILL: f64 = 0.02;
 /// Turns in a row that are enough.
-const ENOUGH: usize = 2;
+const ENOUGH: usize = 4;
 /// It also does where it would change by less than this share of what it is uncertain by.
 const WITHIN: f64 = 1.0;
 /// Steps that turn back are made so much shorter, down to this share of them.
