@@ -38,6 +38,8 @@ struct Albedo {
     of: Vec<f32>,
     /// Whether a lobe around the mirrored direction would be in it, [cell].
     is_told: Vec<bool>,
+    /// Mean over the hemisphere of what is told, of each channel.
+    usual: Vec<f64>,
 }
 
 impl Albedo {
@@ -55,7 +57,11 @@ impl Albedo {
         let is_told = (0..disk.len())
             .map(|cell| disk.direction(cell).is_some_and(is_lit))
             .collect();
-        Self { of, is_told }
+        Self {
+            of,
+            is_told,
+            usual: Vec::new(),
+        }
     }
 }
 
@@ -134,7 +140,20 @@ impl Returned {
                 }
             }
         }
-        self.albedo = Some(Albedo::new(albedo, self.disk, self.channels));
+        self.albedo = Some(self.with_usual(Albedo::new(albedo, self.disk, self.channels)));
+    }
+
+    /// `albedo` with its means.
+    fn with_usual(&self, mut albedo: Albedo) -> Albedo {
+        let of = |channel: usize| {
+            let told = |cell: usize| {
+                let of = f64::from(albedo.of[cell * self.channels + channel]);
+                if albedo.is_told[cell] { of } else { f64::NAN }
+            };
+            self.mean(told).map_or(1.0, |(mean, _)| mean)
+        };
+        albedo.usual = (0..self.channels).map(of).collect();
+        albedo
     }
 
     /// For the image f of light from `wi`, of which those cells are known that are `measured`.
@@ -146,11 +165,7 @@ impl Returned {
         channel: usize,
     ) -> Incoming {
         if let Some(albedo) = &self.albedo {
-            let told = |cell: usize| {
-                let of = f64::from(albedo.of[cell * self.channels + channel]);
-                if albedo.is_told[cell] { of } else { f64::NAN }
-            };
-            let usual = self.mean(told).map_or(1.0, |(mean, _)| mean);
+            let usual = albedo.usual[channel];
             let (mut sum, mut weights, mut is_told) = (0.0, 0.0, true);
             for (cell, weight) in self.disk.neighbours(wi).unwrap_or_default() {
                 let of = albedo.of.get(cell * self.channels + channel);
@@ -244,7 +259,7 @@ mod tests {
                 .map(|cell| if is_seen(cell) { value } else { f32::NAN })
                 .collect()
         };
-        returned.albedo = albedo.map(|value| Albedo::new(of(value), disk, 1));
+        returned.albedo = albedo.map(|value| returned.with_usual(Albedo::new(of(value), disk, 1)));
         (returned, of(0.02))
     }
 

@@ -90,8 +90,7 @@ fn a_calibrated_rig_measures_what_is_there_tilted_too() {
         "",
     )
     .object();
-    // By coarse images.
-    assert!(number(&geometry, "camera_deg") < 0.1 && number(&geometry, "projector_deg") < 0.2);
+    assert!(number(&geometry, "camera_deg") < 0.05 && number(&geometry, "projector_deg") < 0.05);
     let standards = lab.calibrate("photometry", "32", &["--tilts", "51:84:40", "--json"]);
     let photometry = run(&standards, "").object();
     assert!(number(&photometry, "field_uncertainty") < 0.005);

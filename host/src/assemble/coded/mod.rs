@@ -25,7 +25,7 @@ use rayon::prelude::*;
 
 use super::merge::lanes;
 use super::projection::Projection;
-use super::radiometry::{Bench, Out, Radiometry, Way, Work, image, image_merged, resample};
+use super::radiometry::{Bench, Out, Radiometry, Way, Work, image, image_merged, resample, root};
 use super::window::Agree;
 use crate::assemble::{AssembleError, Assembled};
 use crate::instrument::optics::Unmeasurable;
@@ -319,11 +319,6 @@ impl Cells {
     pub(super) fn remove(self) -> Result<(), StoreError> {
         self.spool.remove()
     }
-}
-
-/// √ of each lane.
-fn root(of: Vec4) -> Vec4 {
-    Vec4::from_array(of.to_array().map(f32::sqrt))
 }
 
 impl Shown {

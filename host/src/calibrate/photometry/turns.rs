@@ -15,14 +15,14 @@ const TURNS: usize = 12;
 /// Up to which θ in degrees the turns before them reach, and how little of its prediction is whole then.
 const GROWTH_DEG: [f64; 6] = [52.0, 60.0, 66.0, 72.0, 76.0, 80.0];
 const GROWTH_LEAST: f64 = 0.8;
-/// In one turn what part of the standard is seen changes by so many tolerances at most, and by less it counts as found: what edges do
-/// is linear over a part of a millimetre only, what falloff does is nearly.
+/// In one turn what part of the standard is seen changes by so many tolerances at most: what edges do is linear over a part of a
+/// millimetre only, what falloff does is nearly.
 const FARTHEST: Unknowns = [0.15, 0.15, 0.15, 0.4, 0.4, 1.0];
+/// It stands still where it changes by less than so many tolerances, or than this share of what it is uncertain by.
 const STILL: f64 = 0.02;
-/// Turns in a row that are enough.
-const ENOUGH: usize = 4;
-/// It also does where it would change by less than this share of what it is uncertain by.
 const WITHIN: f64 = 1.0;
+/// Turns in a row in which it stands still that are enough.
+const ENOUGH: usize = 4;
 /// Steps that turn back are made so much shorter, down to this share of them.
 const SHORTER: f64 = 0.5;
 const SHORTEST: f64 = 0.05;

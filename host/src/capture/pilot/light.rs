@@ -16,7 +16,7 @@ use crate::capture::Instrument;
 use crate::capture::directory::MeasurementError;
 use crate::instrument::rig::Rig;
 use crate::plan::light::{Coding, usable};
-use crate::plan::schedule::{LONGEST_EXPOSURE_S, SHORTEST_EXPOSURE_S, Timing};
+use crate::plan::schedule::Timing;
 use crate::plan::{Directions, PlanError, Request, most_cells};
 
 /// Black patterns, whose mean counts.
@@ -156,10 +156,6 @@ impl Rates {
         let mut all = vec![Vec::new(); BLACK];
         all.extend(patterns(rig, request, code)?);
         let tests = TestExposures::take(rig, &all, instrument)?;
-        let longest_s = tests
-            .longest_s
-            .min(rig.camera.exposure_s)
-            .clamp(SHORTEST_EXPOSURE_S, LONGEST_EXPOSURE_S);
         let judged: Vec<bool> = judged(rig).collect();
         let of = |shot: &crate::capture::Captured| {
             let judged = shot.dn.iter().zip(&judged).filter(|(_, judged)| **judged);
@@ -169,7 +165,7 @@ impl Rates {
         };
         Ok(Self {
             patterns: tests.shots.iter().map(of).collect(),
-            exposure_s: request.exposure_s.unwrap_or(longest_s),
+            exposure_s: request.exposure_s.unwrap_or_else(|| tests.auto_s(rig)),
             is_too_bright: request
                 .exposure_s
                 .is_some_and(|asked_s| asked_s > tests.longest_s / PILOT_TARGET),

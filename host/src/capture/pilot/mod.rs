@@ -39,10 +39,7 @@ pub fn auto_exposure_s(
     instrument: &mut Instrument,
 ) -> Result<f64, MeasurementError> {
     let patterns = patterns(rig, request, code)?;
-    let longest_s = TestExposures::take(rig, &patterns, instrument)?.longest_s;
-    Ok(longest_s
-        .min(rig.camera.exposure_s)
-        .clamp(SHORTEST_EXPOSURE_S, LONGEST_EXPOSURE_S))
+    Ok(TestExposures::take(rig, &patterns, instrument)?.auto_s(rig))
 }
 
 /// Lit pixels of some patterns that are spread over the grid of `request`, or of some patterns of its `code`.
@@ -104,6 +101,13 @@ pub(crate) struct TestExposures {
 }
 
 impl TestExposures {
+    /// The exposure time in s that a measurement on `rig` has after them.
+    pub(crate) fn auto_s(&self, rig: &Rig) -> f64 {
+        self.longest_s
+            .min(rig.camera.exposure_s)
+            .clamp(SHORTEST_EXPOSURE_S, LONGEST_EXPOSURE_S)
+    }
+
     /// Takes an exposure of each of `patterns` (lit pixels), shorter and shorter ones until they do not saturate, or cannot
     /// be shorter.
     pub(crate) fn take(

@@ -135,13 +135,6 @@ impl SeenPart {
         }
     }
 
-    /// Standard uncertainty of the sample's place, metres: that of the axis that is known worst.
-    #[must_use]
-    pub fn worst_m(&self) -> f64 {
-        let variances = (0..3).map(|axis| self.covariance[axis][axis]);
-        variances.fold(0.0, f64::max).sqrt()
-    }
-
     /// `rig` with it.
     fn rig(&self, rig: &Rig) -> Rig {
         let mut rig = rig.clone();

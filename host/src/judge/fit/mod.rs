@@ -190,14 +190,13 @@ impl Fit {
                 solution = solve::solve(model, seen, &points, &bounded, range)?;
             }
         }
-        let (sharp, is_sharp_converged) =
-            solve::unknowns(model, &points, &points, &solution.unknowns, range)?;
         let unknowns = &solution.unknowns;
         if !stands_out(&solution) {
             return Err(FitError::NoLobe {
                 alpha: [unknowns[0].exp(), unknowns[1].exp()],
             });
         }
+        let (sharp, is_sharp_converged) = solve::unknowns(model, &points, &points, unknowns, range)?;
         // From ln α to α.
         let scale = |at: usize| if at < 2 { unknowns[at].exp() } else { 1.0 };
         let value = |at: usize| if at < 2 { scale(at) } else { unknowns[at] };

@@ -11,7 +11,7 @@
 
 use std::collections::BTreeMap;
 
-use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
+use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt, TerminationReason};
 use nalgebra::{DMatrix, DVector, Dyn, Matrix2, Owned, Vector2};
 use rayon::prelude::*;
 
@@ -29,6 +29,10 @@ const STEP: f64 = 1e-4;
 /// material without a lobe has no minimum to speak of, and would be searched for long.
 const CHI_SQUARED_STEP: f64 = 1e-9;
 const UNKNOWNS_STEP: f64 = 1e-6;
+/// A search has so many legs of so many evaluations for each unknown, and ends after one that left the range of roughness: it
+/// does not come back.
+const LEGS: usize = 10;
+const PATIENCE: usize = 10;
 /// Roughness from which fits start.
 const STARTS: [f64; 5] = [0.03, 0.07, 0.15, 0.35, 0.8];
 /// Roughness beyond which there is no lobe, or one that no pixel resolves.
@@ -258,16 +262,23 @@ fn minimum<'a>(
     let mut is_converged = true;
     // Once more with the weights that belong to the solution.
     for _ in 0..2 {
-        let (solved, report) = LevenbergMarquardt::new()
-            .with_ftol(CHI_SQUARED_STEP)
-            .with_xtol(UNKNOWNS_STEP)
-            .minimize(problem);
-        problem = solved;
-        is_converged = report.termination.was_successful();
-        let is_in_range = alpha(&problem.unknowns).iter().all(|alpha| ALPHA.contains(alpha));
+        let is_in_range =
+            |problem: &Problem| alpha(&problem.unknowns).iter().all(|alpha| ALPHA.contains(alpha));
+        for _ in 0..LEGS {
+            let (solved, report) = LevenbergMarquardt::new()
+                .with_ftol(CHI_SQUARED_STEP)
+                .with_xtol(UNKNOWNS_STEP)
+                .with_patience(PATIENCE)
+                .minimize(problem);
+            problem = solved;
+            is_converged = report.termination.was_successful();
+            if report.termination != TerminationReason::LostPatience || !is_in_range(&problem) {
+                break;
+            }
+        }
         let is_bare =
             (0..seen.channels).all(|channel| range == Range::Physical && problem.linear(channel)[1] <= 0.0);
-        if !is_in_range || is_bare {
+        if !is_in_range(&problem) || is_bare {
             return Err(FitError::NoLobe {
                 alpha: alpha(&problem.unknowns),
             });
