@@ -85,7 +85,7 @@ impl Correction {
                 ));
             }
             (cells, cell_relative2) = throughput(rig, photometry, disk);
-            (standard, residual) = (photometry.standard_uncertainty, photometry.field_residual);
+            (standard, residual) = (photometry.uncertainty_by_standard(), photometry.field_residual);
         }
         let [camera_deg, projector_deg] = applied.direction_deg;
         let band_of = |w: DVec3| band(w.z.clamp(-1.0, 1.0).acos().to_degrees());

@@ -27,9 +27,10 @@ pub(crate) struct Args {
     /// The reflectance standard: a .bsdf file or a model such as lambert:0.98
     #[arg(long, value_name = "SAMPLE", default_value = "lambert:0.98")]
     standard: String,
-    /// A second standard, darker by 0.3 or more, which shows the interreflection; none to do without
-    #[arg(long, value_name = "SAMPLE", default_value = "lambert:0.2")]
-    second_standard: String,
+    /// A second standard, darker by 0.3 or more, which shows the interreflection; none to do without [default: lambert:0.2, none
+    /// for a camera whose steps are coarser than its noise, as of 8 bits]
+    #[arg(long, value_name = "SAMPLE")]
+    second_standard: Option<String>,
     /// Tilts at which the standard is captured too: all those of `rcg measure --tilt`, whose samples are seen in other parts
     /// of the images
     #[arg(
@@ -74,9 +75,16 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             args.out.display()
         ));
     } else {
+        let path = args.out.join(RIG);
+        let is_new = !path.is_file();
+        let full = if is_new {
+            Rig::load(rig)?
+        } else {
+            Rig::load(&path.display().to_string())?
+        };
         let request = Request {
             standard: args.standard.clone(),
-            second_standard: (args.second_standard != "none").then(|| args.second_standard.clone()),
+            second_standard: second_standard(args, &full, output),
             tilts: args.tilts.clone(),
             exposure_s: args.exposure_ms.map(|ms| ms * 1e-3),
             image_size: args.image_size,
@@ -85,9 +93,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         for standard in std::iter::once(&request.standard).chain(&request.second_standard) {
             parse(standard)?;
         }
-        let path = args.out.join(RIG);
-        if !path.is_file() {
-            write_whole(&path, Rig::load(rig)?.to_toml().as_bytes())?;
+        if is_new {
+            write_whole(&path, full.to_toml().as_bytes())?;
         }
         capture(&request, &args.out, &world, output)?;
     }
@@ -100,6 +107,23 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         photometry,
     };
     output.print(&summary, || text(&summary))
+}
+
+/// The second standard that is asked for, or serves on `rig`.
+fn second_standard(args: &Args, rig: &Rig, output: &Output) -> Option<String> {
+    match args.second_standard.as_deref() {
+        Some("none") => None,
+        Some(asked) => Some(asked.to_owned()),
+        None => {
+            let usual = Request::usual_second_standard(rig);
+            if usual.is_none() {
+                output.remark(
+                    "no second standard: this camera's steps would hide what a dark one shows; interreflection stays unknown",
+                );
+            }
+            usual
+        }
+    }
 }
 
 /// What was found, and what is weak in it.

@@ -54,13 +54,15 @@ const WIDE: f64 = 0.7;
 const WIDEST_DEG: f64 = 30.0;
 /// Segments of incident directions of the second standard.
 const SECOND: usize = 2;
+/// Noise dithers steps that are up to so many times its standard deviation; beyond, the more of dim light is lost the dimmer it is.
+const COARSE: f64 = 4.0;
 
 /// What is asked for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Request {
     /// The reflectance standard, as [`crate::brdf::sample::parse`] takes it.
     pub standard: String,
-    /// A second standard of another reflectance, for the interreflection.
+    /// A second standard of another reflectance, for the interreflection; see [`Request::usual_second_standard`].
     pub second_standard: Option<String>,
     /// Tilts at which the standard is captured too: those at which samples will be measured.
     pub tilts: Vec<Tilt>,
@@ -68,6 +70,16 @@ pub struct Request {
     pub exposure_s: Option<f64>,
     /// Pixels a side of the camera's image.
     pub image_size: u32,
+}
+
+impl Request {
+    /// The second standard that serves on `rig`; `None` where its camera's steps are so coarse that what a dark standard shows is lost
+    /// in them.
+    #[must_use]
+    pub fn usual_second_standard(rig: &Rig) -> Option<String> {
+        let step_e = rig.gain_e_per_dn();
+        (step_e < COARSE * rig.camera.read_noise_e).then(|| "lambert:0.2".to_owned())
+    }
 }
 
 /// What was captured.

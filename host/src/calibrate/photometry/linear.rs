@@ -3,11 +3,12 @@
 use super::camera::{Times, moments};
 use crate::instrument::calibration::CameraFound;
 use crate::instrument::calibration::lamp::SLOW;
-use crate::instrument::rig::Rig;
+use crate::instrument::rig::{Binned, Rig};
 
 /// Digital numbers → what they would be if the camera were linear, above the dark level.
 pub(super) struct Linear {
     pub(super) camera: CameraFound,
+    binned: Binned,
     /// The same of a pixel of the sensor.
     pub(super) sensor: CameraFound,
     /// Of numbers above the dark level.
@@ -21,6 +22,7 @@ impl Linear {
         let sensor = found.of_sensor(binned);
         Self {
             camera: sensor.of_image(binned),
+            binned: *binned,
             sensor,
             range: f64::from(rig.saturation_dn()) - found.dark_dn,
         }
@@ -64,9 +66,12 @@ impl Linear {
             .iter()
             .map(|times| {
                 let light = each(&times.lit) - each(&times.dark);
-                let noise =
-                    self.camera.read_variance_dn2() * count + light.max(0.0) / self.camera.gain_e_per_dn;
-                let relative = noise / times.lit.len() as f64 / light.powi(2).max(f64::MIN_POSITIVE);
+                let gain = self.camera.gain_e_per_dn;
+                let noise = self.camera.read_variance_dn2() * count + light.max(0.0) / gain;
+                // Dim pixels that are alike fall short by the same part of the converter's step, in all frames.
+                let steps = self.binned.common_e() / gain * count;
+                let noise = noise / times.lit.len() as f64 + steps * steps;
+                let relative = noise / light.powi(2).max(f64::MIN_POSITIVE);
                 (light / times.exposure_s, relative)
             })
             .collect();
