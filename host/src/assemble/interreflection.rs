@@ -42,29 +42,6 @@ struct Albedo {
     usual: Vec<f64>,
 }
 
-impl Albedo {
-    fn new(of: Vec<f32>, disk: Disk, channels: usize) -> Self {
-        let is_seen = |cell: usize| of.get(cell * channels).is_some_and(|albedo| albedo.is_finite());
-        let is_lit = |w: DVec3| {
-            let mirrored = DVec3::new(-w.x, -w.y, w.z);
-            let around = disk.neighbours(mirrored);
-            around.is_some_and(|around| {
-                around
-                    .iter()
-                    .all(|(cell, weight)| *weight <= 0.0 || is_seen(*cell))
-            })
-        };
-        let is_told = (0..disk.len())
-            .map(|cell| disk.direction(cell).is_some_and(is_lit))
-            .collect();
-        Self {
-            of,
-            is_told,
-            usual: Vec::new(),
-        }
-    }
-}
-
 /// What one channel of an image is made with.
 pub(super) struct Incoming {
     channel: usize,
@@ -140,20 +117,36 @@ impl Returned {
                 }
             }
         }
-        self.albedo = Some(self.with_usual(Albedo::new(albedo, self.disk, self.channels)));
+        self.albedo = Some(self.albedo(albedo));
     }
 
-    /// `albedo` with its means.
-    fn with_usual(&self, mut albedo: Albedo) -> Albedo {
-        let of = |channel: usize| {
+    /// That of `of`, [cell, channel].
+    fn albedo(&self, of: Vec<f32>) -> Albedo {
+        let is_seen = |cell: usize| {
+            of.get(cell * self.channels)
+                .is_some_and(|albedo| albedo.is_finite())
+        };
+        let is_lit = |w: DVec3| {
+            let mirrored = DVec3::new(-w.x, -w.y, w.z);
+            let around = self.disk.neighbours(mirrored);
+            around.is_some_and(|around| {
+                around
+                    .iter()
+                    .all(|(cell, weight)| *weight <= 0.0 || is_seen(*cell))
+            })
+        };
+        let is_told: Vec<bool> = (0..self.disk.len())
+            .map(|cell| self.disk.direction(cell).is_some_and(is_lit))
+            .collect();
+        let usual = |channel: usize| {
             let told = |cell: usize| {
-                let of = f64::from(albedo.of[cell * self.channels + channel]);
-                if albedo.is_told[cell] { of } else { f64::NAN }
+                let of = f64::from(of[cell * self.channels + channel]);
+                if is_told[cell] { of } else { f64::NAN }
             };
             self.mean(told).map_or(1.0, |(mean, _)| mean)
         };
-        albedo.usual = (0..self.channels).map(of).collect();
-        albedo
+        let usual = (0..self.channels).map(usual).collect();
+        Albedo { of, is_told, usual }
     }
 
     /// For the image f of light from `wi`, of which those cells are known that are `measured`.
@@ -259,7 +252,7 @@ mod tests {
                 .map(|cell| if is_seen(cell) { value } else { f32::NAN })
                 .collect()
         };
-        returned.albedo = albedo.map(|value| returned.with_usual(Albedo::new(of(value), disk, 1)));
+        returned.albedo = albedo.map(|value| returned.albedo(of(value)));
         (returned, of(0.02))
     }
 

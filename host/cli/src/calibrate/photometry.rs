@@ -28,7 +28,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "SAMPLE", default_value = "lambert:0.98")]
     standard: String,
     /// A second standard, darker by 0.3 or more, which shows the interreflection; none to do without [default: lambert:0.2, none
-    /// for a camera whose steps are coarser than its noise, as of 8 bits]
+    /// for a camera whose steps are coarser than 4 times its noise, as of 8 bits]
     #[arg(long, value_name = "SAMPLE")]
     second_standard: Option<String>,
     /// Tilts at which the standard is captured too: all those of `rcg measure --tilt`, whose samples are seen in other parts
@@ -77,11 +77,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     } else {
         let path = args.out.join(RIG);
         let is_new = !path.is_file();
-        let full = if is_new {
-            Rig::load(rig)?
-        } else {
-            Rig::load(&path.display().to_string())?
-        };
+        let kept = path.display().to_string();
+        let full = Rig::load(if is_new { rig } else { &kept })?;
         let request = Request {
             standard: args.standard.clone(),
             second_standard: second_standard(args, &full, output),
@@ -111,19 +108,14 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
 
 /// The second standard that is asked for, or serves on `rig`.
 fn second_standard(args: &Args, rig: &Rig, output: &Output) -> Option<String> {
-    match args.second_standard.as_deref() {
-        Some("none") => None,
-        Some(asked) => Some(asked.to_owned()),
-        None => {
-            let usual = Request::usual_second_standard(rig);
-            if usual.is_none() {
-                output.remark(
-                    "no second standard: this camera's steps would hide what a dark one shows; interreflection stays unknown",
-                );
-            }
-            usual
-        }
+    let asked = args.second_standard.as_deref();
+    let usual = Request::usual_second_standard(rig);
+    if asked.or(usual).is_none() {
+        output.remark(
+            "no second standard: this camera's steps would hide what a dark one shows; interreflection stays unknown",
+        );
     }
+    asked.or(usual).filter(|spec| *spec != "none").map(str::to_owned)
 }
 
 /// What was found, and what is weak in it.

@@ -25,9 +25,10 @@ use rayon::prelude::*;
 
 use super::merge::lanes;
 use super::projection::Projection;
-use super::radiometry::{Bench, Out, Radiometry, Way, Work, image, image_merged, resample, root};
+use super::radiometry::{Bench, Out, Radiometry, Way, Work, image, image_merged, resample};
 use super::window::Agree;
 use crate::assemble::{AssembleError, Assembled};
+use crate::instrument::calibration::stray::sqrt;
 use crate::instrument::optics::Unmeasurable;
 use crate::instrument::rig::Rig;
 use crate::plan::light::{CodePatterns, demultiplex};
@@ -283,10 +284,10 @@ impl Cells {
             // Black light that all frames show otherwise is left with this share.
             let left = 2.0 / (blocks.code(block).order() as f32 + 1.0);
             for (pixel, (signal, doubt)) in signal.iter().zip(&mut room.doubt).enumerate() {
-                *doubt = root(*doubt * *doubt + of(3, pixel));
+                *doubt = sqrt(*doubt * *doubt + of(3, pixel));
                 let own = signal.abs() + one.black_light::<CHANNELS>(pixel).abs() * left;
                 let common = own * self.lamp[block];
-                room.lamp.push(root(common * common + of(2, pixel)));
+                room.lamp.push(sqrt(common * common + of(2, pixel)));
             }
         }
         let factor = (one.scale / (one.exposure_s * self.irradiance[place])) as f32;
@@ -304,7 +305,7 @@ impl Cells {
         };
         Ok(resample::<CHANNELS>(
             (signal, room),
-            (variance, |pixel| root(of(1, pixel))),
+            (variance, |pixel| sqrt(of(1, pixel))),
             provenance,
             factor,
             &projection.resampling,

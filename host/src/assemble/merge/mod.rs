@@ -24,7 +24,7 @@
 use glam::Vec4;
 
 use super::radiometry::Radiometry;
-use crate::instrument::calibration::stray::Level;
+use crate::instrument::calibration::stray::{Level, sqrt};
 use crate::plan::brackets::MOST_EXPOSURES;
 
 /// Samples with less than this share of the weight of the best are left out.
@@ -155,7 +155,7 @@ impl<'a> Merge<'a> {
             heaviest: heaviest.unwrap_or(0) as u8,
             signal: sum / weights,
             variance: 1.0 / weights,
-            of_row: Vec4::from_array(of_row.to_array().map(f32::sqrt)) / weights,
+            of_row: sqrt(of_row) / weights,
             used,
         }
     }

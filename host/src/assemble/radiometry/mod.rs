@@ -7,7 +7,7 @@ use half::slice::HalfFloatSliceExt as _;
 use super::merge::{Merge, Merged, lanes};
 use crate::assemble::resample::{Resampling, Taps};
 use crate::instrument::calibration::CameraFound;
-use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, Removal, Room};
+use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, Removal, Room, sqrt};
 use crate::instrument::rig::{ROUNDING_DN2, Rig};
 use crate::plan::Exposure;
 use crate::store::provenance::Provenance;
@@ -400,11 +400,6 @@ pub(super) fn project_merged<const CHANNELS: usize>(
     )
 }
 
-/// √ of each lane.
-pub(super) fn root(of: Vec4) -> Vec4 {
-    Vec4::from_array(of.to_array().map(f32::sqrt))
-}
-
 /// Writes f, sigma and provenance at the cells that have taps (NaN where a pixel saturated), from the signal of the pixels, its
 /// standard uncertainties by stray light and by the lamp (nothing if there are none), which neighbours have in common, its variance
 /// by noise and response, given the pixel and its signal, and the standard deviation of what its row has in common, given the
@@ -438,7 +433,7 @@ pub(super) fn resample<const CHANNELS: usize>(
         let f = sum * factor;
         let clear = f.is_finite();
         let (f, uncertainty) = if clear {
-            let stored = (root(variance) * factor)
+            let stored = (sqrt(variance) * factor)
                 .min(Vec4::splat(USELESS_SIGMA))
                 .max(Vec4::splat(LEAST_SIGMA));
             (f, stored)

@@ -54,7 +54,8 @@ const WIDE: f64 = 0.7;
 const WIDEST_DEG: f64 = 30.0;
 /// Segments of incident directions of the second standard.
 const SECOND: usize = 2;
-/// Noise dithers steps that are up to so many times its standard deviation; beyond, the more of dim light is lost the dimmer it is.
+/// Noise dithers steps of up to so many times its standard deviation well enough for a dark standard; of coarser ones more of the light
+/// is lost the dimmer it is.
 const COARSE: f64 = 4.0;
 
 /// What is asked for.
@@ -76,9 +77,9 @@ impl Request {
     /// The second standard that serves on `rig`; `None` where its camera's steps are so coarse that what a dark standard shows is lost
     /// in them.
     #[must_use]
-    pub fn usual_second_standard(rig: &Rig) -> Option<String> {
+    pub fn usual_second_standard(rig: &Rig) -> Option<&'static str> {
         let step_e = rig.gain_e_per_dn();
-        (step_e < COARSE * rig.camera.read_noise_e).then(|| "lambert:0.2".to_owned())
+        (step_e < COARSE * rig.camera.read_noise_e).then_some("lambert:0.2")
     }
 }
 

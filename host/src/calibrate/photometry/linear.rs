@@ -3,12 +3,13 @@
 use super::camera::{Times, moments};
 use crate::instrument::calibration::CameraFound;
 use crate::instrument::calibration::lamp::SLOW;
-use crate::instrument::rig::{Binned, Rig};
+use crate::instrument::rig::Rig;
 
 /// Digital numbers → what they would be if the camera were linear, above the dark level.
 pub(super) struct Linear {
     pub(super) camera: CameraFound,
-    binned: Binned,
+    /// What dim pixels that are alike all fall short by at most, in every frame: what noise leaves of the converter's steps, DN (k = 1).
+    steps_dn: f64,
     /// The same of a pixel of the sensor.
     pub(super) sensor: CameraFound,
     /// Of numbers above the dark level.
@@ -20,9 +21,10 @@ impl Linear {
     pub(super) fn new(found: &CameraFound, rig: &Rig) -> Self {
         let binned = &rig.camera.binned;
         let sensor = found.of_sensor(binned);
+        let camera = sensor.of_image(binned);
         Self {
-            camera: sensor.of_image(binned),
-            binned: *binned,
+            camera,
+            steps_dn: binned.common_e() / camera.gain_e_per_dn,
             sensor,
             range: f64::from(rig.saturation_dn()) - found.dark_dn,
         }
@@ -66,12 +68,10 @@ impl Linear {
             .iter()
             .map(|times| {
                 let light = each(&times.lit) - each(&times.dark);
-                let gain = self.camera.gain_e_per_dn;
-                let noise = self.camera.read_variance_dn2() * count + light.max(0.0) / gain;
-                // Dim pixels that are alike fall short by the same part of the converter's step, in all frames.
-                let steps = self.binned.common_e() / gain * count;
-                let noise = noise / times.lit.len() as f64 + steps * steps;
-                let relative = noise / light.powi(2).max(f64::MIN_POSITIVE);
+                let noise =
+                    self.camera.read_variance_dn2() * count + light.max(0.0) / self.camera.gain_e_per_dn;
+                let variance = noise / times.lit.len() as f64 + (self.steps_dn * count).powi(2);
+                let relative = variance / light.powi(2).max(f64::MIN_POSITIVE);
                 (light / times.exposure_s, relative)
             })
             .collect();

@@ -242,3 +242,12 @@ fn a_standard_beside_its_height_is_found_there_or_refused_where_nobody_says_how_
     let error = refused.unwrap_err().to_string();
     assert!(error.contains("at its height?"), "{error}");
 }
+
+#[test]
+fn a_camera_of_coarse_steps_does_without_a_second_standard() {
+    let usual = |preset: &str| Request::usual_second_standard(&Rig::load(preset).unwrap());
+    assert_eq!(usual("rcg-1"), None);
+    for preset in ["rcg-1-16bit", "rcg-2", "rcg-3", "dmd"] {
+        assert_eq!(usual(preset), Some("lambert:0.2"), "{preset}");
+    }
+}

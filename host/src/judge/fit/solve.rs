@@ -105,6 +105,30 @@ impl Problem<'_> {
         }
     }
 
+    /// Whether its lobe is one that pixels resolve.
+    fn is_in_range(&self) -> bool {
+        alpha(&self.unknowns).iter().all(|alpha| ALPHA.contains(alpha))
+    }
+
+    /// Where a search from here ends, and whether that is a minimum.
+    fn minimized(mut self) -> (Self, bool) {
+        for _ in 0..LEGS {
+            let (solved, report) = LevenbergMarquardt::new()
+                .with_ftol(CHI_SQUARED_STEP)
+                .with_xtol(UNKNOWNS_STEP)
+                .with_patience(PATIENCE)
+                .minimize(self);
+            self = solved;
+            if report.termination != TerminationReason::LostPatience {
+                return (self, report.termination.was_successful());
+            }
+            if !self.is_in_range() {
+                break;
+            }
+        }
+        (self, false)
+    }
+
     fn weigh(&mut self) {
         let channels = self.seen.channels;
         let sharp = self.parts_at(alpha(&self.unknowns), self.sharp);
@@ -262,23 +286,10 @@ fn minimum<'a>(
     let mut is_converged = true;
     // Once more with the weights that belong to the solution.
     for _ in 0..2 {
-        let is_in_range =
-            |problem: &Problem| alpha(&problem.unknowns).iter().all(|alpha| ALPHA.contains(alpha));
-        for _ in 0..LEGS {
-            let (solved, report) = LevenbergMarquardt::new()
-                .with_ftol(CHI_SQUARED_STEP)
-                .with_xtol(UNKNOWNS_STEP)
-                .with_patience(PATIENCE)
-                .minimize(problem);
-            problem = solved;
-            is_converged = report.termination.was_successful();
-            if report.termination != TerminationReason::LostPatience || !is_in_range(&problem) {
-                break;
-            }
-        }
+        (problem, is_converged) = problem.minimized();
         let is_bare =
             (0..seen.channels).all(|channel| range == Range::Physical && problem.linear(channel)[1] <= 0.0);
-        if !is_in_range(&problem) || is_bare {
+        if !problem.is_in_range() || is_bare {
             return Err(FitError::NoLobe {
                 alpha: alpha(&problem.unknowns),
             });

@@ -446,7 +446,7 @@ fn hypot(a: Vec4, b: Vec4) -> Vec4 {
 }
 
 /// √ of each lane.
-fn sqrt(of: Vec4) -> Vec4 {
+pub(crate) fn sqrt(of: Vec4) -> Vec4 {
     Vec4::from_array(of.to_array().map(f32::sqrt))
 }
 
