@@ -274,9 +274,14 @@ fn within(scores: &[f64]) -> f64 {
     scores.iter().filter(|score| score.abs() <= 2.0).count() as f64 / scores.len() as f64
 }
 
-/// The `calibration`, off in the light by what the standard's reflectance and the `lamp` (relative) leave uncertain, and in what
-/// returns onto the sample, each times its draw.
-fn off(calibration: &Calibration, lamp: f64, [standard, lamp_draw, back]: [f64; 3]) -> Calibration {
+/// The `calibration`, off in the light by what the standard's reflectance and the `lamp` (relative) leave uncertain, in what
+/// returns onto the sample, each times its draw, and in what part of the sample is seen and lit, times `seen`.
+fn off(
+    calibration: &Calibration,
+    lamp: f64,
+    [standard, lamp_draw, back]: [f64; 3],
+    seen: [f64; 6],
+) -> Calibration {
     let mut off = calibration.clone();
     let photometry = off.photometry.as_mut().unwrap();
     for k in &mut photometry.sensitivity {
@@ -288,6 +293,16 @@ fn off(calibration: &Calibration, lamp: f64, [standard, lamp_draw, back]: [f64; 
     }
     let interreflection = photometry.interreflection.as_mut().unwrap();
     interreflection.share += interreflection.standard_uncertainty * back;
+    // The sample of this rig lies flat: what is known of its place along one axis says nothing of the others.
+    let part = photometry.seen_part.as_mut().unwrap();
+    let by: [f64; 6] = std::array::from_fn(|at| part.covariance[at][at].sqrt() * seen[at]);
+    for (offset_m, by) in part.offset_m.iter_mut().zip(by) {
+        *offset_m += by;
+    }
+    for (pupil_m, by) in part.pupils_m.iter_mut().zip(&by[3..]) {
+        *pupil_m *= by.exp();
+    }
+    part.falloff = (part.falloff + by[5]).clamp(0.0, 1.0);
     off
 }
 
@@ -314,15 +329,16 @@ fn over_many_seeded_runs_the_interval_of_k_2_holds_the_truth() {
     let grid = Grid::List { directions_deg };
     let mut exposure_s = None;
     let photometry = calibration.photometry.as_ref().unwrap();
-    let without_lamp = photometry.common_uncertainty();
+    let without_lamp = photometry.uncertainty_by_standard();
     let mut lamp = photometry.lamp.monitor.as_ref().unwrap().standard_uncertainty;
     let (mut count, mut within, mut squares) = (0_u32, 0_u32, 0.0);
     let runs = if is_full() { 200 } else { 40 };
     for run in 0..runs {
         // What the calibration did not know, by as much as is stated: the standard's reflectance, how bright the lamp was, what
-        // returns onto the sample, and the directions.
-        let draw = |purpose: u64| normal(run * 10 + purpose);
-        let calibration = off(&calibration, lamp, [draw(0), draw(5), draw(6)]);
+        // returns onto the sample, what part of it is seen, and the directions.
+        let draw = |purpose: u64| normal(run * 20 + purpose);
+        let seen = std::array::from_fn(|at| draw(10 + at as u64));
+        let calibration = off(&calibration, lamp, [draw(0), draw(5), draw(6)], seen);
         let mut truth = truth.clone();
         for axis in 0..2 {
             // A turn of a device by ψ at F2 turns the direction at the sample by some four times as much.

@@ -4,7 +4,9 @@ use serde_json::{Map, Value, json};
 
 use crate::brdf::budget::BudgetSums;
 use crate::brdf::interpolation::{BRANCHES, BranchErrors, REGIONS};
-use crate::brdf::{COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, ERRORS, LAMP_LIGHT, UNCALIBRATED};
+use crate::brdf::{
+    COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, ERRORS, FIELD_UNCERTAINTY, LAMP_LIGHT, UNCALIBRATED,
+};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
 use crate::instrument::calibration::AppliedCalibration;
@@ -170,7 +172,8 @@ pub(super) fn attributes(
         "light": plan.code.map(Coding::light),
         UNCALIBRATED: unknown.iter().flatten().collect::<Vec<_>>(),
         DIRECTION_UNCERTAINTY: is_known.then_some(applied.direction_deg),
-        COMMON_UNCERTAINTY: applied.photometry.as_ref().map(|found| found.common_uncertainty().hypot(by_lamp)),
+        COMMON_UNCERTAINTY: applied.photometry.as_ref().map(|found| found.uncertainty_by_standard().hypot(by_lamp)),
+        FIELD_UNCERTAINTY: applied.photometry.as_ref().map(|found| found.field_residual),
         LAMP_LIGHT: lamp.map(|level| f64::from(level.light)),
         "source": concat!("rcg ", env!("CARGO_PKG_VERSION")),
     });

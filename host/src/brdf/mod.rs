@@ -37,6 +37,8 @@ pub(crate) const UNCALIBRATED: &str = "uncalibrated";
 pub(crate) const LAMP_LIGHT: &str = "lamp_light";
 /// Attribute of `brdf.zarr` for what [`Brdf::common_uncertainty`] tells.
 pub(crate) const COMMON_UNCERTAINTY: &str = "common_uncertainty";
+/// Attribute of `brdf.zarr` for what [`Brdf::field_uncertainty`] tells.
+pub(crate) const FIELD_UNCERTAINTY: &str = "field_uncertainty";
 /// Attribute of `brdf.zarr` for what [`Brdf::direction_uncertainty_deg`] tells.
 pub(crate) const DIRECTION_UNCERTAINTY: &str = "direction_uncertainty_deg";
 
@@ -223,11 +225,18 @@ impl Brdf {
         serde_json::from_value(stated.clone()).ok()
     }
 
-    /// Relative standard uncertainty (k = 1) that all values have in common, by the standard and the fields of the
-    /// calibration; it is a part of each σ, and no averaging lessens it. `None` if the file does not say.
+    /// Relative standard uncertainty (k = 1) that all values have in common, by the standard and the lamp: one factor of all. It is a
+    /// part of each σ, and no averaging lessens it. `None` if the file does not say.
     #[must_use]
     pub fn common_uncertainty(&self) -> Option<f64> {
         self.attributes().get(COMMON_UNCERTAINTY)?.as_f64()
+    }
+
+    /// Relative standard uncertainty (k = 1) of what the calibration's fields leave of what its standard showed, which neighbouring
+    /// directions share. It is a part of each σ. `None` if the file does not say.
+    #[must_use]
+    pub fn field_uncertainty(&self) -> Option<f64> {
+        self.attributes().get(FIELD_UNCERTAINTY)?.as_f64()
     }
 
     /// Standard uncertainty (k = 1) of the outgoing and of the incident directions, in degrees, both axes together. It is a

@@ -27,7 +27,7 @@ use super::union::Union;
 use super::{FillError, facts, finish, writer_like};
 use crate::base::linear_fit::least_squares;
 use crate::base::progress::Progress;
-use crate::brdf::{Brdf, COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, UNCALIBRATED};
+use crate::brdf::{Brdf, COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, FIELD_UNCERTAINTY, UNCALIBRATED};
 use crate::hemisphere::direction::from_angles;
 use crate::instrument::optics::Unmeasurable;
 use crate::store::StoreError;
@@ -107,7 +107,7 @@ pub(super) fn merge(
         .collect();
     facts.insert(UNCALIBRATED.to_owned(), json!(uncalibrated));
     // The others take their scale and their turn from the first.
-    for name in [COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY] {
+    for name in [COMMON_UNCERTAINTY, FIELD_UNCERTAINTY, DIRECTION_UNCERTAINTY] {
         if let Some(stated) = base.attributes().get(name) {
             facts.insert(name.to_owned(), stated.clone());
         }

@@ -78,7 +78,7 @@ const SATURATED: f64 = 0.002;
 const MOST_PRNU: f64 = 0.01;
 
 /// The most that light and throughput may leave of what the standard shows, relative, RMS.
-const WORST_RESIDUAL: f64 = 0.02;
+const WORST_RESIDUAL: f64 = 0.015;
 
 /// Level of grey of the exposure `index` of the series of levels.
 fn level(index: usize) -> u8 {
@@ -418,7 +418,7 @@ fn explain(
     }
     Err(CalibrateError::Views {
         expected: format!(
-            "light and throughput that explain what the standard shows to {:.0} %",
+            "light and throughput that explain what the standard shows to {:.1} %",
             100.0 * WORST_RESIDUAL
         ),
         found: format!("{:.1} % that they do not", 100.0 * fields.residual),

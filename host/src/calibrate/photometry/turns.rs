@@ -6,7 +6,7 @@
 //! whole. What part of the standard is seen begins at the height that was searched for, which little near the normal tells, and is
 //! fitted along in the turns after that. Where it does not settle nothing is known.
 
-use super::rank_one::{Fields, Held, Seen, fit, with_height};
+use super::rank_one::{Fields, Held, Seen, fit, unknown_axes, with_height};
 use super::share::{Frames, Judged};
 use crate::instrument::calibration::{SeenPart, UNKNOWNS, Unknowns};
 
@@ -144,8 +144,9 @@ pub(super) fn fit_whole(
 /// Takes what is seen and lit for as in `part`, if anything is known of it.
 fn set_part(seen: &mut [Seen], part: Option<&SeenPart>) {
     if let Some(part) = part {
+        let aside = unknown_axes(seen);
         for seen in seen {
-            seen.set_part(part);
+            seen.set_part(part, &aside);
         }
     }
 }

@@ -42,7 +42,7 @@ pub use lamp::{LampFound, Monitor};
 pub(crate) use photometry::PHOTOMETRY_VERSION;
 pub use photometry::{CameraFound, Interreflection, PHOTOMETRY, Photometry};
 pub use seen_part::SeenPart;
-pub(crate) use seen_part::{ELLIPSE, Patches, Share, Shares, UNKNOWNS, Unknowns};
+pub(crate) use seen_part::{ELLIPSE, FAR, Patches, Share, Shares, UNKNOWNS, Unknowns};
 pub use sight::Sight;
 pub(crate) use sight::{BLIND, EDGE, SEEN, UNSEEN};
 pub use stray::{GhostFound, Stray};

@@ -107,21 +107,15 @@ const UNKNOWN_RETURN: f64 = 5e-3;
 
 impl Photometry {
     /// Relative standard uncertainty (k = 1) of f by that of the standard's reflectance, and by the light that may have returned onto
-    /// it where no second standard told of that: to a darker sample less returns.
-    pub(crate) fn uncertainty_by_standard(&self) -> f64 {
+    /// it where no second standard told of that: to a darker sample less returns. Everything measured by it has that in common.
+    #[must_use]
+    pub fn uncertainty_by_standard(&self) -> f64 {
         let returned = if self.interreflection.is_none() {
             UNKNOWN_RETURN
         } else {
             0.0
         };
         self.standard_uncertainty.hypot(returned)
-    }
-
-    /// Relative standard uncertainty (k = 1) that everything measured by it has in common: the standard's reflectance, and
-    /// what is left between the fields and the frames of the standard.
-    #[must_use]
-    pub fn common_uncertainty(&self) -> f64 {
-        self.uncertainty_by_standard().hypot(self.field_residual)
     }
 
     /// Reads the photometry at `path`, which must be that of `rig` (its camera at full size).

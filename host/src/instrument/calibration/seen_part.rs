@@ -25,7 +25,7 @@ const FALLOFF: f64 = 0.05;
 /// Relative standard uncertainty of the size of a patch of light as an ellipse.
 pub(crate) const ELLIPSE: f64 = 0.04;
 /// An edge is looked for so many standard uncertainties from where it is.
-const FAR: f64 = 3.0;
+pub(crate) const FAR: f64 = 3.0;
 /// The least share that gives a value, and the largest relative standard uncertainty of one.
 const LEAST: f64 = 0.4;
 const WORST: f64 = 0.1;
@@ -49,8 +49,8 @@ pub struct SeenPart {
 
 impl SeenPart {
     /// How well its numbers are known before (k = 1): the sample's place along the mirror's x, y and z, metres; logarithms of
-    /// the diameters of both pupils; falloff.
-    pub(crate) const TOLERANCES: [f64; UNKNOWNS] = [3e-3, 3e-3, 3e-3, 0.3, 0.3, 0.1];
+    /// the diameters of both pupils, which f-numbers marked to a third of a stop tell; falloff.
+    pub(crate) const TOLERANCES: [f64; UNKNOWNS] = [3e-3, 3e-3, 3e-3, 0.06, 0.06, 0.1];
 
     /// How well samples are put where they belong along their plane (k = 1), metres.
     pub(crate) const ALONG_M: f64 = 1e-3;

@@ -130,10 +130,13 @@ impl Observations {
             let ratio = if squares > 0.0 { squares / lines } else { 1.0 };
             observation.variance = observation.variance.map(|part| part * ratio);
         }
+        let [scale, fields] =
+            [brdf.common_uncertainty(), brdf.field_uncertainty()].map(Option::unwrap_or_default);
         Self {
             all,
             channels,
-            common_uncertainty: brdf.common_uncertainty().unwrap_or(0.0),
+            // A lobe and what lies around it may be off by as much as fields are.
+            common_uncertainty: scale.hypot(fields),
             direction_rad: brdf
                 .direction_uncertainty_deg()
                 .unwrap_or_default()

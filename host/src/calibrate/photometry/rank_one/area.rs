@@ -1,10 +1,10 @@
 //! What part of the standard pixels see and spots light, in the fit.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::{Fields, Seen};
-use crate::instrument::calibration::{ELLIPSE, Patches, SeenPart, UNKNOWNS, Unknowns, lights};
+use crate::instrument::calibration::{ELLIPSE, FAR, Patches, SeenPart, UNKNOWNS, Unknowns, lights};
 use crate::instrument::optics::View;
 
 /// Step in tolerances by which shares are differenced, the least share that says something, and what part of what is missing
@@ -14,7 +14,7 @@ const LEAST_SHARE: f64 = 0.3;
 const UNLIKE: f64 = 0.1;
 /// Pairs of which so much is lit, to this relative standard uncertainty, tell what the fields leave.
 const SURE_SHARE: f64 = 0.5;
-const SURE: f64 = 0.05;
+const SURE: f64 = 0.01;
 
 /// The share that is lit of what a pixel sees: its logarithm, how that changes with the unknowns of [`SeenPart`], and its
 /// variance by what is left of where edges are.
@@ -52,8 +52,8 @@ impl Seen<'_> {
         part.patches(&self.rig, &projector_px)
     }
 
-    /// Takes what is seen and lit of the standard for as in `part`.
-    pub(in super::super) fn set_part(&mut self, part: &SeenPart) {
+    /// Takes what is seen and lit of the standard for as in `part`; where it is along the axes `aside` nothing tells.
+    pub(in super::super) fn set_part(&mut self, part: &SeenPart, aside: &[DVec3]) {
         let patches = self.patches_of(part);
         let moved: Vec<Patches> = (0..UNKNOWNS)
             .map(|at| {
@@ -67,16 +67,33 @@ impl Seen<'_> {
         for (left, tolerance) in left.iter_mut().zip(SeenPart::TOLERANCES) {
             *left /= tolerance;
         }
+        // As far as edges are looked for both ways.
+        let both = [FAR, -FAR];
+        let moved_far = (0..UNKNOWNS).flat_map(|at| {
+            both.map(|far| {
+                let mut by = [0.0; UNKNOWNS];
+                by[at] = far * left[at];
+                part.moved(&by)
+            })
+        });
+        let aside = aside
+            .iter()
+            .flat_map(|axis| both.map(|far| part.displaced(*axis * far * SeenPart::ALONG_M)));
+        let apart: Vec<Patches> = moved_far
+            .chain(aside)
+            .map(|part| self.patches_of(&part))
+            .collect();
         self.pairs.par_iter_mut().for_each(|pair| {
             let (lit, seen) = (pair.place as usize, pair.pixel as usize);
             let share = patches.share(lit, seen);
             let log = |share: f64| share.max(LEAST_SHARE / 10.0).ln();
             let slopes: Unknowns =
                 std::array::from_fn(|at| (log(moved[at].share(lit, seen)) - log(share)) / STEP);
-            let edges = slopes
-                .iter()
-                .zip(left)
-                .map(|(slope, left)| (slope * left).powi(2));
+            // An edge that is sharp is far from linear.
+            let off = |side: &Patches| (log(side.share(lit, seen)) - log(share)).abs() / FAR;
+            let edges = apart
+                .chunks_exact(2)
+                .map(|sides| off(&sides[0]).max(off(&sides[1])).powi(2));
             let variance = edges.sum::<f64>() + (UNLIKE * (1.0 - share)).powi(2);
             pair.area = Area {
                 log: log(share),

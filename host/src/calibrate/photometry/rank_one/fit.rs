@@ -6,7 +6,7 @@ use glam::DVec3;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use super::height::{known_axes, unknown_axes};
+use super::height::unknown_axes;
 use super::{Pair, Seen, dot};
 use crate::base::linear_fit::least_squares;
 use crate::instrument::calibration::{
@@ -60,8 +60,11 @@ const FAR: f64 = 4.0;
 const LEAST_FAR: f64 = 5e-3;
 /// Pairs whose edges models have wrong alike, which count as one against what is thought of pupils.
 const ALIKE: f64 = 100.0;
-/// Weight that holds the standard where it is along its plane: light and lenses that differ a little from their models would push it.
+/// Weight that holds the standard where it is along its plane, and pupils as wide as they are said to be: light and lenses that differ a
+/// little from their models would push them, farther than they are off.
 const STAYS: f64 = 1e10;
+/// Which of the unknowns pupils are.
+const PUPILS: std::ops::Range<usize> = 3..5;
 
 /// Both fields and the sensitivities from all that was `seen`; `None` if the pairs do not determine them. What part of the
 /// sample is seen is fitted along if it is `from` somewhere: how far, in tolerances, what is taken for it is from where it is
@@ -90,12 +93,18 @@ pub(in super::super) fn fit(seen: &[Seen], held: Held, from: Option<&Unknowns>) 
         row[fields + at] = 1.0;
         (row, -from, if at < 3 { 1.0 } else { ALIKE })
     });
-    let aside: Vec<DVec3> = from.map_or_else(Vec::new, |_| unknown_axes(&known_axes(seen)));
-    let stays = aside.iter().map(|axis| {
+    let aside: Vec<DVec3> = from.map_or_else(Vec::new, |_| unknown_axes(seen));
+    let along = aside.iter().map(|axis| {
         let mut row = vec![0.0; unknowns];
         row[fields..fields + 3].copy_from_slice(&axis.to_array());
         (row, 0.0, STAYS)
     });
+    let pupils = from.into_iter().flat_map(|_| PUPILS).map(|at| {
+        let mut row = vec![0.0; unknowns];
+        row[fields + at] = 1.0;
+        (row, 0.0, STAYS)
+    });
+    let stays = along.chain(pupils);
     let weighted = pairs().map(|(row, pair)| (row, pair.target(), pair.weight()));
     let (found, covariance) = least_squares(unknowns, &weighted.chain(pull).chain(near).chain(stays))?;
     let (mut excess, mut count, mut sure) = (0.0, 0_u32, 0_u32);
@@ -107,7 +116,7 @@ pub(in super::super) fn fit(seen: &[Seen], held: Held, from: Option<&Unknowns>) 
         mean += &row;
         count += 1;
         if pair.area.is_sure {
-            excess += (row.dot(&found) - pair.target()).powi(2) - pair.variance - pair.area.variance;
+            excess += (row.dot(&found) - pair.target()).powi(2) - pair.variance;
             sure += 1;
         }
         uncertainties.push((&covariance * &row).dot(&row).max(0.0).sqrt());
@@ -139,7 +148,7 @@ pub(in super::super) fn fit(seen: &[Seen], held: Held, from: Option<&Unknowns>) 
 }
 
 /// What `found` says of what part of the standard is seen, whose unknowns are those from `first` on, and its covariance: along the axes
-/// `aside` the standard is known as well as it was put there.
+/// `aside` the standard is known as well as it was put there, and pupils as well as they are said to be.
 fn part(
     found: &DVector<f64>,
     covariance: &DMatrix<f64>,
@@ -148,7 +157,11 @@ fn part(
 ) -> (Unknowns, [Unknowns; UNKNOWNS]) {
     let put = |row: usize, column: usize| -> f64 {
         if row.max(column) > 2 {
-            return 0.0;
+            return if row == column && PUPILS.contains(&row) {
+                1.0
+            } else {
+                0.0
+            };
         }
         let tolerances = SeenPart::TOLERANCES[row] * SeenPart::TOLERANCES[column];
         let of = |axis: &DVec3| axis[row] * axis[column] * SeenPart::ALONG_M.powi(2) / tolerances;

@@ -51,7 +51,7 @@ struct Spotted {
 
 /// The axes along which the place of the standard shows, mirror frame, orthonormal, each with the stand that tells it: the normal of the
 /// first, and of each other what its normal has across those before, if that is much.
-pub(super) fn known_axes(seen: &[Seen]) -> Vec<(usize, DVec3)> {
+fn known_axes(seen: &[Seen]) -> Vec<(usize, DVec3)> {
     let mut known: Vec<(usize, DVec3)> = Vec::new();
     for (stand, seen) in seen.iter().enumerate() {
         let new = across(&known, normal(seen));
@@ -63,9 +63,11 @@ pub(super) fn known_axes(seen: &[Seen]) -> Vec<(usize, DVec3)> {
     known
 }
 
-/// The axes that are left beside those that are `known`: where the standard moves along them what is seen of it stays the same.
-pub(super) fn unknown_axes(known: &[(usize, DVec3)]) -> Vec<DVec3> {
-    let mut all = known.to_vec();
+/// The axes, mirror frame, orthonormal, along which nothing that was `seen` tells where the standard is: where it moves along them what
+/// is seen of it stays the same, but for its own edge.
+pub(in super::super) fn unknown_axes(seen: &[Seen]) -> Vec<DVec3> {
+    let known = known_axes(seen);
+    let mut all = known.clone();
     while all.len() < 3 {
         let rest = DVec3::AXES.map(|axis| across(&all, axis));
         let longest = rest.into_iter().max_by(|a, b| a.length().total_cmp(&b.length()));

@@ -21,7 +21,7 @@ use glam::DVec3;
 use nalgebra::DVector;
 
 pub(super) use fit::{Fields, Held, fit};
-pub(super) use height::with_height;
+pub(super) use height::{unknown_axes, with_height};
 
 use area::Area;
 
