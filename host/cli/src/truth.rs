@@ -61,6 +61,14 @@ pub(crate) struct Args {
     /// 0.3 and 3; 1 or 3]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     knee_percent: Option<f64>,
+    /// Standard deviation of the height at which whatever is put into the holder, or tilted, comes to lie, millimetres; over 0.1 m that
+    /// of how it leans [default: drawn between 0.02 and 0.1; 0.05 or 0.1]
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    seating_mm: Option<f64>,
+    /// Standard deviation of where the light of a projector pixel goes, by defocus and leaks into its neighbours, projector pixels
+    /// [default: drawn between 0.3 and 0.8; 0.4 or 0.8]
+    #[arg(long, value_name = "PX", allow_negative_numbers = true)]
+    blur_px: Option<f64>,
     /// Standard deviation over the sensor's pixels of what each shows of the same light, percent; how their dark signals
     /// differ is drawn along [default: drawn between 0.2 and 1; 0.5 or 1]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
@@ -69,6 +77,10 @@ pub(crate) struct Args {
     /// between 0.1 and 1; 0.3 or 1]
     #[arg(long, value_name = "E", allow_negative_numbers = true)]
     row_noise_e: Option<f64>,
+    /// Standard deviation of what the camera's black level is off by over the hours, electrons [default: drawn between 0.1 and 1;
+    /// 0.3 or 1]
+    #[arg(long, value_name = "E", allow_negative_numbers = true)]
+    wander_e: Option<f64>,
     /// Standard deviation of the reflectance of each standard from what is stated, percent
     #[arg(
         long,
@@ -141,6 +153,12 @@ enum Flaw {
     Pupils,
     /// The mirror is an ellipsoid
     Figure,
+    /// Samples and standards lie as they should
+    Seating,
+    /// The projector's image is sharp
+    Focus,
+    /// The camera's black level stays
+    Wander,
 }
 
 impl Flaw {
@@ -173,94 +191,93 @@ impl Flaw {
             Self::Pixels => flaws.pixels = none.pixels,
             Self::Pupils => flaws.pupils = none.pupils,
             Self::Figure => flaws.figure = none.figure,
+            Self::Seating => flaws.seating = none.seating,
+            Self::Focus => flaws.focus = none.focus,
+            Self::Wander => flaws.pixels.wander_e = 0.0,
         }
     }
 }
 
-/// How far the camera's pixels differ.
-fn pixels(args: &Args) -> PixelTolerances {
-    let prnu = args.prnu_percent.map(|percent| percent / 100.0);
-    PixelTolerances {
-        prnu: prnu.or(args.flaws.pick(5e-3, 1e-2)),
-        dsnu_e: args.flaws.pick(1.0, 3.0),
-        hot: args.flaws.pick(1e-4, 1e-3),
-        row_noise_e: args.row_noise_e.or(args.flaws.pick(0.3, 1.0)),
+/// Refuses what is out of range.
+fn check(args: &Args) -> Done {
+    let given: [(&str, Option<f64>, f64, f64); 17] = [
+        ("position-mm", args.position_mm, 0.0, 10.0),
+        ("angle-deg", args.angle_deg, 0.0, 10.0),
+        ("field-percent", Some(args.field_percent), 0.0, 90.0),
+        ("standard-percent", Some(args.standard_percent), 0.0, 10.0),
+        ("contrast", args.contrast, 10.0, 1e9),
+        ("glare-percent", args.glare_percent, 0.0, 50.0),
+        ("ghost-percent", args.ghost_percent, 0.0, 50.0),
+        ("drift-percent", args.drift_percent, 0.0, 20.0),
+        ("flicker-percent", args.flicker_percent, 0.0, 10.0),
+        ("falloff-percent", args.falloff_percent, 0.0, 100.0),
+        ("knee-percent", args.knee_percent, 0.0, 20.0),
+        ("figure-mrad", args.figure_mrad, 0.0, 10.0),
+        ("seating-mm", args.seating_mm, 0.0, 10.0),
+        ("prnu-percent", args.prnu_percent, 0.0, 10.0),
+        ("row-noise-e", args.row_noise_e, 0.0, 100.0),
+        ("blur-px", args.blur_px, 0.0, 10.0),
+        ("wander-e", args.wander_e, 0.0, 1000.0),
+    ];
+    for (name, found, low, high) in given {
+        if let Some(found) = found
+            && !(low..=high).contains(&found)
+        {
+            return Err(Failure::input(format!(
+                "--{name}: expected a number from {low} to {high}, found {found}"
+            )));
+        }
     }
+    Ok(())
 }
 
-pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
-    let in_range = |name: &str, found: f64, low: f64, high: f64| {
-        if (low..=high).contains(&found) {
-            return Ok(());
-        }
-        Err(Failure::input(format!(
-            "--{name}: expected a number from {low} to {high}, found {found}"
-        )))
-    };
+/// The tolerances from which a truth of `rig` is drawn.
+fn tolerances(args: &Args, rig: &Rig) -> Tolerances {
     let [position_mm, angle_deg] = match args.flaws {
         Size::Bad => [3.0, 2.0],
         Size::Drawn | Size::Typical => [0.5, 0.3],
     };
-    let position_mm = args.position_mm.unwrap_or(position_mm);
-    let angle_deg = args.angle_deg.unwrap_or(angle_deg);
-    in_range("position-mm", position_mm, 0.0, 10.0)?;
-    in_range("angle-deg", angle_deg, 0.0, 10.0)?;
-    in_range("field-percent", args.field_percent, 0.0, 90.0)?;
-    in_range("standard-percent", args.standard_percent, 0.0, 10.0)?;
-    if let Some(contrast) = args.contrast {
-        in_range("contrast", contrast, 10.0, 1e9)?;
-    }
-    let percents = [
-        ("glare-percent", args.glare_percent, 50.0),
-        ("ghost-percent", args.ghost_percent, 50.0),
-        ("drift-percent", args.drift_percent, 20.0),
-        ("flicker-percent", args.flicker_percent, 10.0),
-        ("falloff-percent", args.falloff_percent, 100.0),
-        ("knee-percent", args.knee_percent, 20.0),
-    ];
-    for (name, percent, most) in percents {
-        if let Some(percent) = percent {
-            in_range(name, percent, 0.0, most)?;
-        }
-    }
-    let share = |percent: Option<f64>, typical: f64, bad: f64| {
-        percent
-            .map(|percent| percent / 100.0)
-            .or(args.flaws.pick(typical, bad))
+    // What is given in a unit that is so large, or what is usual and bad.
+    let of = |given: Option<f64>, unit: f64, typical: f64, bad: f64| {
+        given.map(|found| found * unit).or(args.flaws.pick(typical, bad))
     };
-    if let Some(mrad) = args.figure_mrad {
-        in_range("figure-mrad", mrad, 0.0, 10.0)?;
-    }
-    if let Some(percent) = args.prnu_percent {
-        in_range("prnu-percent", percent, 0.0, 10.0)?;
-    }
-    if let Some(row_noise_e) = args.row_noise_e {
-        in_range("row-noise-e", row_noise_e, 0.0, 100.0)?;
-    }
-    let rig = Rig::load(rig)?;
-    let tolerances = Tolerances {
-        position_m: position_mm * 1e-3,
-        angle_deg,
+    let share = |percent: Option<f64>, typical: f64, bad: f64| of(percent, 1e-2, typical, bad);
+    Tolerances {
+        position_m: args.position_mm.unwrap_or(position_mm) * 1e-3,
+        angle_deg: args.angle_deg.unwrap_or(angle_deg),
         field: args.field_percent / 100.0,
-        contrast: args
-            .contrast
-            .or(args.flaws.pick(rig.projector.contrast.unwrap_or(1500.0), 400.0)),
+        contrast: of(
+            args.contrast,
+            1.0,
+            rig.projector.contrast.unwrap_or(1500.0),
+            400.0,
+        ),
         glare: share(args.glare_percent, 3e-3, 1e-2),
         ghost: share(args.ghost_percent, 1e-2, 4e-2),
         drift: share(args.drift_percent, 5e-3, 2e-2),
         flicker: share(args.flicker_percent, 1e-3, 5e-3),
         falloff: share(args.falloff_percent, 5e-2, 2e-1),
         knee: share(args.knee_percent, 1e-2, 3e-2),
-        figure_rad: args
-            .figure_mrad
-            .map(|mrad| mrad * 1e-3)
-            .or(args.flaws.pick(1.5e-4, 5e-4)),
+        figure_rad: of(args.figure_mrad, 1e-3, 1.5e-4, 5e-4),
+        seating_m: of(args.seating_mm, 1e-3, 5e-5, 1e-4),
+        blur_px: of(args.blur_px, 1.0, 0.4, 0.8),
         standard: args.standard_percent / 100.0,
         direct: args.flaws.pick(7e-4, 3e-3),
-        pixels: pixels(args),
-    };
+        pixels: PixelTolerances {
+            prnu: share(args.prnu_percent, 5e-3, 1e-2),
+            dsnu_e: args.flaws.pick(1.0, 3.0),
+            hot: args.flaws.pick(1e-4, 1e-3),
+            row_noise_e: of(args.row_noise_e, 1.0, 0.3, 1.0),
+            wander_e: of(args.wander_e, 1.0, 0.3, 1.0),
+        },
+    }
+}
+
+pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
+    check(args)?;
+    let rig = Rig::load(rig)?;
     to_write(&args.out, TRUTH)?;
-    let mut truth = Truth::drawn(&rig, tolerances, args.seed)?;
+    let mut truth = Truth::drawn(&rig, tolerances(args, &rig), args.seed)?;
     for flaw in &args.without {
         flaw.leave_out(&mut truth, &rig);
     }

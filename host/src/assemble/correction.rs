@@ -14,7 +14,9 @@
 //!      which grows where the standard was not seen;
 //!    - seen part: that of the share;
 //!    - interreflection: that of r by noise, and a quarter of the correction for its simple model;
-//!    - directions (as they are known, and as far as whole projector pixels light beside them), interpolation and blur: what they make of an image that is not even (`shape`).
+//!    - directions (as they are known, and as far as whole projector pixels light beside them), interpolation and blur: what they make of
+//!      an image that is not even (`shape`);
+//!    - seating: sample and standard lean each a little, which changes cosθᵢ by tanθᵢ times that.
 //!
 //! # Tradeoffs
 //! What is systematic (fields, directions) is correlated from sample to sample; the file has one number per sample.
@@ -30,13 +32,17 @@ use crate::brdf::budget::{BudgetSums, band};
 use crate::brdf::quadrature::spot_rad;
 use crate::hemisphere::disk::Disk;
 use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, lit_terms};
-use crate::instrument::calibration::{AppliedCalibration, Photometry, Share, Shares};
+use crate::instrument::calibration::{AppliedCalibration, Photometry, SEATED_DEG, Share, Shares};
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
 use crate::plan::pattern::PatternMaker;
 use crate::plan::{Directions, Plan};
 use crate::store::provenance::Provenance;
 use crate::store::{BrdfRows, stored_sigma};
+
+/// Standard deviation of where the light of a projector pixel goes, pixels: nobody tells how sharp a projector is, and few show lines of
+/// one pixel with more than a third of their contrast.
+const BLUR_PX: f64 = 0.5;
 
 /// What is done to every image.
 pub(super) struct Correction {
@@ -87,6 +93,7 @@ impl Correction {
             (cells, cell_relative2) = throughput(rig, photometry, disk);
             (standard, residual) = (photometry.uncertainty_by_standard(), photometry.field_residual);
         }
+        let lit = lit(rig, plan, directions, applied.photometry.as_ref());
         let [camera_deg, projector_deg] = applied.direction_deg;
         let band_of = |w: DVec3| band(w.z.clamp(-1.0, 1.0).acos().to_degrees());
         Ok(Self {
@@ -99,7 +106,6 @@ impl Correction {
             size: disk.size(),
             channels,
             cells,
-            rows: lit(rig, plan, directions, applied.photometry.as_ref()),
             standard,
             residual2: residual.powi(2) as f32,
             lamp2: 0.0,
@@ -115,13 +121,14 @@ impl Correction {
                 disk,
                 resampling,
                 channels,
-                spot_rad(plan.spot_deg).powi(2),
+                spot_rad(plan.spot_deg).powi(2) + BLUR_PX.powi(2) * pixel_sr(&lit),
                 // The stated angle is that of both axes together.
                 f64::midpoint(
                     camera_deg.to_radians().powi(2),
                     projector_deg.to_radians().powi(2),
                 ),
             ),
+            rows: lit,
         })
     }
 
@@ -207,7 +214,8 @@ impl Correction {
                     let back = back_in(cell);
                     let lamp_common2 = self.lamp2 * f[at] * f[at];
                     let standards2 = self.standards_variance(f[at], back.per_share);
-                    let systematic = (part2 + field2 + lamp_common2 + standards2).sqrt();
+                    let leant2 = (lit.leant * f[at]).powi(2);
+                    let systematic = (part2 + field2 + lamp_common2 + standards2 + leant2).sqrt();
                     let by_shape = room.total[cell];
                     let total = sigma[at]
                         .hypot(by_shape)
@@ -217,7 +225,7 @@ impl Correction {
                     if let (Some(row), Some(column)) = (self.row_bands[index], self.cell_bands[cell]) {
                         let factor = self.cells[at] * lit.factor * shown[cell].factor;
                         let [stray2, lamp2] = [stray, lamp].map(|of| (of[at] * factor).powi(2));
-                        let directed2 = room.directed[cell].powi(2);
+                        let turned2 = room.directed[cell].powi(2);
                         let standard2 = (self.standard as f32 * f[at]).powi(2).min(standards2);
                         let variances = [
                             (sigma[at].powi(2) - stray2 - lamp2).max(0.0),
@@ -226,8 +234,8 @@ impl Correction {
                             standard2,
                             field2,
                             part2,
-                            directed2,
-                            (by_shape.powi(2) - directed2).max(0.0),
+                            turned2 + leant2,
+                            (by_shape.powi(2) - turned2).max(0.0),
                             back.uncertainty.powi(2) + standards2 - standard2,
                         ];
                         budget.add(row * BANDS_DEG.len() + column, f[at], variances);
@@ -352,6 +360,10 @@ struct Lit {
     /// Factor of f for their intensity, and its relative variance.
     factor: f32,
     relative2: f32,
+    /// Relative standard uncertainty (k = 1) of f by how sample and standard lean.
+    leant: f32,
+    /// Mean solid angle of a pixel; 0 where none is lit.
+    pixel_sr: f64,
     /// Square of the angle from the direction to their middle, radians².
     beside2: f32,
     /// Their terms for direct light, see [`lit_terms`].
@@ -372,6 +384,8 @@ fn lit(rig: &Rig, plan: &Plan, directions: &Directions, photometry: Option<&Phot
                 direction: directions.grid.direction(index),
                 factor: 1.0,
                 relative2: 0.0,
+                leant: 0.0,
+                pixel_sr: 0.0,
                 beside2: 0.0,
                 terms: [0.0; PROJECTOR_TERMS],
             };
@@ -380,17 +394,25 @@ fn lit(rig: &Rig, plan: &Plan, directions: &Directions, photometry: Option<&Phot
             let Some((lit, at)) = lit.flatten().zip(projector.pixel(w).ok()) else {
                 return of;
             };
+            of.pixel_sr = lit.solid_angle_sr / lit.pixels.len() as f64;
             of.beside2 = lit.centroid.angle_between(w).powi(2) as f32;
             let Some((found, field)) = photometry.zip(field.as_ref()) else {
                 return of;
             };
             let [x, y] = place(&projector, at);
             of.relative2 = (found.intensity.relative_uncertainty_at(x, y).powi(2)) as f32;
+            of.leant = (2_f64.sqrt() * SEATED_DEG.to_radians() * w.z.acos().tan()) as f32;
             of.factor = (lit.irradiance / maker.irradiance_of(&lit, field)) as f32;
             of.terms = lit_terms(&lit.pixels, width_px, height_px);
             of
         })
         .collect()
+}
+
+/// Mean solid angle of the projector's pixels that are lit.
+fn pixel_sr(rows: &[Lit]) -> f64 {
+    let lit = rows.iter().map(|lit| lit.pixel_sr).filter(|sr| *sr > 0.0);
+    lit.clone().sum::<f64>() / lit.count().max(1) as f64
 }
 
 /// The image position `at` (pixels) as fields take it, −1 to 1 over the image.

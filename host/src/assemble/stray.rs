@@ -31,7 +31,8 @@ impl StrayLight {
     ) -> Option<Self> {
         let found = applied.photometry.as_ref()?;
         Some(Self {
-            removal: Removal::of(&found.stray, &found.lamp, plan.watching_side, rig),
+            removal: Removal::of(&found.stray, &found.lamp, plan.watching_side, rig)
+                .within(plan.duration_s()),
             lit: correction.lit_terms(),
         })
     }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::figure::Figure;
 use super::knee::Knee;
+use super::seating::Seating;
 use crate::instrument::frame_format::place_of_pixel;
 
 /// Imperfections of light, mirror and camera; none by default.
@@ -46,6 +47,28 @@ pub struct Flaws {
     pub figure: Figure,
     /// How the camera's response bends near its full well.
     pub knee: Knee,
+    /// How well things are seated in the holder.
+    pub seating: Seating,
+    /// How sharp the projector's image is.
+    pub focus: Focus,
+}
+
+/// How sharp the projector's image is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Focus {
+    /// Standard deviation of where the light of a projector pixel goes, by defocus and by leaks into its neighbours, pixels.
+    pub blur_px: f64,
+}
+
+impl Focus {
+    /// By chance. Its chance is its own, so that it changes no other flaw that follows from the `seed`.
+    pub(super) fn drawn(seed: u64) -> Self {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed ^ FOCUS_STREAM);
+        Self {
+            blur_px: log_uniform(BLURS_PX, &mut rng),
+        }
+    }
 }
 
 /// The pupils of camera and projector, whose images are what is seen and lit of the sample.
@@ -174,6 +197,8 @@ pub struct Pixels {
     pub hot: f64,
     /// Standard deviation of what all pixels of a row have in common in one frame, electrons.
     pub row_noise_e: f64,
+    /// Standard deviation of what the offset of all pixels is off by over the hours, as temperature changes, electrons.
+    pub wander_e: f64,
 }
 
 impl Pixels {
@@ -187,7 +212,23 @@ impl Pixels {
             dsnu_e: log_uniform(DSNUS_E, &mut rng),
             hot: log_uniform(HOT_SHARES, &mut rng),
             row_noise_e: log_uniform(ROW_NOISES_E, &mut rng),
+            wander_e: log_uniform(WANDERS_E, &mut rng),
         }
+    }
+}
+
+/// Waves in which offsets wander: hours of a whole one, and its amplitude for a standard deviation of 1 in all. A camera warms up in
+/// about an hour, and air conditioning goes on and off four times in one.
+const OFFSET_WAVES: [[f64; 2]; 2] = [[0.9, 1.2], [0.23, 0.75]];
+
+impl Pixels {
+    /// What the offset of each pixel of the sensor is off by after so many hours, electrons.
+    pub(super) fn wandered_e(&self, hours: f64) -> f64 {
+        let wave = |[period_h, amplitude]: [f64; 2]| {
+            // Every sensor begins elsewhere.
+            amplitude * (std::f64::consts::TAU * hours / period_h + self.seed as f64 * period_h).sin()
+        };
+        self.wander_e * OFFSET_WAVES.map(wave).iter().sum::<f64>()
     }
 }
 
@@ -308,6 +349,11 @@ pub(super) const BLACK_FIELD: f64 = 0.2;
 /// sheets of projectors is that of the picture; that of a pupil is no better).
 pub const FALLOFFS: RangeInclusive<f64> = 2e-2..=0.2;
 
+/// Blur of a projector's image in pixels: a Gaussian one of 0.4 pixels has a contrast of 45 % for alternating lines of one pixel, one
+/// of 0.8 has 4 %; of data sheets that say more than "lines are resolved" a third to a half is usual.
+pub const BLURS_PX: RangeInclusive<f64> = 0.3..=0.8;
+/// What tells the chance of a focus from that of the rest of the rig: the letters of `focus`.
+const FOCUS_STREAM: u64 = 0x66_6f63_7573;
 /// What tells the chance of a sensor from that of the rest of the rig: the letters of `pixels`.
 const SENSOR_STREAM: u64 = 0x7069_7865_6c73;
 /// PRNU of CMOS sensors with a global shutter: 0.2 to 1 %, usually 0.5 % (data sheets by EMVA 1288).
@@ -316,6 +362,9 @@ pub const PRNUS: RangeInclusive<f64> = 2e-3..=1e-2;
 pub(super) const DSNUS_E: RangeInclusive<f64> = 0.3..=3.0;
 /// Shares of hot pixels: some ten to some thousand in a sensor of 1 to 4 million (defect maps that makers deliver).
 pub(super) const HOT_SHARES: RangeInclusive<f64> = 1e-5..=1e-3;
+/// Standard deviations of how the offset wanders, electrons: cameras that clamp it to masked pixels stay within a tenth of a digital
+/// number of 12 bits, others move by half of one per 5 K (EMVA 1288 data sheets state the offset at two temperatures).
+pub const WANDERS_E: RangeInclusive<f64> = 0.1..=1.0;
 /// Dark currents of hot pixels, electrons per second.
 pub(super) const HOT_E_PER_S: RangeInclusive<f64> = 1e2..=1e5;
 /// Row noise of such sensors in electrons: a tenth of the read noise where rows are read well (0.1 to 0.3), as much as a third

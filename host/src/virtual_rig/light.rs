@@ -70,10 +70,12 @@ pub(super) struct Light {
 
 impl Light {
     /// The light of each spot among the pixels `lit` (row-major indices) of the projector `projector` whose
-    /// pixels have the relative intensity `intensity`; spots that do not reach the sample are left out.
+    /// pixels have the relative intensity `intensity`, each spread by a standard deviation of `blur_px` pixels; spots that do not
+    /// reach the sample are left out.
     pub(super) fn spots(
         lit: &[u32],
         projector: &DirectionTiles,
+        blur_px: f64,
         intensity: &dyn Fn(usize) -> f64,
     ) -> Vec<Self> {
         let reach = lit
@@ -82,7 +84,7 @@ impl Light {
             .filter(|pixel| projector.pixel(*pixel as usize).is_some());
         connected(&reach.collect::<Vec<_>>(), projector.view().size_px().0)
             .iter()
-            .filter_map(|spot| Self::of(spot, projector, intensity))
+            .filter_map(|spot| Self::of(spot, projector, blur_px, intensity))
             .collect()
     }
 
@@ -90,6 +92,7 @@ impl Light {
     pub(super) fn of(
         lit: &[u32],
         projector: &DirectionTiles,
+        blur_px: f64,
         intensity: &dyn Fn(usize) -> f64,
     ) -> Option<Self> {
         let weighted = || {
@@ -105,7 +108,11 @@ impl Light {
         let mean: DVec3 = weighted().map(|(w, weight)| w * weight).sum::<DVec3>() / irradiance;
         let axis = mean.normalize();
         let (e1, e2) = axis.any_orthonormal_pair();
-        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+        // A pixel is as wide as its solid angle.
+        let reached = || lit.iter().filter_map(|&pixel| projector.pixel(pixel as usize));
+        let pixel_sr = reached().map(|(_, sr)| sr).sum::<f64>() / reached().count() as f64;
+        let spread = blur_px * blur_px * pixel_sr * irradiance;
+        let (mut xx, mut xy, mut yy) = (spread, 0.0, spread);
         for (w, weight) in weighted() {
             let (x, y) = ((w - mean).dot(e1), (w - mean).dot(e2));
             xx += weight * x * x;
@@ -188,7 +195,7 @@ mod tests {
         let maker = PatternMaker::new(view, 4.0, 1.0);
         for theta_deg in [35.0, 60.0, 80.0] {
             let lit = maker.lit_set(from_degrees(theta_deg, 33.0)).unwrap();
-            let lights = Light::spots(&lit.pixels, &projector, &|_| 1.0);
+            let lights = Light::spots(&lit.pixels, &projector, 0.0, &|_| 1.0);
             let [light] = lights[..] else {
                 panic!("one spot: {lights:?}")
             };
@@ -212,6 +219,39 @@ mod tests {
     }
 
     #[test]
+    fn blur_widens_a_spot_and_leaves_its_light() {
+        let view = View::projector(&Rig::load("rcg-1-16bit").unwrap());
+        let projector = DirectionTiles::of(view.clone());
+        let lit = PatternMaker::new(view, 1.0, 1.0)
+            .lit_set(from_degrees(60.0, 33.0))
+            .unwrap();
+        let light = |blur_px: f64| Light::of(&lit.pixels, &projector, blur_px, &|_| 1.0).unwrap();
+        let (sharp, soft) = (light(0.0), light(2.0));
+        assert!((soft.irradiance / sharp.irradiance - 1.0).abs() < 1e-12);
+        // The mean square of the nodes' distances from their middle, both axes together.
+        let spread = |light: &Light| {
+            let middle = light.nodes.iter().sum::<DVec3>() / 4.0;
+            light
+                .nodes
+                .iter()
+                .map(|node| node.distance_squared(middle))
+                .sum::<f64>()
+                / 4.0
+        };
+        let pixel_sr = lit
+            .pixels
+            .iter()
+            .map(|pixel| projector.pixel(*pixel as usize).unwrap().1)
+            .sum::<f64>()
+            / lit.pixels.len() as f64;
+        let widened = spread(&soft) - spread(&sharp);
+        assert!(
+            (widened / (2.0 * 4.0 * pixel_sr) - 1.0).abs() < 0.02,
+            "{widened} {pixel_sr}"
+        );
+    }
+
+    #[test]
     fn the_light_of_separate_spots_is_that_of_each() {
         let view = View::projector(&Rig::load("rcg-1-16bit").unwrap());
         let projector = DirectionTiles::of(view.clone());
@@ -223,11 +263,11 @@ mod tests {
             pixels
         };
         let all = ascending(sets.iter().flat_map(|set| set.pixels.clone()).collect());
-        let lights = Light::spots(&all, &projector, &|_| 1.0);
+        let lights = Light::spots(&all, &projector, 0.0, &|_| 1.0);
         assert_eq!(lights.len(), sets.len());
         for set in &sets {
             // To the bit: a spot does not know what else is lit.
-            let alone = Light::of(&ascending(set.pixels.clone()), &projector, &|_| 1.0).unwrap();
+            let alone = Light::of(&ascending(set.pixels.clone()), &projector, 0.0, &|_| 1.0).unwrap();
             assert!(lights.contains(&alone));
         }
     }
@@ -243,7 +283,7 @@ mod tests {
     #[test]
     fn no_pixels_no_light() {
         let projector = DirectionTiles::of(View::projector(&Rig::load("rcg-1-16bit").unwrap()));
-        assert_eq!(Light::spots(&[], &projector, &|_| 1.0), []);
-        assert_eq!(Light::spots(&[0, u32::MAX], &projector, &|_| 1.0), []);
+        assert_eq!(Light::spots(&[], &projector, 0.0, &|_| 1.0), []);
+        assert_eq!(Light::spots(&[0, u32::MAX], &projector, 0.0, &|_| 1.0), []);
     }
 }

@@ -13,6 +13,7 @@
 //! - `stray`: light that goes other ways: glare, ghost and direct light
 //! - `knee`: how the camera's response bends near its full well
 //! - `held`: what stands in the holder: a sample or, for calibration, a flat mirror
+//! - `seating`: where what is put into the holder comes to lie
 //! - `figure`: where the mirror is not the ellipsoid
 //! - `flaws`: imperfections that no rig file has
 //! - `truth`: how the rig really is, if that is not what its rig file says
@@ -33,6 +34,7 @@ mod knee;
 mod light;
 mod pixels;
 mod scene;
+mod seating;
 mod sensor;
 pub mod setup;
 mod stage;
@@ -55,11 +57,12 @@ use crate::plan::pattern::BitPattern;
 pub use controller::{CLOCK_HZ, VirtualController};
 pub use figure::{FIGURES_RAD, Figure};
 pub use flaws::{
-    CONTRASTS, DRIFTS, Direct, FALLOFFS, FLICKERS, Field, Flaws, GHOSTS, GLARES, Ghost, Glare, Lamp, PRNUS,
-    Pixels, Pupils, ROW_NOISES_E,
+    BLURS_PX, CONTRASTS, DRIFTS, Direct, FALLOFFS, FLICKERS, Field, Flaws, Focus, GHOSTS, GLARES, Ghost,
+    Glare, Lamp, PRNUS, Pixels, Pupils, ROW_NOISES_E, WANDERS_E,
 };
 pub use held::{FlatMirror, Held};
 pub use knee::{KNEES, Knee};
+pub use seating::{SEATINGS_M, Seating};
 pub use sensor::Noise;
 pub use truth::{PixelTolerances, Tolerances, Truth};
 pub use wires::{Wires, WiresError};
@@ -78,7 +81,7 @@ pub struct Behaviour {
     pub seed: u64,
     /// What goes wrong on purpose.
     pub faults: Faults,
-    /// How many hours the lamp has been on.
+    /// How many hours lamp and camera have been on.
     pub lamp_h: f64,
 }
 

@@ -9,7 +9,8 @@
 //! A hot pixel adds its dark current, and so its shot noise, as long as that alone leaves it below its full well; above that
 //! the camera shows its neighbours in its place, as the defect correction of cameras does.
 //!
-//! Row noise is drawn for each of the sensor's rows and each frame, and is the same for all channels.
+//! Row noise is drawn for each of the sensor's rows and each frame, and is the same for all channels. The offset of all pixels wanders
+//! over the hours.
 //!
 //! # Tradeoffs
 //! The light of a hot pixel that light and dark current together fill is not cut off.
@@ -107,6 +108,10 @@ pub(super) struct PixelMaps {
     row: usize,
     /// Electrons that a row of the image gets for one of row noise in each row behind it.
     row_e: f64,
+    /// What of it wanders.
+    flaws: Pixels,
+    /// Pixels of the sensor behind one of the image.
+    behind: f64,
 }
 
 impl PixelMaps {
@@ -118,8 +123,12 @@ impl PixelMaps {
             dsnu_e,
             hot,
             row_noise_e,
+            wander_e,
         } = *flaws;
-        if [prnu, dsnu_e, hot, row_noise_e].iter().all(|flaw| *flaw <= 0.0) {
+        if [prnu, dsnu_e, hot, row_noise_e, wander_e]
+            .iter()
+            .all(|flaw| *flaw <= 0.0)
+        {
             return None;
         }
         let (format, binned) = (rig.frame_format(), rig.camera.binned);
@@ -145,6 +154,8 @@ impl PixelMaps {
             hot: sensor.hot(hot),
             well_e: rig.camera.full_well_e / binned.pixels,
             row: format.width_px * format.channels,
+            flaws: flaws.clone(),
+            behind: binned.pixels,
             row_e: row_noise_e * binned.pixels / sensor.rows.per_pixel,
             rows: sensor.rows,
         })
@@ -164,22 +175,23 @@ impl PixelMaps {
         }
     }
 
-    /// Electrons that each number of the frame of this `seed` shows beside its charge.
-    pub(super) fn offset_e(&self, noise: Noise, seed: u64) -> Vec<f32> {
-        if noise == Noise::Off || self.row_e <= 0.0 {
-            return self.offset_e.clone();
-        }
-        let mut rng = chance(seed, ROW, 0);
-        let mut rows = vec![0.0_f32; self.rows.places.len()];
-        for row in &mut rows {
-            *row = rng.sample(StandardNormal);
-        }
+    /// Electrons that each number of the frame of this `seed`, taken after so many hours, shows beside its charge.
+    pub(super) fn offset_e(&self, noise: Noise, seed: u64, hours: f64) -> Vec<f32> {
         let height = self.rows.places.last().map_or(0, |last| last.of + 1);
         let mut offset_e = self.offset_e.clone();
         offset_e.resize(height * self.row, 0.0);
+        let wandered_e = (self.flaws.wandered_e(hours) * self.behind) as f32;
+        let is_noisy = noise == Noise::On && self.row_e > 0.0;
+        let mut rng = chance(seed, ROW, 0);
+        let mut rows = vec![0.0_f32; self.rows.places.len()];
+        if is_noisy {
+            for row in &mut rows {
+                *row = rng.sample(StandardNormal);
+            }
+        }
         for (of, numbers) in offset_e.chunks_exact_mut(self.row).enumerate() {
             let sum: f32 = self.rows.within(of).map(|(row, share)| share * rows[row]).sum();
-            let row_e = self.row_e as f32 * sum;
+            let row_e = self.row_e as f32 * sum + wandered_e;
             for number in numbers {
                 *number += row_e;
             }
@@ -285,6 +297,7 @@ mod tests {
         dsnu_e: 2.0,
         hot: 1e-3,
         row_noise_e: 0.7,
+        wander_e: 0.0,
     };
 
     fn maps(size_px: u32) -> (PixelMaps, f64) {
@@ -322,8 +335,12 @@ mod tests {
             let all = |maps: &PixelMaps, size: usize| {
                 // Dark ones above the full well of one are left out: 20,000 e in 0.25 s.
                 let charge = [0.05, 0.25].map(|time_s| light(maps, size, time_s));
-                [maps.offset_e(Noise::Off, 1), charge[0].clone(), charge[1].clone()]
-                    .map(|values| blocks(&values, size, size / common))
+                [
+                    maps.offset_e(Noise::Off, 1, 0.0),
+                    charge[0].clone(),
+                    charge[1].clone(),
+                ]
+                .map(|values| blocks(&values, size, size / common))
             };
             for (one, other) in all(&coarse, size).iter().zip(all(&fine, 256)) {
                 let scale = deviation(other.iter().copied());
@@ -358,7 +375,7 @@ mod tests {
             let (maps, pixels) = maps(size as u32);
             let mut squares = 0.0;
             for seed in 0..8 {
-                let (with, without) = (maps.offset_e(Noise::On, seed), &maps.offset_e);
+                let (with, without) = (maps.offset_e(Noise::On, seed, 0.0), &maps.offset_e);
                 let rows: Vec<f64> = (0..size)
                     .map(|row| f64::from(with[row * size] - without[row * size]) / pixels)
                     .collect();
@@ -368,7 +385,7 @@ mod tests {
                     assert!((here - row).abs() < 1e-4, "{here} {row}");
                 }
                 squares += deviation(rows.into_iter()).powi(2) / 8.0;
-                assert_ne!(with, maps.offset_e(Noise::On, seed + 1));
+                assert_ne!(with, maps.offset_e(Noise::On, seed + 1, 0.0));
             }
             let found_e = squares.sqrt() * pixels.sqrt().sqrt();
             assert!(
@@ -376,6 +393,28 @@ mod tests {
                 "{size}: {found_e}"
             );
         }
+    }
+
+    #[test]
+    fn the_offset_of_all_pixels_wanders_as_far_as_is_said() {
+        let flaws = Pixels {
+            wander_e: 0.5,
+            ..Pixels::default()
+        };
+        let rig = Rig::load("dmd").unwrap();
+        let maps = PixelMaps::of(&flaws, &rig).unwrap();
+        let at = |hours: f64| maps.offset_e(Noise::On, 1, hours);
+        let first = at(0.3);
+        assert!(
+            first.len() >= 32
+                && first
+                    .iter()
+                    .all(|offset_e| offset_e.to_bits() == first[0].to_bits())
+        );
+        let over_hours = deviation((0..10_000).map(|at| flaws.wandered_e(f64::from(at) * 0.01)));
+        assert!((over_hours / 0.5 - 1.0).abs() < 0.02, "{over_hours}");
+        let behind = rig.camera.binned.pixels;
+        assert!((f64::from(first[0]) / behind - flaws.wandered_e(0.3)).abs() < 1e-4);
     }
 
     #[test]

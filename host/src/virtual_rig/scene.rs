@@ -140,6 +140,8 @@ pub(super) struct Scene {
     /// `E_p`, relative, row by row.
     intensity: Vec<f64>,
     gamma: f64,
+    /// By how many pixels the light of each projector pixel is spread (standard deviation).
+    blur_px: f64,
     sensor: Sensor,
     /// What its pixels differ by; `None` if they do not.
     maps: Option<PixelMaps>,
@@ -196,6 +198,7 @@ impl Scene {
                 .map(|field| field * rig.projector.irradiance)
                 .collect(),
             gamma: if flaws.gamma > 0.0 { flaws.gamma } else { 1.0 },
+            blur_px: flaws.focus.blur_px,
             sensor: Sensor::of(rig).with_response(flaws.nonlinearity, flaws.knee),
             maps: PixelMaps::of(&flaws.pixels, rig),
             sensitivity: rig.sensitivity_e(),
@@ -263,7 +266,7 @@ impl Scene {
             return AtSample::Image(reflections.image(&intensity).into());
         }
         let intensity = |pixel: usize| level * self.intensity[pixel];
-        let lights = Light::spots(lit, &self.projector, &intensity);
+        let lights = Light::spots(lit, &self.projector, self.blur_px, &intensity);
         AtSample::Spots(lights.into_iter().filter_map(|light| self.spot(light)).collect())
     }
 
@@ -296,7 +299,7 @@ impl Scene {
                 let block: Vec<u32> = rows
                     .flat_map(|y| columns.clone().map(move |x| (y * width_px + x) as u32))
                     .collect();
-                let light = Light::of(&block, &self.projector, &|pixel| self.black_intensity[pixel])?;
+                let light = Light::of(&block, &self.projector, 0.0, &|pixel| self.black_intensity[pixel])?;
                 self.spot(light)
             })
             .collect();
@@ -337,7 +340,7 @@ impl Scene {
         let mut offset_e = Vec::new();
         if let Some(maps) = &self.maps {
             maps.expose(&mut charge_e, shot.exposure_s);
-            offset_e = maps.offset_e(noise, shot.seed);
+            offset_e = maps.offset_e(noise, shot.seed, shot.hours);
         }
         self.sensor
             .digitise(&charge_e, &offset_e, shot.exposure_s, noise, shot.seed)

@@ -182,7 +182,7 @@ impl World {
     /// # Errors
     /// [`SetupError`].
     pub fn open_held(&self, rig: &Rig, held: Held, tilt: Option<Tilt>) -> Result<Instrument, SetupError> {
-        let truth = match &self.truth {
+        let mut truth = match &self.truth {
             Some(truth) => Truth {
                 rig: truth
                     .rig
@@ -192,6 +192,10 @@ impl World {
             },
             None => Truth::of(rig),
         };
+        if let Held::Sample(sample) = &held {
+            let seating = truth.flaws.seating;
+            seating.seat(&mut truth.rig, sample.as_ref(), tilt, self.behaviour.seed);
+        }
         let opened = self.opened.fetch_add(1, Ordering::Relaxed);
         let behaviour = Behaviour {
             lamp_h: self.behaviour.lamp_h + f64::from(opened) * OPENING_H,

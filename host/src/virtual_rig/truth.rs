@@ -20,15 +20,16 @@ use crate::instrument::rig::{Lens, Rig, RigError, explain};
 
 use super::figure::Figure;
 use super::flaws::{
-    BLACK_FIELD, CONTRASTS, Direct, Field, Flaws, Ghost, Glare, Lamp, Pixels, Pupils, log_uniform,
+    BLACK_FIELD, CONTRASTS, Direct, Field, Flaws, Focus, Ghost, Glare, Lamp, Pixels, Pupils, log_uniform,
 };
 use super::held::Off;
 use super::knee::Knee;
+use super::seating::Seating;
 
 /// Version of a truth's file; 1 does not say so.
-const VERSION: u32 = 5;
+const VERSION: u32 = 6;
 /// What came with each later version.
-const NEWS: [(u32, &str); 4] = [
+const NEWS: [(u32, &str); 5] = [
     (2, "glare, the splitter's ghost and direct light"),
     (
         3,
@@ -38,6 +39,10 @@ const NEWS: [(u32, &str); 4] = [
     (
         5,
         "the mirror's figure and the bend of the camera's response near its full well",
+    ),
+    (
+        6,
+        "how well things are seated in the holder, how sharp the projector is and how the camera's offset wanders",
     ),
 ];
 
@@ -86,6 +91,12 @@ pub struct Tolerances {
     /// Share of a signal at the full well that the camera does not show; `None` draws it from [`KNEES`](super::KNEES),
     /// log-uniformly.
     pub knee: Option<f64>,
+    /// Standard deviation of the height at which things are seated in the holder, metres; `None` draws it from
+    /// [`SEATINGS_M`](super::SEATINGS_M), log-uniformly.
+    pub seating_m: Option<f64>,
+    /// Standard deviation of where the light of a projector pixel goes, pixels; `None` draws it from [`BLURS_PX`](super::BLURS_PX),
+    /// log-uniformly.
+    pub blur_px: Option<f64>,
     /// Standard uncertainty of the reflectance of each standard, relative: a certificate of a pressed or sintered PTFE standard
     /// says 0.25 to 0.5 %.
     pub standard: f64,
@@ -104,6 +115,8 @@ pub struct PixelTolerances {
     pub hot: Option<f64>,
     /// As [`Pixels::row_noise_e`], drawn from [`ROW_NOISES_E`](super::ROW_NOISES_E).
     pub row_noise_e: Option<f64>,
+    /// As [`Pixels::wander_e`], drawn from [`WANDERS_E`](super::WANDERS_E).
+    pub wander_e: Option<f64>,
 }
 
 impl PixelTolerances {
@@ -113,6 +126,7 @@ impl PixelTolerances {
         dsnu_e: None,
         hot: None,
         row_noise_e: None,
+        wander_e: None,
     };
 
     fn drawn(self, seed: u64) -> Pixels {
@@ -122,6 +136,7 @@ impl PixelTolerances {
             dsnu_e: self.dsnu_e.unwrap_or(drawn.dsnu_e),
             hot: self.hot.unwrap_or(drawn.hot),
             row_noise_e: self.row_noise_e.unwrap_or(drawn.row_noise_e),
+            wander_e: self.wander_e.unwrap_or(drawn.wander_e),
             ..drawn
         }
     }
@@ -142,6 +157,8 @@ impl Tolerances {
         falloff: None,
         figure_rad: None,
         knee: None,
+        seating_m: None,
+        blur_px: None,
         standard: 0.0,
         pixels: PixelTolerances::DRAWN,
     };
@@ -168,6 +185,8 @@ impl Tolerances {
             pupils: Pupils::default(),
             figure: Figure::drawn(seed),
             knee: Knee::drawn(seed),
+            seating: Seating::drawn(seed),
+            focus: Focus::drawn(seed),
         };
         flaws.standards = std::array::from_fn(|_| {
             let normal: f64 = rng.sample(StandardNormal);
@@ -182,6 +201,8 @@ impl Tolerances {
         flaws.lamp.flicker = self.flicker.unwrap_or(flaws.lamp.flicker);
         flaws.pupils = Pupils::drawn([nominal.camera.lens.pupil_m, nominal.projector.lens.pupil_m], rng);
         flaws.knee.loss = self.knee.unwrap_or(flaws.knee.loss);
+        flaws.seating.height_m = self.seating_m.unwrap_or(flaws.seating.height_m);
+        flaws.focus.blur_px = self.blur_px.unwrap_or(flaws.focus.blur_px);
         flaws.figure.slope_rad = self.figure_rad.unwrap_or(flaws.figure.slope_rad);
         flaws.pupils.falloff = self.falloff.unwrap_or(flaws.pupils.falloff);
         flaws
@@ -302,6 +323,8 @@ impl Truth {
             pupils,
             figure,
             knee,
+            seating,
+            focus,
             ..
         } = &self.flaws;
         let of_glare = |low: f64| if glare.share > 0.0 { low } else { 0.0 };
@@ -326,6 +349,7 @@ impl Truth {
             ("flaws.lamp.flicker", lamp.flicker, 0.0, 0.1),
             ("flaws.pixels.prnu", pixels.prnu, 0.0, 0.1),
             ("flaws.pixels.dsnu_e", pixels.dsnu_e, 0.0, 100.0),
+            ("flaws.pixels.wander_e", pixels.wander_e, 0.0, 1e3),
             ("flaws.pixels.hot", pixels.hot, 0.0, 0.1),
             ("flaws.pixels.row_noise_e", pixels.row_noise_e, 0.0, 100.0),
             ("flaws.pupils.camera_m", pupils.camera_m, 0.0, 0.2),
@@ -335,6 +359,8 @@ impl Truth {
             ("flaws.figure.slope_rad", figure.slope_rad, 0.0, 0.01),
             ("flaws.knee.start", knee.start, 0.0, 0.99),
             ("flaws.knee.loss", knee.loss, 0.0, 0.5),
+            ("flaws.seating.height_m", seating.height_m, 0.0, 0.01),
+            ("flaws.focus.blur_px", focus.blur_px, 0.0, 10.0),
         ] {
             if !(low..=high).contains(&found) {
                 return Err(refuse(
@@ -418,14 +444,14 @@ mod tests {
             std::fs::write(&path, text).unwrap();
             Truth::load(&path).unwrap_err().to_string()
         };
-        let older = refusal(truth.to_toml().replacen("version = 5\n", "", 1));
+        let older = refusal(truth.to_toml().replacen("version = 6\n", "", 1));
         assert!(
-            older.contains("version: expected 5, which also has glare") && older.ends_with("found none"),
+            older.contains("version: expected 6, which also has glare") && older.ends_with("found none"),
             "{older}"
         );
-        let before = refusal(truth.to_toml().replacen("version = 5\n", "version = 2\n", 1));
+        let before = refusal(truth.to_toml().replacen("version = 6\n", "version = 2\n", 1));
         assert!(
-            before.contains("version: expected 5, which also has the lamp's drift")
+            before.contains("version: expected 6, which also has the lamp's drift")
                 && before.ends_with("found 2"),
             "{before}"
         );
@@ -445,6 +471,9 @@ mod tests {
             }),
             ("flaws.figure.slope_rad", |flaws| flaws.figure.slope_rad = 0.1),
             ("flaws.knee.start", |flaws| flaws.knee.start = 1.0),
+            ("flaws.seating.height_m", |flaws| flaws.seating.height_m = -1e-4),
+            ("flaws.focus.blur_px", |flaws| flaws.focus.blur_px = 11.0),
+            ("flaws.pixels.wander_e", |flaws| flaws.pixels.wander_e = -1.0),
             ("flaws.black_level", |flaws| flaws.black_level = f64::NAN),
         ] {
             let mut wrong = truth.clone();

@@ -158,17 +158,18 @@ fn seen_part(summary: &Summary) -> String {
 /// Where the standard stood, and what to do if that is not where it should.
 fn stood(height: &Height) -> String {
     let mm = 1e3 * height.height_m;
-    let (side, remedy) = if mm > 0.0 {
-        ("high", "lower")
+    let (side, remedy, other) = if mm > 0.0 {
+        ("high", "lower", "raise")
     } else {
-        ("low", "raise")
+        ("low", "raise", "lower")
     };
     let uncertainty_mm = 1e3 * height.standard_uncertainty_m;
     if mm.abs() < 2.0 * uncertainty_mm {
         return format!("stood at its height, to {uncertainty_mm:.2} mm (k = 1)");
     }
+    // Patches look nearly the same from as far above and below.
     format!(
-        "stood {:.2} mm too {side} ± {uncertainty_mm:.2} mm (k = 1): {remedy} the holder by that",
+        "stood {:.2} mm too {side} ± {uncertainty_mm:.2} mm (k = 1): {remedy} the holder by that; if it is farther off then, {other} it",
         mm.abs()
     )
 }

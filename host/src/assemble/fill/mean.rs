@@ -1,10 +1,11 @@
 //! The mean of what several captures say of the same sample.
 //!
 //! # Design
-//! Every sample is the mean of what the captures say, weighted by inverse variance; that of a further capture includes the
-//! variance of its scale. A turn is applied by looking up the turned pair. Noise averages out; the standard, the fields and blur do not, because all captures share them. The files
-//! have one number for both, so [`COMMON`] of each variance is taken to be shared: with weights w = 1/σ² the variance is
-//! (1 − common)/Σw + common·(Σwσ/Σw)².
+//! Every sample is the mean of what the captures say, weighted by inverse variance. What all values of a capture have in common
+//! takes no part in that: a further capture has the scale of the first, and the variance with which that was found, so that what the
+//! values of the first have in common all have. A turn is applied by looking up the turned pair. Of what is left of each variance
+//! noise averages out; the fields and blur do not, because all captures share them. The files have one number for both, so
+//! [`SHARED`] of it is taken to be shared: with weights w = 1/σ² the variance is (1 − shared)/Σw + shared·(Σwσ/Σw)².
 
 use std::ops::Range;
 
@@ -18,8 +19,37 @@ use crate::brdf::Brdf;
 use crate::store::provenance::Provenance;
 use crate::store::{BrdfRows, LEAST_SIGMA, StoreError, USELESS_SIGMA};
 
-/// Share of the variance of a sample that captures have in common.
-const COMMON: f64 = 0.5;
+/// Share of the variance that a sample has beside the common part which captures share.
+const SHARED: f64 = 0.5;
+/// Least part of σ that is not common: half floats keep three digits.
+const OWN_PART: f64 = 0.1;
+
+/// How a capture is taken.
+#[derive(Clone, Copy)]
+struct Taken {
+    /// What its f is multiplied with, and the standard uncertainty of that.
+    scale: f64,
+    uncertainty: f64,
+    /// Relative standard uncertainty that all its values have in common.
+    common: f64,
+}
+
+impl Taken {
+    /// The capture `brdf`, scaled as `alignment` says, or as it is.
+    fn of(brdf: &Brdf, alignment: Option<&Alignment>) -> Self {
+        Self {
+            scale: alignment.map_or(1.0, |of| of.scale),
+            uncertainty: alignment.map_or(0.0, |of| of.scale_uncertainty),
+            common: brdf.common_uncertainty().unwrap_or(0.0),
+        }
+    }
+
+    /// Variance of a scaled value `f` ± `sigma` beside what all have in common.
+    fn variance(self, f: f64, sigma: f64) -> f64 {
+        let own = (sigma.powi(2) - (self.common * f).powi(2)).max((OWN_PART * sigma).powi(2));
+        own * self.scale.powi(2) + (f * self.uncertainty).powi(2)
+    }
+}
 
 /// Sums over captures, with weights w = 1/σ², of each (incident direction, cell) of one chunk: [sample × channel].
 struct Sums<'a> {
@@ -27,6 +57,8 @@ struct Sums<'a> {
     channels: usize,
     /// Whether a sample may have a value.
     is_open: &'a dyn Fn(usize) -> bool,
+    /// Relative standard uncertainty that all means have in common.
+    common: f64,
     /// Σ w·f.
     values: Vec<f64>,
     /// Σ w.
@@ -39,12 +71,14 @@ struct Sums<'a> {
 
 impl<'a> Sums<'a> {
     /// Of nothing yet.
-    fn new(rows: usize, cells: usize, channels: usize, is_open: &'a dyn Fn(usize) -> bool) -> Self {
+    fn new(rows: usize, base: &Brdf, is_open: &'a dyn Fn(usize) -> bool) -> Self {
+        let (cells, channels) = (base.disk().len(), base.channels());
         let samples = rows * cells;
         Self {
             cells,
             channels,
             is_open,
+            common: Taken::of(base, None).common,
             values: vec![0.0_f64; samples * channels],
             weights: vec![0.0_f64; samples * channels],
             roots: vec![0.0_f64; samples * channels],
@@ -52,19 +86,19 @@ impl<'a> Sums<'a> {
         }
     }
 
-    /// Adds what one capture says of `sample`; `f` and `sigma`, one per channel, are multiplied by the scale, which has a
-    /// standard uncertainty of its own.
-    fn add(&mut self, sample: usize, f: &[f32], sigma: &[f32], (scale, uncertainty): (f64, f64), code: u8) {
+    /// Adds what one capture says of `sample`: `f` and `sigma`, one per channel.
+    fn add(&mut self, sample: usize, f: &[f32], sigma: &[f32], taken: Taken, code: u8) {
         if !(self.is_open)(sample) {
             return;
         }
         let channels = self.channels;
         for channel in 0..channels {
-            let weight = (f64::from(sigma[channel]) * scale)
-                .hypot(f64::from(f[channel]) * uncertainty)
-                .max(LEAST_SIGMA.into())
-                .powi(-2);
-            self.values[sample * channels + channel] += weight * scale * f64::from(f[channel]);
+            let (f, sigma) = (f64::from(f[channel]), f64::from(sigma[channel]));
+            let weight = taken
+                .variance(f, sigma)
+                .max(f64::from(LEAST_SIGMA).powi(2))
+                .recip();
+            self.values[sample * channels + channel] += weight * taken.scale * f;
             self.weights[sample * channels + channel] += weight;
             self.roots[sample * channels + channel] += weight.sqrt();
         }
@@ -83,7 +117,7 @@ impl<'a> Sums<'a> {
         brdf: &Brdf,
         places: &[Option<usize>],
         is_first: bool,
-        scale: (f64, f64),
+        taken: Taken,
     ) -> Result<(), StoreError> {
         let (cells, channels) = (self.cells, self.channels);
         // The rows of a chunk mostly come from one of the capture.
@@ -110,7 +144,7 @@ impl<'a> Sums<'a> {
                     *sigma = half.to_f32();
                 }
                 let code = if is_first { code } else { Provenance::Merged.code() };
-                self.add(place * cells + cell, &rows.f[at], &sigma, scale, code);
+                self.add(place * cells + cell, &rows.f[at], &sigma, taken, code);
             }
         }
         Ok(())
@@ -138,8 +172,10 @@ impl<'a> Sums<'a> {
                 .weights
                 .iter()
                 .zip(&self.roots)
-                .map(|(weight, root)| {
-                    let variance = (1.0 - COMMON) / weight + COMMON * (root / weight).powi(2);
+                .zip(&self.values)
+                .map(|((weight, root), sum)| {
+                    let own = (1.0 - SHARED) / weight + SHARED * (root / weight).powi(2);
+                    let variance = own + (self.common * sum / weight).powi(2);
                     f16::from_f64(variance.sqrt().min(USELESS_SIGMA.into()).max(LEAST_SIGMA.into()))
                 })
                 .collect(),
@@ -161,19 +197,20 @@ pub(super) fn merged_chunk(
     let base = captures[0];
     let cells = base.disk().len();
     let is_open = |sample: usize| is_open(range.start + sample / cells, sample % cells);
-    let mut sums = Sums::new(range.len(), cells, base.channels(), &is_open);
+    let mut sums = Sums::new(range.len(), base, &is_open);
     let rows = |capture: usize| &union.rows[capture][range.clone()];
-    sums.add_rows(base, rows(0), true, (1.0, 0.0))?;
+    sums.add_rows(base, rows(0), true, Taken::of(base, None))?;
     for (capture, alignment) in (1..).zip(alignments) {
         if alignment.turn == DQuat::IDENTITY {
-            let scale = (alignment.scale, alignment.scale_uncertainty);
-            sums.add_rows(captures[capture], rows(capture), false, scale)?;
+            let taken = Taken::of(captures[capture], Some(alignment));
+            sums.add_rows(captures[capture], rows(capture), false, taken)?;
         }
     }
     for (capture, alignment) in (1..).zip(alignments) {
         if alignment.turn == DQuat::IDENTITY {
             continue;
         }
+        let taken = Taken::of(captures[capture], Some(alignment));
         let has = |sample: &usize| union.rows[capture][range.start + sample / cells].is_some();
         let places: Vec<(usize, (DVec3, DVec3))> = (0..range.len() * cells)
             .filter(has)
@@ -186,8 +223,7 @@ pub(super) fn merged_chunk(
         let pairs: Vec<(DVec3, DVec3)> = places.iter().map(|place| place.1).collect();
         for ((sample, _), found) in places.iter().zip(captures[capture].with_sigma(&pairs)?) {
             if let Some([f, sigma]) = found {
-                let scale = (alignment.scale, alignment.scale_uncertainty);
-                sums.add(*sample, &f, &sigma, scale, Provenance::Merged.code());
+                sums.add(*sample, &f, &sigma, taken, Provenance::Merged.code());
             }
         }
     }

@@ -77,6 +77,9 @@ const SATURATED: f64 = 0.002;
 /// What the response of pixels is taken for where too few show it, relative: data sheets by EMVA 1288 have 0.2 to 1 %.
 const MOST_PRNU: f64 = 0.01;
 
+/// What returns onto the standard is not less than nothing by so many standard uncertainties.
+const CERTAIN: f64 = 4.0;
+
 /// The most that light and throughput may leave of what the standard shows, relative, RMS.
 const WORST_RESIDUAL: f64 = 0.015;
 
@@ -471,11 +474,23 @@ fn interreflection(
         advice: "give a brighter --second-standard, or none",
     })?;
     // (1 + share·a)/(1 + share·b) = ratio.
-    Ok(Interreflection {
+    let found = Interreflection {
         share: (ratio - 1.0) / (a - ratio * b),
         standard_uncertainty: uncertainty / (a - b).abs(),
         by_standards: standard_uncertainty * std::f64::consts::SQRT_2 / (a - b).abs(),
         own: a,
+    };
+    let doubt = found.standard_uncertainty.hypot(found.by_standards);
+    if found.share >= -CERTAIN * doubt {
+        return Ok(found);
+    }
+    Err(CalibrateError::Views {
+        expected: "a second standard that is as bright beside the first as both are said to be".to_owned(),
+        found: format!(
+            "{:.1} % less light of the first, which is no interreflection",
+            -100.0 * found.share * (a - b)
+        ),
+        advice: "are both standards what they are said to be, and do they lie alike?",
     })
 }
 

@@ -51,6 +51,9 @@ pub use stray::{GhostFound, Stray};
 pub const RIG: &str = "rig.toml";
 /// Names of the files that say which views the two calibrations were made of.
 pub(crate) const VIEWS: [&str; 2] = ["geometry-views.json", "photometry-views.json"];
+/// By how much whatever is put into the holder leans each way, degrees (k = 1): the tenth of a millimetre by which one end of a plate lies
+/// higher, over its length.
+pub(crate) const SEATED_DEG: f64 = 0.05;
 
 /// A calibration that measurements take into account.
 #[derive(Clone, Debug, PartialEq)]
@@ -220,10 +223,10 @@ impl Calibration {
     #[must_use]
     pub fn applied(&self) -> AppliedCalibration {
         AppliedCalibration {
-            direction_deg: self
-                .geometry
-                .as_ref()
-                .map_or([0.0; 2], |geometry| [geometry.camera_deg, geometry.projector_deg]),
+            direction_deg: self.geometry.as_ref().map_or([0.0; 2], |geometry| {
+                // Samples lean besides, both ways.
+                [geometry.camera_deg, geometry.projector_deg].map(|deg| deg.hypot(2_f64.sqrt() * SEATED_DEG))
+            }),
             edge_deg: self.geometry.as_ref().map_or(0.0, Geometry::edge_deg),
             photometry: self.photometry.clone(),
             nominal_sha256: Some(

@@ -55,8 +55,9 @@ impl SeenPart {
     /// How well samples are put where they belong along their plane (k = 1), metres.
     pub(crate) const ALONG_M: f64 = 1e-3;
 
-    /// What the shapes of pupils and the places of lenses leave of what is found, in the same order (k = 1).
-    pub(crate) const LEFT: [f64; UNKNOWNS] = [1e-4, 1e-4, 1e-4, 0.03, 0.03, 0.02];
+    /// What the shapes of pupils, the places of lenses and the seating of samples, each of which lies at a height of its own, leave of
+    /// what is found, in the same order (k = 1).
+    pub(crate) const LEFT: [f64; UNKNOWNS] = [1.4e-4, 1.4e-4, 1.4e-4, 0.03, 0.03, 0.02];
 
     /// As `rig` has it; `None` if it says nothing of the pupils.
     pub(crate) fn of(rig: &Rig) -> Option<Self> {

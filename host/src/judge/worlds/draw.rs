@@ -30,7 +30,7 @@ pub struct Flaw {
 }
 
 /// All flaws that are drawn.
-pub const FLAWS: [Flaw; 13] = [
+pub const FLAWS: [Flaw; 16] = [
     flaw("--position-mm", 0, [0.1, 3.0], 1.0),
     flaw("--angle-deg", 0, [0.05, 2.0], 0.5),
     flaw("--field-percent", 1, [5.0, 30.0], 30.0),
@@ -44,6 +44,9 @@ pub const FLAWS: [Flaw; 13] = [
     flaw("--falloff-percent", 7, [2.0, 20.0], 20.0),
     flaw("--figure-mrad", 8, [0.05, 0.5], 0.15),
     flaw("--knee-percent", 9, [0.3, 3.0], 1.0),
+    flaw("--seating-mm", 0, [0.02, 0.1], 0.05),
+    flaw("--blur-px", 1, [0.3, 0.8], 0.4),
+    flaw("--wander-e", 6, [0.1, 1.0], 0.3),
 ];
 
 const fn flaw(option: &'static str, group: usize, [good, bad]: [f64; 2], careful: f64) -> Flaw {

@@ -27,6 +27,8 @@ pub(super) struct Shot {
     pub(super) seen: Vec<(Glow, f64)>,
     /// The lamp's light, relative to that of the rig file.
     pub(super) lamp: f64,
+    /// How many hours the instrument has been on.
+    pub(super) hours: f64,
     pub(super) seed: u64,
 }
 
@@ -206,6 +208,7 @@ impl Stage {
             exposure_s: self.seconds(to - from),
             seen,
             lamp: self.lamp_level(from, id),
+            hours: self.hours(from),
             seed: self.seed(0, id),
         };
         if self.chance(3, id, self.behaviour.faults.doubled_frames) {
@@ -240,15 +243,17 @@ impl Stage {
     /// The lamp's light in the exposure `id` that begins at `from`, relative to that of the rig file.
     fn lamp_level(&self, from: Ticks, id: u64) -> f64 {
         let Lamp { flicker, .. } = self.lamp;
-        let slow = self
-            .lamp
-            .level(self.behaviour.lamp_h + self.seconds(from) / 3600.0);
+        let slow = self.lamp.level(self.hours(from));
         if flicker <= 0.0 {
             return slow;
         }
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(self.seed(4, id));
         let normal: f64 = rng.sample(StandardNormal);
         slow * (1.0 + flicker * normal).max(0.0)
+    }
+
+    fn hours(&self, at: Ticks) -> f64 {
+        self.behaviour.lamp_h + self.seconds(at) / 3600.0
     }
 
     fn seconds(&self, ticks: Ticks) -> f64 {

@@ -7,7 +7,8 @@
 //! that should be wholly lit, by a few terms, and what all pairs show over that, dark ones too, is compared with their shares. What
 //! is far off counts as far, and no farther.
 //!
-//! A standard that is tilted tells the offset along another normal.
+//! A standard that is tilted tells the offset along another normal. Patches at h and at −h differ in the second order only: which of both
+//! it is, is less certain than how far, and hardly matters, because the shares are the same.
 
 use glam::DVec3;
 use nalgebra::DVector;
@@ -82,7 +83,8 @@ fn across(axes: &[(usize, DVec3)], w: DVec3) -> DVec3 {
         .fold(w, |left, (_, axis)| left - left.dot(*axis) * *axis)
 }
 
-fn normal(seen: &Seen) -> DVec3 {
+/// The normal of the standard, mirror frame.
+pub(super) fn normal(seen: &Seen) -> DVec3 {
     SampleFrame::of(&seen.rig.sample).to_mirror(DVec3::Z)
 }
 

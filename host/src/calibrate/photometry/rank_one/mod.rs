@@ -16,6 +16,7 @@
 mod area;
 mod fit;
 mod height;
+mod ratio;
 
 use glam::DVec3;
 use nalgebra::DVector;
@@ -354,23 +355,6 @@ impl<'a> Seen<'a> {
             && (0..self.lit.len())
                 .filter(|place| self.lit[*place].is_some())
                 .all(|place| before.places[place] == self.judged.places[place])
-    }
-
-    /// Mean of q here over q there, of the pairs that both have, and its standard uncertainty.
-    pub(super) fn ratio_to(&self, other: &Self) -> Option<(f64, f64)> {
-        let key = |pair: &Pair| (pair.place, pair.pixel, pair.channel);
-        let known: std::collections::HashMap<_, &Pair> =
-            other.pairs.iter().map(|pair| (key(pair), pair)).collect();
-        let (mut sum, mut weights) = (0.0, 0.0);
-        for pair in self.pairs.iter().filter(|pair| self.takes_part(pair)) {
-            if let Some(there) = known.get(&key(pair)) {
-                let weight = (pair.weight.recip() + there.weight.recip()).recip();
-                sum += weight * (pair.log - there.log);
-                weights += weight;
-            }
-        }
-        let lamp = self.lamp[1].hypot(other.lamp[1]);
-        (weights > 0.0).then(|| ((sum / weights).exp(), weights.sqrt().recip().hypot(lamp)))
     }
 }
 

@@ -4,7 +4,7 @@ use super::capture::{PATTERNS, StrayViews, WATCHED};
 use super::fit::Frames;
 use crate::base::linear_fit::least_squares;
 use crate::instrument::calibration::Monitor;
-use crate::instrument::calibration::stray::{CAMERA_TERMS, camera_terms, dark_of};
+use crate::instrument::calibration::stray::{CAMERA_TERMS, camera_terms, dark_of, offset_dn};
 use crate::instrument::rig::Rig;
 
 /// How much more a pixel counts that is dark in measurements than one that is not, of which every so manieth takes part.
@@ -42,7 +42,8 @@ impl Frames {
             if sum <= 0.0 || sum + sum_unlit <= 0.0 {
                 return None;
             }
-            off = off.max(left.hypot(left_unlit) / (sum + sum_unlit));
+            let by_offset = offset_dn(rig) * dark.len() as f64 / views.watched_s;
+            off = off.max(left.hypot(left_unlit).hypot(by_offset) / (sum + sum_unlit));
             light.push(of_lit);
             black.push(of_unlit);
         }

@@ -11,7 +11,7 @@
 
 use glam::Vec4;
 
-use super::{CAMERA_TERMS, GROUPS, PROJECTOR_TERMS, Removal, Room, lanes};
+use super::{CAMERA_TERMS, GROUPS, PROJECTOR_TERMS, Removal, Room, hypot, lanes};
 use crate::instrument::calibration::lamp::Monitor;
 
 /// Light of the lamp in a frame.
@@ -141,7 +141,7 @@ impl Removal {
         let (off, variance) = self.compare(
             |pixel| of_sample[pixel] - room.stray[pixel],
             |pixel| own[pixel],
-            |pixel| room.doubt[pixel],
+            |pixel| hypot(room.doubt[pixel], Vec4::splat(self.offset_dn)),
         )?;
         Some(Level {
             light: 1.0 + off,

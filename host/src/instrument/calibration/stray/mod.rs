@@ -176,6 +176,10 @@ pub(crate) struct Removal {
     direct_uncertainty: f32,
     /// Pixels that are dark by construction, and how much each counts where they tell the lamp's light.
     monitors: Vec<u32>,
+    /// By how much the camera's offset may be another than in the calibration, digital numbers (k = 1).
+    offset_dn: f32,
+    /// And than in the black frames of its run.
+    offset_since_black_dn: f32,
     weights: Vec<Vec4>,
     watch: Option<Watch>,
     /// Variance of the light of an exposure as far as nothing watches it.
@@ -202,16 +206,30 @@ const GROUPS: usize = 8;
 /// A saturated pixel holds at least so much of the light of all of them: what is divided by has to be more than nothing.
 const LEAST: f32 = 1e-12;
 
+/// By how much the offset of a pixel of the sensor may be off after a while, electrons (k = 1): that of cameras wanders by 0.1 to 1 as
+/// their temperature changes.
+const WANDER_E: f64 = 0.5;
+/// It takes so many seconds for that.
+const WANDER_S: f64 = 250.0;
+
+/// The same of the images of `rig`, digital numbers.
+pub(crate) fn offset_dn(rig: &Rig) -> f64 {
+    WANDER_E * rig.camera.binned.pixels / rig.gain_e_per_dn()
+}
+
 impl Removal {
     /// As `found`, for images of `rig` while squares of `side` pixels watch the `lamp`.
     pub(crate) fn of(found: &Stray, lamp: &LampFound, side: u32, rig: &Rig) -> Self {
         let format = rig.frame_format();
-        Self::new(
-            found,
-            (lamp, side),
-            (format.width_px, format.height_px),
-            dark_of(rig),
-        )
+        Self {
+            offset_dn: offset_dn(rig) as f32,
+            ..Self::new(
+                found,
+                (lamp, side),
+                (format.width_px, format.height_px),
+                dark_of(rig),
+            )
+        }
     }
 
     /// As `found`, for images of this size, while squares of so many pixels watch the lamp; `dark` are the pixels that no light
@@ -247,6 +265,17 @@ impl Removal {
             watch,
             prior_variance: lamp.prior_variance() as f32,
             monitors: dark,
+            offset_dn: 0.0,
+            offset_since_black_dn: 0.0,
+        }
+    }
+
+    /// For frames that are taken up to so many seconds after the black ones.
+    #[must_use]
+    pub(crate) fn within(self, run_s: f64) -> Self {
+        Self {
+            offset_since_black_dn: self.offset_dn * (run_s / WANDER_S).min(1.0) as f32,
+            ..self
         }
     }
 
@@ -262,7 +291,9 @@ impl Removal {
         room: &mut Room,
     ) {
         let direct = self.direct_coefficients(lit, exposure_s);
-        let direct_doubt = self.direct_uncertainty * (lit[0] * exposure_s) as f32;
+        // The offset is off in all pixels alike, as direct light is.
+        let direct_doubt =
+            (self.direct_uncertainty * (lit[0] * exposure_s) as f32).hypot(self.offset_since_black_dn);
         let saturated = Vec4::splat(saturation);
         let mut is_saturated = false;
         room.clean.clear();
