@@ -5,7 +5,7 @@ use super::radiometry::Radiometry;
 use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::calibration::LampFound;
 use crate::instrument::calibration::photometry::COMMAND;
-use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, Removal};
+use crate::instrument::calibration::stray::{Compared, Level, PROJECTOR_TERMS, Removal};
 use crate::instrument::rig::Rig;
 use crate::plan::Plan;
 
@@ -37,7 +37,7 @@ impl StrayLight {
         })
     }
 
-    /// The lamp in the black frames over that of the calibration, from those exposures that tell it best.
+    /// The lamp in the black frames over that of the calibration.
     ///
     /// # Errors
     /// What is wrong if another lamp must have been in it.
@@ -47,7 +47,7 @@ impl StrayLight {
             let saturation = one.linear(one.saturation) - one.level;
             self.removal.level_of_black(&light, one.exposure_s, saturation)
         });
-        let Some(level) = of_each.min_by(|a, b| a.uncertainty.total_cmp(&b.uncertainty)) else {
+        let Some(level) = Compared::together(&of_each.collect::<Vec<_>>()) else {
             return Ok(Level {
                 light: 1.0,
                 uncertainty: LampFound::UNWATCHED as f32,

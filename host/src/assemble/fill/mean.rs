@@ -229,3 +229,42 @@ pub(super) fn merged_chunk(
     }
     Ok(sums.means())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_first_capture_has_in_common_no_mean_lessens() {
+        let is_open = |_: usize| true;
+        let mut sums = Sums {
+            cells: 1,
+            channels: 1,
+            is_open: &is_open,
+            common: 0.1,
+            values: vec![0.0],
+            weights: vec![0.0],
+            roots: vec![0.0],
+            provenance: vec![Provenance::Missing.code()],
+        };
+        let first = Taken {
+            scale: 1.0,
+            uncertainty: 0.0,
+            common: 0.1,
+        };
+        let code = Provenance::Measured.code();
+        sums.add(0, &[1.0], &[0.1_f32.hypot(0.02)], first, code);
+        // Less uncertain of its own scale, which it does not keep.
+        let second = Taken {
+            scale: 1.25,
+            uncertainty: 0.002,
+            common: 0.05,
+        };
+        sums.add(0, &[0.8], &[0.04_f32.hypot(0.016)], second, code);
+        let rows = sums.means().unwrap();
+        assert!((rows.f[0] - 1.0).abs() < 1e-6, "{}", rows.f[0]);
+        let own = (rows.sigma[0].to_f64().powi(2) - 0.01).sqrt();
+        assert!((0.015..0.02).contains(&own), "{own}");
+        assert_eq!(rows.provenance[0], Provenance::Merged.code());
+    }
+}

@@ -16,7 +16,7 @@ use super::rank_one::{Fields, Seen};
 use crate::brdf::sample::Sample;
 use crate::instrument::calibration::lamp::SLOW;
 use crate::instrument::calibration::lights;
-use crate::instrument::calibration::stray::{Level, Removal, Room, lanes};
+use crate::instrument::calibration::stray::{Compared, Level, Removal, Room, lanes};
 use crate::instrument::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
 
 /// A share is whole within so many of its standard uncertainties …
@@ -159,7 +159,8 @@ impl Seen<'_> {
             .chunks_exact(self.channels)
             .map(|black| lanes(self.channels, |channel| black[channel]))
             .collect();
-        let level = removal.level_of_black(&light, self.exposure_s, linear.of(self.saturation_dn) as f32);
+        let compared = removal.level_of_black(&light, self.exposure_s, linear.of(self.saturation_dn) as f32);
+        let level = Compared::together(compared.as_slice());
         self.lamp = level.map_or([1.0, SLOW], |level| {
             [level.light, level.uncertainty].map(f64::from)
         });

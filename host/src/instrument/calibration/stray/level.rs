@@ -6,12 +6,16 @@
 //! ([`crate::instrument::monitor`]), and S is stray light, which is known. So L − 1 = Σ w·(frame − black − stray)/Σ w·B with
 //! weights w that have no noise in common with it: the light that calibration found there.
 //!
+//! The camera's offset may be another than in the calibration. In black frames of several exposure times it stands apart from light, and
+//! is found along ([`Compared::together`]).
+//!
 //! What noise leaves uncertain, and wrong shapes of stray light, a jackknife over groups of neighbours tells; what is
 //! uncertain in stray light itself all pixels share. Where dark pixels tell less than is known of lamps anyway, L is near 1.
 
 use glam::Vec4;
 
-use super::{CAMERA_TERMS, GROUPS, PROJECTOR_TERMS, Removal, Room, hypot, lanes};
+use super::{CAMERA_TERMS, GROUPS, PROJECTOR_TERMS, Removal, Room, lanes};
+use crate::base::linear_fit::least_squares;
 use crate::instrument::calibration::lamp::Monitor;
 
 /// Light of the lamp in a frame.
@@ -33,6 +37,39 @@ impl Level {
     /// What a frame shows `more` than a black one, of light `black`, had the lamp been the same.
     pub(crate) fn steady(self, more: Vec4, black: Vec4) -> Vec4 {
         (more - black * (self.light - 1.0)) / self.light
+    }
+}
+
+/// What dark pixels say of the lamp in black frames of one exposure time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Compared {
+    /// By how much more light they show than in the calibration, relative, and the variance of that.
+    off: f32,
+    variance: f32,
+    /// What of it an offset of the camera makes that is higher by one standard deviation.
+    per_offset: f32,
+}
+
+impl Compared {
+    /// The lamp by `all` black frames of a run: light grows with the exposure time, and the camera's offset does not. `None` if there are
+    /// none.
+    pub(crate) fn together(all: &[Self]) -> Option<Level> {
+        let rows = all.iter().map(|one| {
+            let row = vec![1.0, f64::from(one.per_offset)];
+            (
+                row,
+                f64::from(one.off),
+                f64::from(one.variance.max(f32::MIN_POSITIVE)).recip(),
+            )
+        });
+        let best = all.iter().map(|one| one.variance).min_by(f32::total_cmp)?;
+        let prior = [(vec![0.0, 1.0], 0.0, 1.0)];
+        let (found, covariance) = least_squares(2, &rows.chain(prior))?;
+        Some(Level {
+            light: 1.0 + found[0] as f32,
+            // What is wrong with stray light is wrong in all of them.
+            uncertainty: (covariance[(0, 0)] as f32).max(best).sqrt(),
+        })
     }
 }
 
@@ -94,6 +131,8 @@ struct Sums {
     more: f32,
     black: f32,
     doubt: f32,
+    /// Of weights.
+    weight: f32,
 }
 
 impl Removal {
@@ -106,7 +145,7 @@ impl Removal {
         black: impl Fn(usize) -> Vec4,
         doubt: impl Fn(usize) -> Vec4,
     ) -> Level {
-        let Some((off, variance)) = self.compare(more, black, doubt) else {
+        let Some(Compared { off, variance, .. }) = self.compare(more, black, doubt) else {
             return Level {
                 light: 1.0,
                 uncertainty: self.prior_variance.sqrt(),
@@ -119,9 +158,14 @@ impl Removal {
         }
     }
 
-    /// The lamp in black frames over that of the calibration; `light` is what they show above the dark level in `exposure_s`
+    /// The lamp in black frames beside that of the calibration; `light` is what they show above the dark level in `exposure_s`
     /// seconds, digital numbers, NaN where saturated, which is at least `saturation`. `None` if nothing watches it.
-    pub(crate) fn level_of_black(&self, light: &[Vec4], exposure_s: f64, saturation: f32) -> Option<Level> {
+    pub(crate) fn level_of_black(
+        &self,
+        light: &[Vec4],
+        exposure_s: f64,
+        saturation: f32,
+    ) -> Option<Compared> {
         let watch = self.watch.as_ref()?;
         let own: Vec<Vec4> = self
             .camera_terms
@@ -138,15 +182,11 @@ impl Removal {
             saturation,
             &mut room,
         );
-        let (off, variance) = self.compare(
+        self.compare(
             |pixel| of_sample[pixel] - room.stray[pixel],
             |pixel| own[pixel],
-            |pixel| hypot(room.doubt[pixel], Vec4::splat(self.offset_dn)),
-        )?;
-        Some(Level {
-            light: 1.0 + off,
-            uncertainty: variance.sqrt(),
-        })
+            |pixel| room.doubt[pixel],
+        )
     }
 
     /// Relative standard uncertainty of what [`level_of_black`](Self::level_of_black) compares with.
@@ -154,13 +194,13 @@ impl Removal {
         self.watch.as_ref().map_or(0.0, |watch| watch.uncertainty)
     }
 
-    /// By how much `more` exceeds what `black` says, relative, and the variance of that; `None` if no pixel tells.
+    /// By how much `more` exceeds what `black` says; `None` if no pixel tells.
     fn compare(
         &self,
         more: impl Fn(usize) -> Vec4,
         black: impl Fn(usize) -> Vec4,
         doubt: impl Fn(usize) -> Vec4,
-    ) -> Option<(f32, f32)> {
+    ) -> Option<Compared> {
         let mut groups = [Sums::default(); GROUPS];
         for (place, &pixel) in self.monitors.iter().enumerate() {
             let at = pixel as usize;
@@ -172,6 +212,7 @@ impl Removal {
             group.more += (weight * more).element_sum();
             group.black += (weight * black(at)).element_sum();
             group.doubt += (weight * doubt(at)).element_sum();
+            group.weight += weight.element_sum();
         }
         let sum = |of: &dyn Fn(&Sums) -> f32| groups.iter().map(of).sum::<f32>();
         let (more, black, doubt) = (sum(&|one| one.more), sum(&|one| one.black), sum(&|one| one.doubt));
@@ -181,6 +222,34 @@ impl Removal {
             .map(|one| ((more - one.more) / (black - one.black) - off).powi(2))
             .sum();
         let variance = squares * (GROUPS - 1) as f32 / GROUPS as f32 + (doubt / black).powi(2);
-        (black > 0.0 && variance.is_finite()).then_some((off, variance))
+        (black > 0.0 && variance.is_finite()).then(|| Compared {
+            off,
+            variance,
+            per_offset: self.offset_dn * sum(&|one| one.weight) / black,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_offset_passes_for_light_in_one_exposure_time_and_not_in_two() {
+        let (light, offset) = (1.01, 1.5);
+        let shown = |per_offset: f32| Compared {
+            off: light - 1.0 + offset * per_offset,
+            variance: 1e-8,
+            per_offset,
+        };
+        let together = |all: &[Compared]| Compared::together(all).unwrap();
+        let (one, two) = (together(&[shown(0.004)]), together(&[shown(0.004), shown(0.016)]));
+        let is_stated = |level: Level| (level.light - light).abs() < 2.0 * level.uncertainty;
+        assert!(
+            is_stated(one) && (one.uncertainty - 0.004).abs() < 1e-4,
+            "{one:?}"
+        );
+        assert!(is_stated(two) && two.uncertainty < 2e-4, "{two:?}");
+        assert_eq!(Compared::together(&[]), None);
     }
 }

@@ -26,7 +26,7 @@ use crate::instrument::rig::Rig;
 pub(crate) use direct::{CAMERA_TERMS, PROJECTOR_TERMS, camera_terms, lit_terms};
 pub(crate) use ghost::Shifted;
 pub(crate) use halo::{Halo, Room as HaloRoom};
-pub(crate) use level::Level;
+pub(crate) use level::{Compared, Level};
 
 use level::Watch;
 
@@ -270,11 +270,11 @@ impl Removal {
         }
     }
 
-    /// For frames that are taken up to so many seconds after the black ones.
+    /// For frames that are taken up to so many seconds after the black ones: RMS over them all.
     #[must_use]
     pub(crate) fn within(self, run_s: f64) -> Self {
         Self {
-            offset_since_black_dn: self.offset_dn * (run_s / WANDER_S).min(1.0) as f32,
+            offset_since_black_dn: self.offset_dn * (run_s / (3.0_f64.sqrt() * WANDER_S)).min(1.0) as f32,
             ..self
         }
     }
