@@ -37,7 +37,7 @@ impl StrayLight {
         })
     }
 
-    /// The lamp in the black frames over that of the calibration.
+    /// The lamp in the black frames over that of the calibration, from those exposures that tell it best.
     ///
     /// # Errors
     /// What is wrong if another lamp must have been in it.
@@ -47,7 +47,7 @@ impl StrayLight {
             let saturation = one.linear(one.saturation) - one.level;
             self.removal.level_of_black(&light, one.exposure_s, saturation)
         });
-        let Some(level) = Compared::together(&of_each.collect::<Vec<_>>()) else {
+        let Some(level) = Compared::best(of_each) else {
             return Ok(Level {
                 light: 1.0,
                 uncertainty: LampFound::UNWATCHED as f32,

@@ -160,7 +160,7 @@ impl Seen<'_> {
             .map(|black| lanes(self.channels, |channel| black[channel]))
             .collect();
         let compared = removal.level_of_black(&light, self.exposure_s, linear.of(self.saturation_dn) as f32);
-        let level = Compared::together(compared.as_slice());
+        let level = Compared::best(compared);
         self.lamp = level.map_or([1.0, SLOW], |level| {
             [level.light, level.uncertainty].map(f64::from)
         });

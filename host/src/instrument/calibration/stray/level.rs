@@ -6,8 +6,7 @@
 //! ([`crate::instrument::monitor`]), and S is stray light, which is known. So L − 1 = Σ w·(frame − black − stray)/Σ w·B with
 //! weights w that have no noise in common with it: the light that calibration found there.
 //!
-//! The camera's offset may be another than in the calibration. In black frames of several exposure times it stands apart from light, and
-//! is found along ([`Compared::together`]).
+//! The camera's offset may be another than in the calibration, which passes for light.
 //!
 //! What noise leaves uncertain, and wrong shapes of stray light, a jackknife over groups of neighbours tells; what is
 //! uncertain in stray light itself all pixels share. Where dark pixels tell less than is known of lamps anyway, L is near 1.
@@ -15,7 +14,6 @@
 use glam::Vec4;
 
 use super::{CAMERA_TERMS, GROUPS, PROJECTOR_TERMS, Removal, Room, lanes};
-use crate::base::linear_fit::least_squares;
 use crate::instrument::calibration::lamp::Monitor;
 
 /// Light of the lamp in a frame.
@@ -51,24 +49,13 @@ pub(crate) struct Compared {
 }
 
 impl Compared {
-    /// The lamp by `all` black frames of a run: light grows with the exposure time, and the camera's offset does not. `None` if there are
-    /// none.
-    pub(crate) fn together(all: &[Self]) -> Option<Level> {
-        let rows = all.iter().map(|one| {
-            let row = vec![1.0, f64::from(one.per_offset)];
-            (
-                row,
-                f64::from(one.off),
-                f64::from(one.variance.max(f32::MIN_POSITIVE)).recip(),
-            )
-        });
-        let best = all.iter().map(|one| one.variance).min_by(f32::total_cmp)?;
-        let prior = [(vec![0.0, 1.0], 0.0, 1.0)];
-        let (found, covariance) = least_squares(2, &rows.chain(prior))?;
+    /// The lamp by those of `all` black frames of a run whose stray light is known best; `None` if there are none. Longer exposure times
+    /// know less of the camera's offset, but where the sample saturates nobody knows what comes of it, so that they are off by more.
+    pub(crate) fn best(all: impl IntoIterator<Item = Self>) -> Option<Level> {
+        let best = all.into_iter().min_by(|a, b| a.variance.total_cmp(&b.variance))?;
         Some(Level {
-            light: 1.0 + found[0] as f32,
-            // What is wrong with stray light is wrong in all of them.
-            uncertainty: (covariance[(0, 0)] as f32).max(best).sqrt(),
+            light: 1.0 + best.off,
+            uncertainty: best.variance.sqrt().hypot(best.per_offset),
         })
     }
 }
@@ -235,21 +222,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_offset_passes_for_light_in_one_exposure_time_and_not_in_two() {
+    fn the_lamp_is_told_by_what_stray_light_leaves_best_known_as_well_as_the_offset_is() {
         let (light, offset) = (1.01, 1.5);
-        let shown = |per_offset: f32| Compared {
+        let shown = |variance: f32, per_offset: f32| Compared {
             off: light - 1.0 + offset * per_offset,
-            variance: 1e-8,
+            variance,
             per_offset,
         };
-        let together = |all: &[Compared]| Compared::together(all).unwrap();
-        let (one, two) = (together(&[shown(0.004)]), together(&[shown(0.004), shown(0.016)]));
-        let is_stated = |level: Level| (level.light - light).abs() < 2.0 * level.uncertainty;
-        assert!(
-            is_stated(one) && (one.uncertainty - 0.004).abs() < 1e-4,
-            "{one:?}"
-        );
-        assert!(is_stated(two) && two.uncertainty < 2e-4, "{two:?}");
-        assert_eq!(Compared::together(&[]), None);
+        let level = Compared::best([shown(4e-4, 0.001), shown(9e-6, 0.004)]).unwrap();
+        assert!((level.light - light).abs() < 2.0 * level.uncertainty, "{level:?}");
+        assert!((level.uncertainty - 0.005).abs() < 1e-4, "{level:?}");
+        assert_eq!(Compared::best([]), None);
     }
 }
