@@ -42,6 +42,14 @@ pub(crate) const FIELD_UNCERTAINTY: &str = "field_uncertainty";
 /// Attribute of `brdf.zarr` for what [`Brdf::direction_uncertainty_deg`] tells.
 pub(crate) const DIRECTION_UNCERTAINTY: &str = "direction_uncertainty_deg";
 
+/// Least part of σ that a value has for itself: half floats keep three digits.
+const OWN_PART: f64 = 0.1;
+
+/// Variance that is left of `sigma`² of a value `f` without the part that is `common` to all, relative.
+pub(crate) fn own_variance(f: f64, sigma: f64, common: f64) -> f64 {
+    (sigma.powi(2) - (common * f).powi(2)).max((OWN_PART * sigma).powi(2))
+}
+
 /// Array of the errors by which interpolation is chosen, [region, branch], relative to white.
 pub(crate) const ERRORS: &str = "interpolation_error";
 

@@ -177,11 +177,14 @@ impl PixelMaps {
 
     /// Electrons that each number of the frame of this `seed`, taken after so many hours, shows beside its charge.
     pub(super) fn offset_e(&self, noise: Noise, seed: u64, hours: f64) -> Vec<f32> {
+        let is_noisy = noise == Noise::On && self.row_e > 0.0;
+        if !is_noisy && self.flaws.wander_e <= 0.0 {
+            return self.offset_e.clone();
+        }
         let height = self.rows.places.last().map_or(0, |last| last.of + 1);
         let mut offset_e = self.offset_e.clone();
         offset_e.resize(height * self.row, 0.0);
         let wandered_e = (self.flaws.wandered_e(hours) * self.behind) as f32;
-        let is_noisy = noise == Noise::On && self.row_e > 0.0;
         let mut rng = chance(seed, ROW, 0);
         let mut rows = vec![0.0_f32; self.rows.places.len()];
         if is_noisy {

@@ -15,14 +15,12 @@ use half::f16;
 use super::FillError;
 use super::merge::Alignment;
 use super::union::Union;
-use crate::brdf::Brdf;
+use crate::brdf::{Brdf, own_variance};
 use crate::store::provenance::Provenance;
 use crate::store::{BrdfRows, LEAST_SIGMA, StoreError, USELESS_SIGMA};
 
 /// Share of the variance that a sample has beside the common part which captures share.
 const SHARED: f64 = 0.5;
-/// Least part of σ that is not common: half floats keep three digits.
-const OWN_PART: f64 = 0.1;
 
 /// How a capture is taken.
 #[derive(Clone, Copy)]
@@ -46,8 +44,7 @@ impl Taken {
 
     /// Variance of a scaled value `f` ± `sigma` beside what all have in common.
     fn variance(self, f: f64, sigma: f64) -> f64 {
-        let own = (sigma.powi(2) - (self.common * f).powi(2)).max((OWN_PART * sigma).powi(2));
-        own * self.scale.powi(2) + (f * self.uncertainty).powi(2)
+        own_variance(f, sigma, self.common) * self.scale.powi(2) + (f * self.uncertainty).powi(2)
     }
 }
 

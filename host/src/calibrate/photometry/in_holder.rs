@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::capture::{Request, Shows};
+use super::interreflection::{check_apart, interreflected};
 use super::rank_one::positive;
 use crate::brdf::sample::Sample;
 use crate::calibrate::CalibrateError;
@@ -53,10 +54,7 @@ impl Standards {
             (&standard, second.as_ref().zip(request.second_standard.as_deref()))
         {
             check_standard(second.as_ref(), spec)?;
-            super::check_apart(
-                super::interreflected(first.as_ref()),
-                super::interreflected(second.as_ref()),
-            )?;
+            check_apart(interreflected(first.as_ref()), interreflected(second.as_ref()))?;
         }
         let trap = parse("lambert:0")?;
         let real = |number: usize, held: Held| match held {

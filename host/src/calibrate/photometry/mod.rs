@@ -12,6 +12,7 @@
 //! | `linear` | numbers as a linear camera would give them, and what they say of the lamp |
 //! | `field` | smooth fields over an image |
 //! | `rank_one` | light and throughput from the standard |
+//! | `interreflection` | what returns onto the sample, from two standards |
 //! | `contrast` | light of black projector pixels |
 //! | `stray` | glare, ghost and direct light |
 //! | `share` | what of both images the standard truly filled |
@@ -23,9 +24,6 @@
 //! The signal model of [`crate::assemble`] has one number per pair of projector and camera pixel, K·T_o·E_p, and it is a
 //! product: two smooth fields, which some thousand frames of a standard of known f determine (`rank_one`).
 //!
-//! Of the light that leaves the sample, mirror and optics throw a share back onto it. A second standard of another
-//! reflectance shows how large it is: of the two, the brighter one gains more.
-//!
 //! Assembly takes all of it into account; what it does about interreflection stands there.
 
 mod camera;
@@ -33,6 +31,7 @@ mod capture;
 mod contrast;
 mod exposure;
 mod in_holder;
+mod interreflection;
 mod knee;
 mod linear;
 mod pixels;
@@ -51,6 +50,7 @@ pub use weakness::{Height, Weakness, height, weaknesses};
 
 use camera::{Times, camera, flicker, set_linearity};
 use capture::{SEGMENT, Shows, VIEWS};
+use interreflection::{interreflected, interreflection};
 use linear::Linear;
 use pixels::{Layout, every_second};
 use rank_one::Seen;
@@ -59,8 +59,7 @@ use turns::{NoFields, fit_whole};
 
 use super::{CalibrateError, RIG};
 use crate::base::text::by;
-use crate::brdf::sample::{Sample, albedo};
-use crate::hemisphere::direction::from_degrees;
+use crate::brdf::sample::Sample;
 use crate::instrument::calibration::stray::{Removal, dark_of};
 use crate::instrument::calibration::{
     CalibrationError, Interreflection, LampFound, PHOTOMETRY, PHOTOMETRY_VERSION, Photometry, SeenPart,
@@ -69,16 +68,11 @@ use crate::instrument::calibration::{
 use crate::instrument::rig::Rig;
 use crate::store::{RawStore, Segment};
 
-/// The reflectances of two standards that show the interreflection differ at least by this.
-const APART: f64 = 0.3;
 /// Share of saturated values in frames of the standard that is too much.
 const SATURATED: f64 = 0.002;
 
 /// What the response of pixels is taken for where too few show it, relative: data sheets by EMVA 1288 have 0.2 to 1 %.
 const MOST_PRNU: f64 = 0.01;
-
-/// What returns onto the standard is not less than nothing by so many standard uncertainties.
-const CERTAIN: f64 = 4.0;
 
 /// The most that light and throughput may leave of what the standard shows, relative, RMS.
 const WORST_RESIDUAL: f64 = 0.015;
@@ -448,61 +442,4 @@ fn gamma(response: &[f64]) -> f64 {
         }
     }
     if xx > 0.0 { xy / xx } else { 1.0 }
-}
-
-/// What the interreflection of the whole light adds to the signal of a standard, relative: of f the standard shows
-/// f + share·ρ(ω_i)·ρ(ω_o)/π, with its directional albedo ρ. Standards are diffuse: one pair stands for all.
-fn interreflected(standard: &dyn Sample) -> f64 {
-    let mean = |values: [f64; 3]| values.iter().sum::<f64>() / 3.0;
-    let (wi, wo) = (from_degrees(45.0, 0.0), from_degrees(30.0, 180.0));
-    mean(albedo(standard, wi)) * mean(albedo(standard, wo))
-        / (std::f64::consts::PI * mean(standard.f(wi, wo)))
-}
-
-/// The share that returns, from what the standards show of their own reflectance: `first` adds share·`a`, `second`
-/// share·`b`; each reflectance is known to `standard_uncertainty`, relative.
-fn interreflection(
-    first: &Seen,
-    second: &Seen,
-    (a, b): (f64, f64),
-    standard_uncertainty: f64,
-) -> Result<Interreflection, CalibrateError> {
-    check_apart(a, b)?;
-    let (ratio, uncertainty) = first.ratio_to(second).ok_or_else(|| CalibrateError::Views {
-        expected: "frames of the second standard that are as bright as their noise is small".to_owned(),
-        found: "none".to_owned(),
-        advice: "give a brighter --second-standard, or none",
-    })?;
-    // (1 + share·a)/(1 + share·b) = ratio.
-    let found = Interreflection {
-        share: (ratio - 1.0) / (a - ratio * b),
-        standard_uncertainty: uncertainty / (a - b).abs(),
-        by_standards: standard_uncertainty * std::f64::consts::SQRT_2 / (a - b).abs(),
-        own: a,
-    };
-    let doubt = found.standard_uncertainty.hypot(found.by_standards);
-    if found.share >= -CERTAIN * doubt {
-        return Ok(found);
-    }
-    Err(CalibrateError::Views {
-        expected: "a second standard that is as bright beside the first as both are said to be".to_owned(),
-        found: format!(
-            "{:.1} % less light of the first, which is no interreflection",
-            -100.0 * found.share * (a - b)
-        ),
-        advice: "are both standards what they are said to be, and do they lie alike?",
-    })
-}
-
-/// Refuses standards so alike that their own uncertainty would pass for interreflection.
-fn check_apart(a: f64, b: f64) -> Result<(), CalibrateError> {
-    let is_apart = (a - b).abs() >= APART;
-    if is_apart {
-        return Ok(());
-    }
-    Err(CalibrateError::Views {
-        expected: format!("two standards whose reflectances differ by {APART} or more"),
-        found: format!("{a:.3} and {b:.3}"),
-        advice: "give a darker --second-standard, or none to do without interreflection",
-    })
 }

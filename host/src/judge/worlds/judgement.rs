@@ -27,8 +27,8 @@ use std::collections::BTreeMap;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::brdf::Brdf;
 use crate::brdf::sample::Sample;
+use crate::brdf::{Brdf, own_variance};
 use crate::hemisphere::direction::to_degrees;
 use crate::hemisphere::judged::is_judged;
 use crate::judge::evaluate::histogram::LogHistogram;
@@ -49,8 +49,6 @@ const OF_SCALE: f64 = 3.5;
 /// Least share of the samples within 2 of what they have for themselves, and samples of which that is asked.
 const LEAST_COVERAGE: f64 = 0.9;
 const ENOUGH: u64 = 1000;
-/// Least part of σ that a sample has for itself: half floats keep three digits.
-const OWN_PART: f64 = 0.1;
 /// Largest relative difference of the truth from a cell to the next, and of that difference from one to the next, where it is flat.
 const FLAT: [f64; 2] = [0.05, 0.01];
 /// Samples that are named.
@@ -185,8 +183,7 @@ impl Compared {
 
     /// Variance that is left of σ² without the part that is `common`, relative.
     fn own_variance(&self, common: f64) -> f64 {
-        let own = self.sigma.powi(2) - (common * self.truth).powi(2);
-        own.max((OWN_PART * self.sigma).powi(2))
+        own_variance(self.truth, self.sigma, common)
     }
 
     /// Samples of one incident direction that are about as bright.

@@ -58,7 +58,7 @@ impl Held {
 /// Pairs count less the farther they are from the fields, in so many standard deviations, where one is at least this.
 const FAR: f64 = 4.0;
 const LEAST_FAR: f64 = 5e-3;
-/// Pairs whose edges models have wrong alike, which count as one against what is thought of pupils.
+/// Pairs whose edges models have wrong alike, which count as one against what is thought of falloff.
 const ALIKE: f64 = 100.0;
 /// Weight that holds the standard where it is along its plane, and pupils as wide as they are said to be: light and lenses that differ a
 /// little from their models would push them, farther than they are off.
@@ -91,20 +91,19 @@ pub(in super::super) fn fit(seen: &[Seen], held: Held, from: Option<&Unknowns>) 
     let near = from.into_iter().flatten().enumerate().map(|(at, from)| {
         let mut row = vec![0.0; unknowns];
         row[fields + at] = 1.0;
-        (row, -from, if at < 3 { 1.0 } else { ALIKE })
+        let weight = match at {
+            0..3 => 1.0,
+            at if PUPILS.contains(&at) => STAYS,
+            _ => ALIKE,
+        };
+        (row, -from, weight)
     });
     let aside: Vec<DVec3> = from.map_or_else(Vec::new, |_| unknown_axes(seen));
-    let along = aside.iter().map(|axis| {
+    let stays = aside.iter().map(|axis| {
         let mut row = vec![0.0; unknowns];
         row[fields..fields + 3].copy_from_slice(&axis.to_array());
         (row, 0.0, STAYS)
     });
-    let pupils = from.into_iter().flat_map(|_| PUPILS).map(|at| {
-        let mut row = vec![0.0; unknowns];
-        row[fields + at] = 1.0;
-        (row, 0.0, STAYS)
-    });
-    let stays = along.chain(pupils);
     let weighted = pairs().map(|(row, pair)| (row, pair.target(), pair.weight()));
     let (found, covariance) = least_squares(unknowns, &weighted.chain(pull).chain(near).chain(stays))?;
     let (mut excess, mut count, mut sure) = (0.0, 0_u32, 0_u32);

@@ -1,0 +1,73 @@
+//! What returns onto the sample, from two standards.
+//!
+//! # Design
+//! Of the light that leaves the sample, mirror and optics throw a share back onto it. A second standard of another
+//! reflectance shows how large it is: of the two, the brighter one gains more.
+
+use super::rank_one::Seen;
+use crate::brdf::sample::{Sample, albedo};
+use crate::calibrate::CalibrateError;
+use crate::hemisphere::direction::from_degrees;
+use crate::instrument::calibration::Interreflection;
+
+/// The reflectances of two standards differ at least by this.
+const APART: f64 = 0.3;
+/// What returns onto the standard is not less than nothing by so many standard uncertainties.
+const CERTAIN: f64 = 4.0;
+
+/// What the interreflection of the whole light adds to the signal of a standard, relative: of f the standard shows
+/// f + share·ρ(ω_i)·ρ(ω_o)/π, with its directional albedo ρ. Standards are diffuse: one pair stands for all.
+pub(super) fn interreflected(standard: &dyn Sample) -> f64 {
+    let mean = |values: [f64; 3]| values.iter().sum::<f64>() / 3.0;
+    let (wi, wo) = (from_degrees(45.0, 0.0), from_degrees(30.0, 180.0));
+    mean(albedo(standard, wi)) * mean(albedo(standard, wo))
+        / (std::f64::consts::PI * mean(standard.f(wi, wo)))
+}
+
+/// The share that returns, from what the standards show of their own reflectance: `first` adds share·`a`, `second`
+/// share·`b`; each reflectance is known to `standard_uncertainty`, relative.
+pub(super) fn interreflection(
+    first: &Seen,
+    second: &Seen,
+    (a, b): (f64, f64),
+    standard_uncertainty: f64,
+) -> Result<Interreflection, CalibrateError> {
+    check_apart(a, b)?;
+    let (ratio, uncertainty) = first.ratio_to(second).ok_or_else(|| CalibrateError::Views {
+        expected: "frames of the second standard that are as bright as their noise is small".to_owned(),
+        found: "none".to_owned(),
+        advice: "give a brighter --second-standard, or none",
+    })?;
+    // (1 + share·a)/(1 + share·b) = ratio.
+    let found = Interreflection {
+        share: (ratio - 1.0) / (a - ratio * b),
+        standard_uncertainty: uncertainty / (a - b).abs(),
+        by_standards: standard_uncertainty * std::f64::consts::SQRT_2 / (a - b).abs(),
+        own: a,
+    };
+    let doubt = found.standard_uncertainty.hypot(found.by_standards);
+    if found.share >= -CERTAIN * doubt {
+        return Ok(found);
+    }
+    Err(CalibrateError::Views {
+        expected: "a second standard that is as bright beside the first as both are said to be".to_owned(),
+        found: format!(
+            "{:.1} % less light of the first, which is no interreflection",
+            -100.0 * found.share * (a - b)
+        ),
+        advice: "are both standards what they are said to be, and do they lie alike?",
+    })
+}
+
+/// Refuses standards so alike that their own uncertainty would pass for interreflection.
+pub(super) fn check_apart(a: f64, b: f64) -> Result<(), CalibrateError> {
+    let is_apart = (a - b).abs() >= APART;
+    if is_apart {
+        return Ok(());
+    }
+    Err(CalibrateError::Views {
+        expected: format!("two standards whose reflectances differ by {APART} or more"),
+        found: format!("{a:.3} and {b:.3}"),
+        advice: "give a darker --second-standard, or none to do without interreflection",
+    })
+}
