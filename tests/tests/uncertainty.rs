@@ -288,7 +288,7 @@ fn off(
         *k *= 1.0 + STANDARD * standard;
     }
     let monitor = photometry.lamp.monitor.as_mut().unwrap();
-    for light in monitor.light.iter_mut().chain(&mut monitor.black).flatten() {
+    for light in monitor.light.iter_mut().flatten() {
         *light *= 1.0 + lamp * lamp_draw;
     }
     let interreflection = photometry.interreflection.as_mut().unwrap();

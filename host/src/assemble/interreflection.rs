@@ -101,7 +101,7 @@ impl Returned {
         for one in radiometry {
             let current_dn = (current_dn_per_s * one.exposure_s) as f32;
             // From everywhere comes a radiance of one over the contrast: a white sample shows 1/π of π times that.
-            let scale = contrast * one.scale / (one.exposure_s * rig.projector.irradiance);
+            let scale = contrast * one.numbers.scale / (one.exposure_s * rig.projector.irradiance);
             let light = one.black_image(self.channels);
             for taps in &resampling.taps {
                 let shown = taps.pixel.iter().zip(&taps.weight);

@@ -15,7 +15,7 @@ use super::correction::Correction;
 use super::edges::Edges;
 use super::off_sample::OffSample;
 use super::projection::Projection;
-use super::radiometry::{Radiometry, Work};
+use super::radiometry::{BlackFrames, Work};
 use super::stray::StrayLight;
 use super::{AssembleError, seen, unlit};
 use crate::hemisphere::disk::Disk;
@@ -63,18 +63,20 @@ impl<'a> FrameAssembler<'a> {
         plan: &Plan,
         disk: Disk,
     ) -> Result<Self, String> {
-        let camera = applied.photometry.as_ref().map(|found| &found.camera);
         let format = rig.frame_format();
         let off_sample = OffSample::new(applied, plan).map_err(|error| error.to_string())?;
+        let mut frames = BlackFrames::new(rig, applied.camera_and_lamp(), &plan.exposures_s());
+        for (number, segment) in black.iter().enumerate() {
+            frames.add(number * plan.segment, segment, format.len());
+        }
+        let (radiometry, drift) = frames.finish(rig, plan)?;
         Ok(Self {
             projection: Projection {
                 channels: format.channels,
                 disk,
-                radiometry: plan
-                    .exposures_s()
-                    .into_iter()
-                    .map(|exposure_s| Radiometry::new(rig, camera, black, exposure_s, format.len()))
-                    .collect::<Result<_, _>>()?,
+                radiometry,
+                drift,
+                segment: plan.segment,
                 resampling: seen(rig, &Edges::new(applied.edge_deg), &off_sample, disk),
                 stray: None,
             },

@@ -29,7 +29,7 @@
 pub mod fill;
 pub(crate) mod resample;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use glam::DVec3;
@@ -46,7 +46,7 @@ use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::optics::{Unmeasurable, View};
 use crate::instrument::rig::Rig;
 use crate::plan::brackets::dark_noise_dn;
-use crate::plan::{BLACK_EXPOSURES, Directions, Exposure, Plan};
+use crate::plan::{Directions, Exposure, Plan};
 use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
 
 mod agreement;
@@ -71,7 +71,7 @@ use correction::Correction;
 use edges::Edges;
 use off_sample::OffSample;
 use projection::Projection;
-use radiometry::{Radiometry, Work};
+use radiometry::{BlackFrames, Work};
 use stray::StrayLight;
 use window::{Agree, Window};
 
@@ -190,9 +190,8 @@ pub fn assemble(
         let first = raw.segment_range(number).start;
         agreement::check(first, &segment.records, &patterns, &exposures_s).map_err(mismatch)
     };
-    let black = black_segments(&raw, BLACK_EXPOSURES * plan.brackets(), &agree)?;
-    let radiometry = radiometries(rig, applied, &black, &exposures_s).map_err(mismatch)?;
-    drop(black);
+    let black = black_frames((rig, plan, applied), &raw, &patterns, &agree)?;
+    let (radiometry, drift) = black.finish(rig, plan).map_err(mismatch)?;
     let stray = StrayLight::new(rig, plan, applied, &correction);
     let lamp = stray
         .as_ref()
@@ -216,6 +215,8 @@ pub fn assemble(
         channels: format.channels,
         disk,
         radiometry,
+        drift,
+        segment: plan.segment,
         stray,
         resampling,
     };
@@ -340,40 +341,29 @@ fn places(
     places
 }
 
-/// The segments with the first `exposures`, which are black.
-fn black_segments(
+/// The black ones of the frames of `raw`, which show the `patterns` of a plan.
+fn black_frames(
+    (rig, plan, applied): (&Rig, &Plan, &AppliedCalibration),
     raw: &RawStore,
-    exposures: usize,
+    patterns: &[Exposure],
     agree: &Agree<'_>,
-) -> Result<Vec<Segment>, AssembleError> {
-    let black = (0..exposures.div_ceil(raw.layout().segment))
-        .map(|segment| raw.read_segment(segment))
-        .collect::<Result<Vec<_>, _>>()?;
-    for (number, segment) in black.iter().enumerate() {
-        agree(number, segment)?;
+) -> Result<BlackFrames, AssembleError> {
+    let shown = patterns.iter().enumerate();
+    let black = shown.filter(|(_, exposure)| exposure.is_black());
+    let segments: BTreeSet<usize> = black
+        .map(|(pattern, _)| pattern * plan.brackets() / plan.segment)
+        .collect();
+    let mut frames = BlackFrames::new(rig, applied.camera_and_lamp(), &plan.exposures_s());
+    for number in segments {
+        let segment = raw.read_segment(number)?;
+        agree(number, &segment)?;
+        frames.add(
+            raw.segment_range(number).start,
+            &segment,
+            rig.frame_format().len(),
+        );
     }
-    Ok(black)
-}
-
-/// The radiometry of each exposure time, from the `black` segments; or why there is none.
-fn radiometries(
-    rig: &Rig,
-    applied: &AppliedCalibration,
-    black: &[Segment],
-    exposures_s: &[f64],
-) -> Result<Vec<Radiometry>, String> {
-    exposures_s
-        .iter()
-        .map(|exposure_s| {
-            Radiometry::new(
-                rig,
-                applied.photometry.as_ref().map(|found| &found.camera),
-                black,
-                *exposure_s,
-                rig.frame_format().len(),
-            )
-        })
-        .collect()
+    Ok(frames)
 }
 
 /// What the chunks are made with.

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use half::f16;
 
 use super::Assembled;
-use super::radiometry::{Bench, Out, Radiometry, Way, Work, project, project_merged};
+use super::radiometry::{Bench, Drift, Out, Radiometry, Way, Work, project, project_merged};
 use super::stray::StrayLight;
 use crate::assemble::resample::Resampling;
 use crate::hemisphere::disk::Disk;
@@ -18,6 +18,9 @@ pub(super) struct Projection {
     pub(super) disk: Disk,
     /// Of each exposure time.
     pub(super) radiometry: Vec<Radiometry>,
+    /// Of the camera's offset, and exposures of a segment.
+    pub(super) drift: Drift,
+    pub(super) segment: usize,
     pub(super) resampling: Resampling,
     /// `None` if nobody knows of any.
     pub(super) stray: Option<StrayLight>,
@@ -37,14 +40,15 @@ impl Projection {
         // A frame that nothing lit says nothing.
         let lit = |(segment, at): &(usize, usize)| window[segment].records[*at].lit_irradiance > 0.0;
         self.fill(first, places.len(), work, |index, bench, out| {
-            let (segment, at) = places[index - first].filter(lit)?;
-            let segment = &window[&segment];
+            let (number, at) = places[index - first].filter(lit)?;
+            let segment = &window[&number];
             let record = &segment.records[at];
             let frames = &segment.frames[at * samples..][..radiometry.len() * samples];
             let way = &Way {
                 irradiance: record.lit_irradiance,
                 resampling: &self.resampling,
                 stray: self.stray.as_ref().map(|stray| stray.of(index)),
+                offset: self.drift.of(number * self.segment + at),
             };
             Some(match (self.channels, radiometry) {
                 (1, [one]) => project::<1>(frames, way, one, bench, out),

@@ -9,14 +9,11 @@ use crate::instrument::calibration::stray::{Compared, Level, PROJECTOR_TERMS, Re
 use crate::instrument::rig::Rig;
 use crate::plan::Plan;
 
-/// No lamp drifts farther from what it was in the calibration: above that it is another, which lights otherwise …
-const LARGEST_CHANGE: f32 = 0.1;
-/// … if that is clear, standard uncertainties.
-const CLEAR: f32 = 3.0;
-
 /// How frames lose stray light, and what of it the pattern of each incident direction makes.
 pub(super) struct StrayLight {
     removal: Removal,
+    /// Standard deviation of the lamp's light from exposure to exposure, relative.
+    flicker: f32,
     /// Of each incident direction, zero where it is not lit.
     lit: Vec<[f64; PROJECTOR_TERMS]>,
 }
@@ -31,8 +28,8 @@ impl StrayLight {
     ) -> Option<Self> {
         let found = applied.photometry.as_ref()?;
         Some(Self {
-            removal: Removal::of(&found.stray, &found.lamp, plan.watching_side, rig)
-                .within(plan.duration_s()),
+            removal: Removal::of(&found.stray, &found.lamp, plan.watching_side, rig),
+            flicker: found.lamp.flicker as f32,
             lit: correction.lit_terms(),
         })
     }
@@ -43,9 +40,10 @@ impl StrayLight {
     /// What is wrong if another lamp must have been in it.
     pub(super) fn lamp(&self, radiometry: &[Radiometry], channels: usize) -> Result<Level, String> {
         let of_each = radiometry.iter().filter_map(|one| {
-            let light = one.black_image(channels);
-            let saturation = one.linear(one.saturation) - one.level;
-            self.removal.level_of_black(&light, one.exposure_s, saturation)
+            let [watching, others] = one.watched_image(channels)?;
+            let flicker = self.flicker * one.apart;
+            self.removal
+                .level_of_watching(&watching, &others, flicker, one.exposure_s)
         });
         let Some(level) = Compared::best(of_each) else {
             return Ok(Level {
@@ -57,11 +55,11 @@ impl StrayLight {
             uncertainty: level.uncertainty.hypot(self.removal.level_uncertainty()),
             ..level
         };
-        if (level.light - 1.0).abs() > LARGEST_CHANGE + CLEAR * level.uncertainty {
+        if !level.is_same_lamp() {
             return Err(format!(
                 "lamp: expected light within {} % of that of the calibration, found {:.1} ± {:.1} % of it; was the lamp \
                  changed? `{COMMAND}` again",
-                100.0 * LARGEST_CHANGE,
+                100.0 * Level::LARGEST_CHANGE,
                 100.0 * level.light,
                 100.0 * level.uncertainty
             ));

@@ -31,7 +31,7 @@ use crate::capture::follow::Ending;
 use crate::capture::link::Link;
 use crate::capture::pairing::{Outcome, pair};
 use crate::capture::projector::{Projector, ProjectorError};
-use crate::plan::pattern::{BitPattern, LitSet};
+use crate::plan::pattern::BitPattern;
 use crate::plan::schedule::Timing;
 use crate::store::OrphanFrame;
 
@@ -211,25 +211,6 @@ impl Instrument {
             }),
             None => Ok(done.into_iter().flatten().collect()),
         }
-    }
-
-    /// Takes the exposures of `timings` of each entry of `lit`, black where it is `None`; see [`take`](Self::take).
-    ///
-    /// # Errors
-    /// [`CaptureError`].
-    pub fn take_lit(
-        &mut self,
-        lit: &[Option<LitSet>],
-        timings: &[Timing],
-        tally: &mut Tally,
-        taken: impl FnMut(usize),
-    ) -> Result<Vec<Captured>, CaptureError> {
-        let draw = |pattern: usize, image: &mut BitPattern| {
-            if let Some(lit) = &lit[pattern] {
-                image.light(&lit.pixels);
-            }
-        };
-        self.take(lit.len(), timings, draw, tally, taken)
     }
 
     /// One run of the controller over `timings`. If these are the first `cycle` again and again, the table is no longer.

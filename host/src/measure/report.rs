@@ -17,7 +17,6 @@ use crate::hemisphere::judged::{JUDGED_THETA_DEG, RECIPROCAL_THETA_DEG};
 use crate::judge::evaluate::{Albedo, Comparison, Evaluation, Quantile, Resolution};
 use crate::judge::render::{PictureError, automatic_exposure, save, sheet, sphere, srgb};
 use crate::measure::goal::{Adapted, Stop};
-use crate::plan::Exposure;
 use crate::plan::brackets::milliseconds;
 use crate::store::whole_file::{FileError, write_whole};
 use crate::store::{RawStore, StoreError};
@@ -136,7 +135,7 @@ fn frames(measurement: &Measurement) -> Result<RgbImage, StoreError> {
     let patterns = measurement.plan.patterns(&measurement.directions);
     let brackets = measurement.plan.brackets();
     let lit: Vec<usize> = (0..patterns.len() * brackets)
-        .filter(|&i| patterns[i / brackets] != Exposure::Black)
+        .filter(|&i| !patterns[i / brackets].is_black())
         .collect();
     let (width, height, channels) = (layout.width, layout.height, layout.channels);
     let mut image = RgbImage::new((width * FRAMES) as u32, height as u32);

@@ -3,9 +3,9 @@
 //! # Design
 //! A plan is derived from a [`Request`] and a rig, and written to `plan.toml`; every later stage, and a
 //! resumed measurement, reads that file. Patterns are in the order of their incident directions, or codes that light many at
-//! once ([`light`]), after a few black ones; each has one exposure, or several in a row (brackets), the shortest first, black ones too. They are
-//! taken in *segments*: one segment is one run of the controller, one
-//! load of the projector and one chunk of `raw.zarr`, and what a crash may cost.
+//! once ([`light`]), with a few black ones among them, evenly over the whole run: lamp and camera drift. Each has one exposure, or
+//! several in a row (brackets), the shortest first, black ones too. They are taken in *segments*: one segment is one run of the
+//! controller, one load of the projector and one chunk of `raw.zarr`, and what a crash may cost.
 
 pub mod brackets;
 pub mod light;
@@ -27,17 +27,17 @@ use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::plan::schedule::Timing;
 
 pub use error::PlanError;
+pub use exposure::{BLACK_EXPOSURES, Exposure};
 pub use virtual_rig::{Faults, Virtual};
 
 mod check;
 mod error;
+mod exposure;
 
 /// Pixels a side of camera images and of the outgoing grid.
 pub const IMAGE_SIZES_PX: std::ops::RangeInclusive<u32> = 8..=4096;
 /// Openings of the cone that one pattern lights, degrees.
 pub const SPOTS_DEG: std::ops::RangeInclusive<f64> = 0.05..=30.0;
-/// Black patterns at the start of a measurement: dark level and stray light of each exposure time.
-pub const BLACK_EXPOSURES: usize = 16;
 /// A segment holds about this many bytes of frames.
 const SEGMENT_BYTES: usize = 16 << 20;
 /// What assembly holds of a block of code patterns has at most about this many bytes.
@@ -46,7 +46,7 @@ const BLOCK_BYTES: usize = 256 << 20;
 const SEGMENT_MAX: usize = 400;
 
 /// Version of the format of `plan.toml`.
-const FORMAT: u32 = 4;
+const FORMAT: u32 = 5;
 
 /// The key of `plan.toml` that is read first.
 #[derive(Deserialize)]
@@ -170,6 +170,9 @@ pub struct Plan {
     /// The other exposures of each pattern, longer and longer, while it stays.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub longer: Vec<Timing>,
+    /// Whether all black patterns come first: where a plan grows while it is measured, nobody knows its end.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub black_first: bool,
     /// The code of the patterns; `None` if each lights one direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub code: Option<Coding>,
@@ -185,29 +188,6 @@ pub struct Plan {
 #[allow(clippy::trivially_copy_pass_by_ref)] // serde wants it so
 const fn is_zero(side: &u32) -> bool {
     *side == 0
-}
-
-/// What one exposure is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Exposure {
-    /// A black pattern.
-    Black,
-    /// The incident direction of this index.
-    Incident(usize),
-    /// The code pattern of this number.
-    Coded(usize),
-}
-
-impl Exposure {
-    /// Number in files: −1 for black, −2, −3, … for code patterns, else the index of the incident direction.
-    #[must_use]
-    pub fn code(self) -> i64 {
-        match self {
-            Self::Black => -1,
-            Self::Incident(index) => index as i64,
-            Self::Coded(number) => -2 - number as i64,
-        }
-    }
 }
 
 /// The incident directions of a plan.
@@ -317,6 +297,7 @@ impl Plan {
             timing,
             direction_count: count,
             longer,
+            black_first: false,
             code,
             watching_side: 0,
             virtual_rig: None,
@@ -335,13 +316,18 @@ impl Plan {
     /// What the patterns are for, in their order.
     #[must_use]
     pub fn patterns(&self, directions: &Directions) -> Vec<Exposure> {
-        let black = std::iter::repeat_n(Exposure::Black, BLACK_EXPOSURES);
-        match self.code_patterns() {
-            None => black
-                .chain(directions.measurable().map(Exposure::Incident))
-                .collect(),
-            Some(codes) => black.chain((0..codes.len()).map(Exposure::Coded)).collect(),
-        }
+        let lit: Vec<Exposure> = match self.code_patterns() {
+            None => directions.measurable().map(Exposure::Incident).collect(),
+            Some(codes) => (0..codes.len()).map(Exposure::Coded).collect(),
+        };
+        exposure::with_black(&lit, self.black_first)
+    }
+
+    /// The longest time from one black pattern to the next, seconds, or to the end if they all come first.
+    #[must_use]
+    pub fn between_black_s(&self) -> f64 {
+        let parts = if self.black_first { 1 } else { BLACK_EXPOSURES - 1 };
+        self.duration_s() / parts as f64
     }
 
     /// The code patterns; `None` if each pattern lights one direction.

@@ -44,7 +44,8 @@ const DIMS: &[&str] = &["exposure"];
 /// What is known about one exposure apart from its image.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ExposureRecord {
-    /// Index of the incident direction in the plan, −1 for a dark or black-pattern frame, −2 and below for code patterns.
+    /// Index of the incident direction in the plan, −1 for a dark or black-pattern frame, −2 for a black pattern
+    /// without what watches the lamp, −3 and below for code patterns.
     pub incident: i64,
     /// Code of the kind of exposure, one of [`KINDS`].
     pub kind: u8,

@@ -151,7 +151,7 @@ fn keys_that_are_unknown_missing_or_of_another_type_are_refused() {
     refused(
         |plan| with(plan, "format", "3"),
         "plan.toml",
-        &["expected 4", "found 3"],
+        &["expected 5", "found 3"],
     );
     refused(
         |plan| plan.replace("[request]", "[request"),

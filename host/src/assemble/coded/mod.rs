@@ -25,7 +25,7 @@ use rayon::prelude::*;
 
 use super::merge::lanes;
 use super::projection::Projection;
-use super::radiometry::{Bench, Out, Radiometry, Way, Work, image, image_merged, resample};
+use super::radiometry::{Bench, Offset, Out, Radiometry, Way, Work, image, image_merged, resample};
 use super::window::Agree;
 use crate::assemble::{AssembleError, Assembled};
 use crate::instrument::calibration::stray::sqrt;
@@ -120,27 +120,30 @@ impl Cells {
             agree(number, &segment)?;
             let range = raw.segment_range(number);
             let shown = &patterns[range.start / brackets..range.end / brackets];
-            cells.add(&segment, shown, projection, &mut block)?;
-            done += brackets * shown.iter().filter(|shown| **shown != Exposure::Black).count();
+            cells.add((range.start, &segment), shown, projection, &mut block)?;
+            done += brackets * shown.iter().filter(|shown| !shown.is_black()).count();
             progress(done);
         }
         Ok(Some(cells))
     }
 
-    /// Adds the frames of a segment with these `patterns` to the `block` on its way, and shares it out when it is whole.
+    /// Adds the frames of a segment, which begins with the exposure of the number `first`, with these `patterns` to the `block` on
+    /// its way, and shares it out when it is whole.
     fn add(
         &mut self,
-        segment: &Segment,
+        (first, segment): (usize, &Segment),
         patterns: &[Exposure],
         projection: &Projection,
         block: &mut Block,
     ) -> Result<(), StoreError> {
         let length = self.values * projection.radiometry.len();
-        let coded: Vec<(usize, &[u16])> = patterns
+        let exposures = (first..).step_by(projection.radiometry.len());
+        let coded: Vec<(usize, Offset, &[u16])> = patterns
             .iter()
+            .zip(exposures)
             .zip(segment.frames.chunks_exact(length))
-            .filter_map(|(pattern, frames)| match pattern {
-                Exposure::Coded(number) => Some((*number, frames)),
+            .filter_map(|((pattern, exposure), frames)| match pattern {
+                Exposure::Coded(number) => Some((*number, projection.drift.of(exposure), frames)),
                 _ => None,
             })
             .collect();
@@ -148,12 +151,12 @@ impl Cells {
         for some in coded.chunks(2 * rayon::current_num_threads()) {
             let shown: Vec<Shown> = some
                 .par_iter()
-                .map_init(Work::default, |work, (number, frames)| {
+                .map_init(Work::default, |work, (number, offset, frames)| {
                     let lit = self.codes.lit(*number).map(|cell| self.directions[cell]);
-                    Shown::of(frames, lit, projection, work)
+                    Shown::of((frames, *offset), lit, projection, work)
                 })
                 .collect();
-            for ((number, _), shown) in some.iter().zip(shown) {
+            for ((number, ..), shown) in some.iter().zip(shown) {
                 self.take_in(*number, &shown, block)?;
             }
         }
@@ -290,10 +293,10 @@ impl Cells {
                 room.lamp.push(sqrt(common * common + of(2, pixel)));
             }
         }
-        let factor = (one.scale / (one.exposure_s * self.irradiance[place])) as f32;
+        let factor = (one.numbers.scale / (one.exposure_s * self.irradiance[place])) as f32;
         let variance = |pixel: usize, signal: Vec4| {
             let stray = room.stray.get(pixel).copied().unwrap_or(Vec4::ZERO);
-            let response = (signal + stray) * one.prnu;
+            let response = (signal + stray) * one.numbers.prnu;
             of(0, pixel) + response * response
         };
         let provenance = |taps: &super::resample::Taps| {
@@ -323,9 +326,9 @@ impl Cells {
 }
 
 impl Shown {
-    /// Of the `frames` of a pattern that lights the directions `lit`.
+    /// Of the `frames` of a pattern that lights the directions `lit`, with this `offset` of the camera.
     fn of(
-        frames: &[u16],
+        (frames, offset): (&[u16], Offset),
         lit: impl Iterator<Item = usize>,
         projection: &Projection,
         work: &mut Work,
@@ -335,6 +338,7 @@ impl Shown {
             irradiance: 1.0,
             resampling: &projection.resampling,
             stray: stray.as_ref().map(|(removal, lit)| (*removal, lit)),
+            offset,
         };
         let bench = &mut Bench {
             signal: &mut work.signal,
@@ -367,7 +371,7 @@ impl Shown {
         let noise = |pixel: usize, signal: Vec4| {
             let stray = bench.room.stray.get(pixel).copied().unwrap_or(Vec4::ZERO);
             let dark = lanes::<CHANNELS, f32>(&one.dark[pixel * CHANNELS..]);
-            let shot = (signal + stray).max(Vec4::ZERO) * one.shot_per_dn;
+            let shot = (signal + stray).max(Vec4::ZERO) * one.numbers.shot_per_dn;
             [
                 shot + one.dark_shot_variance(dark) + Vec4::splat(one.dark_variance),
                 Vec4::splat(one.row_variance),

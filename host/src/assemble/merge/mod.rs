@@ -23,7 +23,7 @@
 
 use glam::Vec4;
 
-use super::radiometry::Radiometry;
+use super::radiometry::{Offset, Radiometry};
 use crate::instrument::calibration::stray::{Level, sqrt};
 use crate::plan::brackets::MOST_EXPOSURES;
 
@@ -76,8 +76,15 @@ impl<'a> Merge<'a> {
         Self { exposures, brackets }
     }
 
-    /// Merges `frames`, one behind the other in the order of the exposures; the lamp had these `levels` in them.
-    pub(super) fn frames<const CHANNELS: usize>(&self, frames: &[u16], levels: &[Level], out: &mut Merged) {
+    /// Merges `frames`, one behind the other in the order of the exposures; the lamp had these `levels` in them, and the camera this
+    /// `offset` beside the black frames.
+    pub(super) fn frames<const CHANNELS: usize>(
+        &self,
+        frames: &[u16],
+        levels: &[Level],
+        offset: Offset,
+        out: &mut Merged,
+    ) {
         let samples = self.exposures[0].dark.len();
         let pixels = samples / CHANNELS;
         out.signal.clear();
@@ -85,7 +92,7 @@ impl<'a> Merge<'a> {
         out.of_row.clear();
         out.several.clear();
         out.heaviest.clear();
-        let saturation = Vec4::splat(f32::from(self.exposures[0].trusted));
+        let saturation = Vec4::splat(f32::from(self.exposures[0].numbers.trusted));
         let mut numbers = [Number::default(); MOST_EXPOSURES];
         for pixel in 0..pixels {
             let at = pixel * CHANNELS;
@@ -99,7 +106,7 @@ impl<'a> Merge<'a> {
                 let dark = lanes::<CHANNELS, f32>(&radiometry.dark[at..]);
                 *number = Number {
                     signal: levels[k].steady(
-                        Vec4::from_array(linear) - dark,
+                        Vec4::from_array(linear) - dark - offset.dn,
                         radiometry.black_light::<CHANNELS>(pixel),
                     ),
                     usable: Vec4::select(
@@ -122,7 +129,7 @@ impl<'a> Merge<'a> {
 
     /// From the numbers of each exposure.
     fn pixel<const CHANNELS: usize>(&self, numbers: &[Number]) -> Pixel {
-        let shot_per_dn = self.exposures[0].shot_per_dn;
+        let shot_per_dn = self.exposures[0].numbers.shot_per_dn;
         let (mut sum, mut weights) = (Vec4::ZERO, Vec4::ZERO);
         for (bracket, number) in self.brackets.iter().zip(numbers) {
             let weight = number.usable * (bracket.time / number.dark_variance);

@@ -1,6 +1,7 @@
 //! Laws of merging, on pixels of the virtual camera.
 
 use super::*;
+use crate::assemble::radiometry::of_black;
 use crate::instrument::rig::Rig;
 use crate::store::{ExposureRecord, Segment};
 use crate::virtual_rig::{Noise, sense};
@@ -32,7 +33,7 @@ fn radiometry(rig: &Rig, times_s: &[f64], samples: usize, blacks: u64, noise: No
                 ..ExposureRecord::default()
             });
         }
-        Radiometry::new(rig, None, &[black], exposure_s, samples).unwrap()
+        of_black(rig, None, &black, exposure_s, samples).unwrap()
     };
     times_s.iter().map(each).collect()
 }
@@ -71,6 +72,7 @@ fn trial(rate_e: f64) -> (f64, f64, f64) {
     Merge::new(&exposures).frames::<1>(
         &frames(&rig, &TIMES_S, rate_e, PIXELS, 7),
         &[Level::SAME; TIMES_S.len()],
+        Offset::default(),
         &mut merged,
     );
     let truth = rate_e * TIMES_S[0] / rig.gain_e_per_dn();
@@ -139,7 +141,7 @@ fn no_other_weights_do_better() {
             .collect();
         let Pixel { signal, variance, .. } = merge.pixel::<1>(&numbers);
         assert!((f64::from(signal.x) / first_dn - 1.0).abs() < 1e-5);
-        let shot = f64::from(exposures[0].shot_per_dn);
+        let shot = f64::from(exposures[0].numbers.shot_per_dn);
         let alone = merge
             .brackets
             .iter()
@@ -170,7 +172,12 @@ fn saturated_and_dark_samples_take_no_part() {
     let merged = |dn: [u16; 4]| {
         let mut out = Merged::default();
         let frames: Vec<u16> = dn.into_iter().flat_map(|dn| [dn, dn, dn]).collect();
-        Merge::new(&exposures).frames::<3>(&frames, &vec![Level::SAME; exposures.len()], &mut out);
+        Merge::new(&exposures).frames::<3>(
+            &frames,
+            &vec![Level::SAME; exposures.len()],
+            Offset::default(),
+            &mut out,
+        );
         (out.signal[0].y, out.several[0])
     };
     // Two saturate: what they hold is not known, so that it must not matter. The first two are shot-noise limited.
@@ -189,9 +196,7 @@ fn saturated_and_dark_samples_take_no_part() {
 #[test]
 fn an_exposure_time_without_black_frames_is_named() {
     let rig = rig();
-    let error = Radiometry::new(&rig, None, &[Segment::default()], 0.25, 3)
-        .err()
-        .unwrap();
+    let error = of_black(&rig, None, &Segment::default(), 0.25, 3).err().unwrap();
     assert!(
         error.contains("250 ms") && error.contains("found none"),
         "{error}"

@@ -1,17 +1,22 @@
 //! From the digital numbers of one pattern's frames to f on the disk.
 
+mod black;
+mod numbers;
+
 use glam::Vec4;
 use half::f16;
 use half::slice::HalfFloatSliceExt as _;
 
 use super::merge::{Merge, Merged, lanes};
 use crate::assemble::resample::{Resampling, Taps};
-use crate::instrument::calibration::CameraFound;
-use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, Removal, Room, sqrt};
-use crate::instrument::rig::{ROUNDING_DN2, Rig};
-use crate::plan::Exposure;
+use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, Removal, Room, hypot, sqrt};
 use crate::store::provenance::Provenance;
-use crate::store::{BrdfRows, LEAST_SIGMA, Segment, USELESS_SIGMA};
+use crate::store::{BrdfRows, LEAST_SIGMA, USELESS_SIGMA};
+
+#[cfg(test)]
+pub(super) use black::of_black;
+pub(super) use black::{BlackFrames, Drift, Offset};
+pub(super) use numbers::Numbers;
 
 /// Share of the range from which on a mean may hold saturated numbers.
 const FULL: f32 = 0.95;
@@ -20,99 +25,27 @@ const FULL: f32 = 0.95;
 pub(super) struct Radiometry {
     /// Exposure time in s.
     pub(super) exposure_s: f64,
-    /// What each digital number would be if the camera were linear; nothing if it is.
-    pub(super) linear: Option<Vec<f32>>,
+    /// The same for all exposure times.
+    pub(super) numbers: Numbers,
     /// Mean of the black frames, [pixel, channel], linear.
     pub(super) dark: Vec<f32>,
-    /// Digital number without any charge.
-    pub(super) level: f32,
+    /// The same of those without what watches the lamp; empty if there are none.
+    pub(super) unwatched: Vec<f32>,
+    /// What flicker of 1 makes the two differ by.
+    pub(super) apart: f32,
     /// 1 + 1/number of black frames: whose mean's variance counts too.
     pub(super) means: f32,
     /// Variance of a dark-corrected number by reading out and rounding, in DN².
     pub(super) dark_variance: f32,
     /// Variance of what all dark-corrected numbers of an image's row have in common, in DN².
     pub(super) row_variance: f32,
-    /// Standard deviation of the response of pixels, relative.
-    pub(super) prnu: f32,
-    /// Variance per DN of signal, in DN.
-    pub(super) shot_per_dn: f32,
-    /// f per (DN / (s × irradiance)).
-    pub(super) scale: f64,
-    pub(super) saturation: u16,
-    /// The least number that counts as saturated: up to there the camera is linear.
-    pub(super) trusted: u16,
 }
 
 impl Radiometry {
-    /// From the black exposures of `exposure_s` seconds in `segments`; `camera` is what calibration found, if it did.
-    pub(super) fn new(
-        rig: &Rig,
-        camera: Option<&CameraFound>,
-        segments: &[Segment],
-        exposure_s: f64,
-        pixels: usize,
-    ) -> Result<Self, String> {
-        let camera = camera.map(|camera| camera.of_image(&rig.camera.binned));
-        let gain = camera.map_or_else(|| rig.gain_e_per_dn(), |camera| camera.gain_e_per_dn);
-        let read_noise_e = camera.map_or(rig.camera.read_noise_e, |camera| camera.read_noise_e);
-        let level = camera.map_or(rig.camera.dark_dn, |camera| camera.dark_dn);
-        let saturation = rig.saturation_dn();
-        let linear: Option<Vec<f32>> = camera.map(|camera| {
-            let range = f64::from(saturation) - level;
-            let of = |dn: u16| {
-                let signal = f64::from(dn) - level;
-                (level + signal * (1.0 + camera.nonlinearity * signal / range)) as f32
-            };
-            (0..=saturation).map(of).collect()
-        });
-        let mut sum = vec![0_f64; pixels];
-        let mut count = 0_u32;
-        for segment in segments {
-            for (record, frame) in segment.records.iter().zip(segment.frames.chunks_exact(pixels)) {
-                if record.incident == Exposure::Black.code()
-                    && record.exposure_s.total_cmp(&exposure_s).is_eq()
-                {
-                    count += 1;
-                    for (sum, &dn) in sum.iter_mut().zip(frame) {
-                        *sum += f64::from(linear_of(linear.as_deref(), dn));
-                    }
-                }
-            }
-        }
-        if count == 0 {
-            return Err(format!(
-                "expected black exposures of {} ms in the first segments, found none",
-                exposure_s * 1e3
-            ));
-        }
-        let read_dn = read_noise_e / gain;
-        let one = read_dn * read_dn + ROUNDING_DN2;
-        let means = 1.0 + 1.0 / f64::from(count);
-        Ok(Self {
-            exposure_s,
-            linear,
-            dark: sum
-                .into_iter()
-                .map(|sum| (sum / f64::from(count)) as f32)
-                .collect(),
-            level: level as f32,
-            means: means as f32,
-            dark_variance: (one * means) as f32,
-            row_variance: camera.map_or(0.0, |camera| camera.row_variance_dn2() * means) as f32,
-            prnu: camera.map_or(0.0, |camera| camera.prnu) as f32,
-            shot_per_dn: (1.0 / gain) as f32,
-            scale: rig.gain_e_per_dn() / rig.sensitivity_e(),
-            saturation,
-            trusted: camera.map_or(saturation, |camera| {
-                (camera.trusted_dn(f64::from(saturation)).floor() as u16).min(saturation)
-            }),
-        })
-    }
-
     /// The digital number as a linear camera would give it.
     #[inline]
     pub(super) fn linear(&self, dn: u16) -> f32 {
-        linear_of(self.linear.as_deref(), dn)
+        self.numbers.linear(dn)
     }
 
     /// Light of the black pattern in a pixel, DN; dark current, which is little beside it, is taken for light.
@@ -120,38 +53,59 @@ impl Radiometry {
     pub(super) fn black_light<const CHANNELS: usize>(&self, pixel: usize) -> Vec4 {
         let mut lanes = [0.0; 4];
         for (lane, dark) in lanes.iter_mut().zip(&self.dark[pixel * CHANNELS..][..CHANNELS]) {
-            *lane = dark - self.level;
+            *lane = dark - self.numbers.level;
         }
         Vec4::from_array(lanes)
     }
 
-    /// What black frames show above the dark level, DN, the channels in the lanes; NaN where they may be saturated.
+    /// What frames in which not even the lamp is watched show above the dark level, DN, the channels in the lanes; NaN where they may be
+    /// saturated. The black ones if there are no others.
     pub(super) fn black_image(&self, channels: usize) -> Vec<Vec4> {
-        let full = (FULL * self.linear(self.saturation)).min(self.linear(self.trusted));
-        let of = |dark: &[f32]| {
+        let frame = if self.unwatched.is_empty() {
+            &self.dark
+        } else {
+            &self.unwatched
+        };
+        self.unsaturated(frame, channels)
+    }
+
+    /// What black frames show of that which watches the lamp, and what the others show, as in [`black_image`](Self::black_image).
+    /// `None` if all are alike.
+    pub(super) fn watched_image(&self, channels: usize) -> Option<[Vec<Vec4>; 2]> {
+        if self.unwatched.is_empty() {
+            return None;
+        }
+        let others = self.black_image(channels);
+        let mut more = self.unsaturated(&self.dark, channels);
+        for (more, other) in more.iter_mut().zip(&others) {
+            *more -= *other;
+        }
+        Some([more, others])
+    }
+
+    /// The mean `frame` above the dark level, the channels in the lanes; NaN where it may be saturated.
+    fn unsaturated(&self, frame: &[f32], channels: usize) -> Vec<Vec4> {
+        let full = (FULL * self.linear(self.numbers.saturation)).min(self.linear(self.numbers.trusted));
+        let lanes = |dns: &[f32]| {
             let mut lanes = [0.0; 4];
-            for (lane, dark) in lanes.iter_mut().zip(dark) {
-                *lane = if *dark < full { dark - self.level } else { f32::NAN };
+            for (lane, dn) in lanes.iter_mut().zip(dns) {
+                *lane = if *dn < full {
+                    dn - self.numbers.level
+                } else {
+                    f32::NAN
+                };
             }
             Vec4::from_array(lanes)
         };
-        self.dark.chunks_exact(channels).map(of).collect()
+        frame.chunks_exact(channels).map(lanes).collect()
     }
 
     /// Variance by the shot noise of what a black frame holds, dark current and stray light, in DN²; `dark` are its
     /// numbers.
     #[inline]
     pub(super) fn dark_shot_variance(&self, dark: Vec4) -> Vec4 {
-        (dark - Vec4::splat(self.level)).max(Vec4::ZERO) * (self.shot_per_dn * self.means)
+        (dark - Vec4::splat(self.numbers.level)).max(Vec4::ZERO) * (self.numbers.shot_per_dn * self.means)
     }
-}
-
-/// `dn` by the table `linear`, which ends at saturation: what a file has above that is saturated too.
-#[inline]
-fn linear_of(linear: Option<&[f32]>, dn: u16) -> f32 {
-    linear.map_or(f32::from(dn), |linear| {
-        linear[usize::from(dn).min(linear.len() - 1)]
-    })
 }
 
 /// What one worker keeps from chunk to chunk.
@@ -198,6 +152,8 @@ pub(super) struct Way<'a> {
     pub(super) resampling: &'a Resampling,
     /// How they lose stray light, and the terms of the lit pixels for it.
     pub(super) stray: Option<(&'a Removal, &'a [f64; PROJECTOR_TERMS])>,
+    /// By how much the camera's offset is another than in the black frames.
+    pub(super) offset: Offset,
 }
 
 impl Way<'_> {
@@ -208,10 +164,20 @@ impl Way<'_> {
         let Some((removal, lit)) = self.stray else {
             return;
         };
-        let saturation = radiometry.linear(radiometry.saturation) - radiometry.level;
+        let saturation = radiometry.linear(radiometry.numbers.saturation) - radiometry.numbers.level;
         removal.find(signal, lit, radiometry.exposure_s, saturation, room);
         for (signal, stray) in signal.iter_mut().zip(&room.stray) {
             *signal -= *stray;
+        }
+    }
+}
+
+impl Way<'_> {
+    /// Adds to what is uncertain in the `room` what the camera's offset makes, of which `share_of`(pixel) is in the signal.
+    fn doubt_offset(&self, room: &mut Room, share_of: impl Fn(usize) -> f32) {
+        for (pixel, doubt) in room.doubt.iter_mut().enumerate() {
+            let by_offset = Vec4::splat(self.offset.uncertainty * share_of(pixel));
+            *doubt = hypot(*doubt, by_offset);
         }
     }
 }
@@ -240,6 +206,7 @@ impl Way<'_> {
             return;
         };
         let samples = radiometry[0].dark.len();
+        let by_offset = Vec4::splat(self.offset.uncertainty);
         levels.extend(
             radiometry
                 .iter()
@@ -247,9 +214,9 @@ impl Way<'_> {
                 .map(|(one, frame)| {
                     let times = (one.exposure_s / radiometry[0].exposure_s) as f32;
                     removal.level(
-                        |pixel| one.shown::<CHANNELS>(frame, pixel) - room.stray[pixel] * times,
+                        |pixel| one.shown::<CHANNELS>(frame, pixel, self.offset) - room.stray[pixel] * times,
                         |pixel| one.black_light::<CHANNELS>(pixel),
-                        |pixel| room.doubt[pixel] * times,
+                        |pixel| hypot(room.doubt[pixel] * times, by_offset),
                     )
                 }),
         );
@@ -257,18 +224,18 @@ impl Way<'_> {
 }
 
 impl Radiometry {
-    /// What `frame` shows at a pixel more than the black ones, DN, its channels in the lanes; NaN where it saturated: that spoils
-    /// every cell that the pixel takes part in, and no other.
+    /// What `frame` shows at a pixel more than the black ones, less the `offset`, DN, its channels in the lanes; NaN where it
+    /// saturated: that spoils every cell that the pixel takes part in, and no other.
     #[inline]
-    fn shown<const CHANNELS: usize>(&self, frame: &[u16], pixel: usize) -> Vec4 {
+    fn shown<const CHANNELS: usize>(&self, frame: &[u16], pixel: usize, offset: Offset) -> Vec4 {
         let at = pixel * CHANNELS;
         let mut lanes = [0.0; 4];
         let numbers = frame[at..at + CHANNELS].iter().zip(&self.dark[at..at + CHANNELS]);
         for (lane, (dn, dark)) in lanes.iter_mut().zip(numbers) {
-            *lane = if *dn >= self.trusted {
+            *lane = if *dn >= self.numbers.trusted {
                 f32::NAN
             } else {
-                self.linear(*dn) - dark
+                self.linear(*dn) - dark - offset.dn
             };
         }
         Vec4::from_array(lanes)
@@ -288,7 +255,8 @@ pub(super) fn image<const CHANNELS: usize>(
     } = bench;
     signal.clear();
     signal.extend(
-        (0..radiometry.dark.len() / CHANNELS).map(|pixel| radiometry.shown::<CHANNELS>(frame, pixel)),
+        (0..radiometry.dark.len() / CHANNELS)
+            .map(|pixel| radiometry.shown::<CHANNELS>(frame, pixel, way.offset)),
     );
     way.clear(signal, radiometry, room);
     way.compare::<CHANNELS>(frame, std::slice::from_ref(radiometry), room, levels);
@@ -299,6 +267,7 @@ pub(super) fn image<const CHANNELS: usize>(
         *signal = level.steady(*signal, black);
         room.lamp.push((*signal + black).abs() * level.uncertainty);
     }
+    way.doubt_offset(room, |_| 1.0);
 }
 
 /// One frame onto the disk. Returns how many cells were measured and how many saturated.
@@ -311,13 +280,13 @@ pub(super) fn project<const CHANNELS: usize>(
 ) -> (u64, u64) {
     image::<CHANNELS>(frame, way, radiometry, bench);
     let Bench { signal, room, .. } = bench;
-    let factor = (radiometry.scale / (radiometry.exposure_s * way.irradiance)) as f32;
+    let factor = (radiometry.numbers.scale / (radiometry.exposure_s * way.irradiance)) as f32;
     let variance = |pixel: usize, signal: Vec4| {
         let dark = lanes::<CHANNELS, f32>(&radiometry.dark[pixel * CHANNELS..]);
         let stray = room.stray.get(pixel).copied().unwrap_or(Vec4::ZERO);
         let shown = signal + stray;
-        let shot = shown.max(Vec4::ZERO) * radiometry.shot_per_dn;
-        let response = shown * radiometry.prnu;
+        let shot = shown.max(Vec4::ZERO) * radiometry.numbers.shot_per_dn;
+        let response = shown * radiometry.numbers.prnu;
         shot + response * response + radiometry.dark_shot_variance(dark) + radiometry.dark_variance
     };
     let of_row = Vec4::splat(radiometry.row_variance.sqrt());
@@ -344,18 +313,22 @@ pub(super) fn image_merged<const CHANNELS: usize>(
     let merge = Merge::new(radiometry);
     levels.clear();
     levels.resize(radiometry.len(), Level::SAME);
-    merge.frames::<CHANNELS>(frames, levels, merged);
+    merge.frames::<CHANNELS>(frames, levels, way.offset, merged);
     way.clear(&mut merged.signal, &radiometry[0], room);
     room.lamp.clear();
     if way.stray.is_some() {
         way.compare::<CHANNELS>(frames, radiometry, room, levels);
-        merge.frames::<CHANNELS>(frames, levels, merged);
+        merge.frames::<CHANNELS>(frames, levels, way.offset, merged);
         for (pixel, (signal, heaviest)) in merged.signal.iter_mut().zip(&merged.heaviest).enumerate() {
             let level = levels[usize::from(*heaviest)];
             *signal -= room.stray[pixel] / level.light;
             let black = radiometry[0].black_light::<CHANNELS>(pixel);
             room.lamp.push((*signal + black).abs() * level.uncertainty);
         }
+        way.doubt_offset(room, |pixel| {
+            let heaviest = usize::from(merged.heaviest[pixel]);
+            (radiometry[0].exposure_s / radiometry[heaviest].exposure_s) as f32
+        });
     }
 }
 
@@ -377,7 +350,7 @@ pub(super) fn project_merged<const CHANNELS: usize>(
         several,
         ..
     } = &**merged;
-    let factor = (radiometry[0].scale / (radiometry[0].exposure_s * way.irradiance)) as f32;
+    let factor = (radiometry[0].numbers.scale / (radiometry[0].exposure_s * way.irradiance)) as f32;
     let provenance = |taps: &Taps| {
         if taps.pixel.iter().any(|&pixel| several[pixel as usize]) {
             Provenance::Merged
@@ -387,7 +360,7 @@ pub(super) fn project_merged<const CHANNELS: usize>(
     };
     let variance = |pixel: usize, signal: Vec4| {
         let stray = room.stray.get(pixel).copied().unwrap_or(Vec4::ZERO);
-        let response = (signal + stray) * radiometry[0].prnu;
+        let response = (signal + stray) * radiometry[0].numbers.prnu;
         variance[pixel] + response * response
     };
     resample::<CHANNELS>(

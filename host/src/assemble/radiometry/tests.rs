@@ -1,13 +1,13 @@
 //! Numbers of the camera as f, and how certain that is.
 
-use std::slice::from_ref;
-
 use rand::{RngExt as _, SeedableRng as _};
 use rand_distr::StandardNormal;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::*;
-use crate::store::ExposureRecord;
+use crate::instrument::calibration::CameraFound;
+use crate::instrument::rig::Rig;
+use crate::store::{ExposureRecord, Segment};
 
 /// A camera whose pixels are alike.
 const LINEAR: CameraFound = CameraFound {
@@ -48,7 +48,7 @@ fn numbers_above_saturation_are_saturated_in_black_and_lit_frames_alike() {
                 records: vec![record],
                 ..Segment::default()
             };
-            let radiometry = Radiometry::new(&rig, camera, &[black], 0.01, 2).unwrap();
+            let radiometry = of_black(&rig, camera, &black, 0.01, 2).unwrap();
             assert!(radiometry.dark.iter().all(|dark| dark.is_finite()), "{dn}");
             assert!(radiometry.linear(dn).is_finite(), "{dn}");
             if camera.is_some() && dn >= 4095 {
@@ -148,11 +148,11 @@ fn responses_and_rows_are_stated_by_as_much_as_they_scatter() {
         irradiance: 1.0,
         resampling: &resampling,
         stray: None,
+        offset: Offset::default(),
     };
     for (prnu, row_noise_e, light_e) in [(0.02, 0.0, 4e5), (0.0, 20.0, 1e4), (0.01, 10.0, 1e5)] {
         let camera = camera(prnu, row_noise_e);
-        let radiometry =
-            times_s.map(|time_s| Radiometry::new(&rig, Some(&camera), from_ref(&black), time_s, 4).unwrap());
+        let radiometry = times_s.map(|time_s| of_black(&rig, Some(&camera), &black, time_s, 4).unwrap());
         for brackets in [1, 2] {
             let (mut sum, mut squares, mut stated) = (0.0, 0.0, 0.0);
             let draws = 4000;

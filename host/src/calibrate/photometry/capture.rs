@@ -16,7 +16,7 @@
 //! | light trap | one per exposure time of the series | black |
 //!
 //! Those of stray light follow (`stray`). What watches the lamp ([`crate::instrument::monitor`]) is lit in all that show a standard
-//! but those of levels, the black ones too.
+//! but those of levels, and in the black ones but for some, as in measurements ([`Exposure::black`]).
 //!
 //! A tilted sample is seen in parts of both images that the untilted standard does not reach: light and throughput are known
 //! there only if the standard was captured at such a tilt.
@@ -37,9 +37,9 @@ use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::monitor::watching;
 use crate::instrument::optics::View;
 use crate::instrument::rig::{Rig, Tilt};
-use crate::plan;
 use crate::plan::pattern::{BitPattern, PatternMaker};
 use crate::plan::schedule::Timing;
+use crate::plan::{self, Exposure};
 use crate::store::{RawLayout, RawStore};
 use crate::virtual_rig::setup::World;
 
@@ -361,6 +361,9 @@ impl Shows {
             }
             Self::Directions(_, first) | Self::SecondDirections(first) => {
                 image.light(&holder.lit(holder.directions[first + exposure]));
+            }
+            Self::Black(_) | Self::SecondBlack if Exposure::black(exposure) == Exposure::Unwatched => {
+                image.clear();
             }
             Self::Series(_) | Self::Black(_) | Self::SecondBlack | Self::Dark(_) => {}
         }

@@ -66,6 +66,7 @@ use crate::instrument::calibration::{
     Stray, check_rig, file, rig_hash,
 };
 use crate::instrument::rig::Rig;
+use crate::plan::Exposure;
 use crate::store::{RawStore, Segment};
 
 /// Share of saturated values in frames of the standard that is too much.
@@ -110,8 +111,8 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     let standard =
         crate::brdf::sample::parse(&views.standard).map_err(crate::virtual_rig::setup::SetupError::from)?;
     let (mut all, mut frames) = (Vec::new(), Vec::new());
-    let blacks: Vec<Vec<f64>> = (0..views.stands.len())
-        .map(|stand| linear.mean(&captured.frames(Shows::Black(stand))))
+    let blacks: Vec<Black> = (0..views.stands.len())
+        .map(|stand| captured.black(Shows::Black(stand), &linear))
         .collect();
     for (stand, black) in blacks.iter().enumerate() {
         let (seen, shown) = captured.standard_at(stand, &linear, black, other, standard.as_ref())?;
@@ -225,6 +226,25 @@ impl<'a> Captured<'a> {
             .unwrap_or_default()
     }
 
+    /// What the black segment shows that is `wanted`.
+    fn black(&self, wanted: Shows, linear: &Linear) -> Black {
+        let (watched, others): (Vec<_>, Vec<_>) = self
+            .frames(wanted)
+            .into_iter()
+            .enumerate()
+            .partition(|(exposure, _)| Exposure::black(*exposure) == Exposure::Black);
+        let mean = |frames: Vec<(usize, &[u16])>| {
+            let frames: Vec<&[u16]> = frames.into_iter().map(|(_, frame)| frame).collect();
+            linear.mean(&frames)
+        };
+        let apart = (watched.len() as f64).recip() + (others.len() as f64).recip();
+        Black {
+            light: mean(watched),
+            unwatched: mean(others),
+            apart: apart.sqrt(),
+        }
+    }
+
     /// The frames of each exposure time of the series.
     fn series(&self) -> Vec<Times<'_>> {
         (0..self.views.times_s.len())
@@ -258,13 +278,14 @@ impl<'a> Captured<'a> {
         &'b self,
         stand: usize,
         linear: &'b Linear,
-        black: &'b [f64],
+        black: &'b Black,
         other: OtherLight<'_>,
         standard: &'b dyn Sample,
     ) -> Result<(Seen<'b>, Frames<'b>), CalibrateError> {
         let mut seen = Seen::new(self.views, stand)?;
         let removal = self.removal(stand, other)?;
-        seen.compare_lamp(&removal, black, linear);
+        seen.compare_lamp(&removal, black, other.lamp.flicker)?;
+        let black = black.light.as_slice();
         let mut lit = Vec::new();
         for wanted in self.shows.iter().copied() {
             let Shows::Directions(of, first) = wanted else {
@@ -335,15 +356,17 @@ impl<'a> Captured<'a> {
         (own, standard_uncertainty): (f64, f64),
     ) -> Result<Interreflection, CalibrateError> {
         let second = crate::brdf::sample::parse(spec).map_err(crate::virtual_rig::setup::SetupError::from)?;
-        let black = linear.mean(&self.frames(Shows::SecondBlack));
+        let black = self.black(Shows::SecondBlack, linear);
         let removal = self.removal(0, other)?;
+        let flicker = other.lamp.flicker;
         let mut other = Seen::new(self.views, 0)?;
-        other.compare_lamp(&removal, &black, linear);
+        other.compare_lamp(&removal, &black, flicker)?;
+        let black = black.light.as_slice();
         other.judged = first.judged.clone();
         for wanted in self.shows.iter().copied() {
             if let Shows::SecondDirections(place) = wanted {
-                let frames = other.lit(place, &self.frames(wanted), linear, &black, &removal);
-                other.add(place, &frames, linear, &black, second.as_ref(), spec)?;
+                let frames = other.lit(place, &self.frames(wanted), linear, black, &removal);
+                other.add(place, &frames, linear, black, second.as_ref(), spec)?;
             }
         }
         interreflection(
@@ -422,6 +445,15 @@ fn explain(
         advice: "is the standard flat, in the middle of the holder and at its height? Are the pupils those of the rig file \
                  (pupil_m)?",
     })
+}
+
+/// Mean black frames of a stand, linear digital numbers above the dark level.
+struct Black {
+    /// With what watches the lamp, as in all other frames, and without.
+    light: Vec<f64>,
+    unwatched: Vec<f64>,
+    /// What flicker of 1 makes the two differ by.
+    apart: f64,
 }
 
 /// What of the light in frames is not the spot's, or not the lamp's as it was.

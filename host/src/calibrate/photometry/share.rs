@@ -11,9 +11,10 @@
 use glam::{DVec3, Vec4};
 use rayon::prelude::*;
 
-use super::Linear;
 use super::rank_one::{Fields, Seen};
+use super::{Black, Linear};
 use crate::brdf::sample::Sample;
+use crate::calibrate::CalibrateError;
 use crate::instrument::calibration::lamp::SLOW;
 use crate::instrument::calibration::lights;
 use crate::instrument::calibration::stray::{Compared, Level, Removal, Room, lanes};
@@ -153,17 +154,41 @@ impl Seen<'_> {
             .collect()
     }
 
-    /// Compares the lamp in the `black` frame of the stand, linear, with that of the calibration.
-    pub(super) fn compare_lamp(&mut self, removal: &Removal, black: &[f64], linear: &Linear) {
-        let light: Vec<Vec4> = black
-            .chunks_exact(self.channels)
-            .map(|black| lanes(self.channels, |channel| black[channel]))
-            .collect();
-        let compared = removal.level_of_black(&light, self.exposure_s, linear.of(self.saturation_dn) as f32);
-        let level = Compared::best(compared);
-        self.lamp = level.map_or([1.0, SLOW], |level| {
-            [level.light, level.uncertainty].map(f64::from)
-        });
+    /// Compares the lamp, which flickers by so much, in the `black` frames of the stand with what watches it in the calibration.
+    ///
+    /// # Errors
+    /// [`CalibrateError::Views`] if another lamp must have been in it.
+    pub(super) fn compare_lamp(
+        &mut self,
+        removal: &Removal,
+        black: &Black,
+        flicker: f64,
+    ) -> Result<(), CalibrateError> {
+        let image = |of: &dyn Fn(usize) -> f64| -> Vec<Vec4> {
+            (0..black.light.len() / self.channels)
+                .map(|pixel| lanes(self.channels, |channel| of(pixel * self.channels + channel)))
+                .collect()
+        };
+        let watching = image(&|at| black.light[at] - black.unwatched[at]);
+        let others = image(&|at| black.unwatched[at]);
+        let flicker = (flicker * black.apart) as f32;
+        let compared = removal.level_of_watching(&watching, &others, flicker, self.exposure_s);
+        let Some(level) = Compared::best(compared) else {
+            self.lamp = [1.0, SLOW];
+            return Ok(());
+        };
+        self.lamp = [level.light, level.uncertainty].map(f64::from);
+        if level.is_same_lamp() {
+            return Ok(());
+        }
+        Err(CalibrateError::Views {
+            expected: format!(
+                "a lamp within {} % of itself in all views",
+                100.0 * Level::LARGEST_CHANGE
+            ),
+            found: format!("{:.1} ± {:.1} %", 100.0 * level.light, 100.0 * level.uncertainty),
+            advice: "let the lamp warm up, and take all views anew",
+        })
     }
 
     /// Whether each pixel of the image takes part and sees nothing but the standard.

@@ -431,7 +431,7 @@ impl Measurement {
         if let Some(code) = self.plan.code {
             attributes.insert("light".to_owned(), json!(code.light()));
             let meaning =
-                "incident is -2 - number of the code pattern, which lights many incident directions";
+                "incident is -3 - number of the code pattern, which lights many incident directions";
             attributes.insert("code_patterns".to_owned(), json!(meaning));
         }
         attributes.insert(
@@ -468,7 +468,7 @@ impl Measurement {
         patterns
             .par_iter()
             .map(|pattern| match pattern {
-                Exposure::Black => None,
+                Exposure::Black | Exposure::Unwatched => None,
                 Exposure::Incident(index) => of(*index),
                 Exposure::Coded(number) => {
                     let lit = codes.iter().flat_map(|codes| codes.lit(*number));

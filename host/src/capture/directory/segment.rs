@@ -3,7 +3,7 @@
 use super::MeasurementError;
 use crate::capture::{Instrument, Tally};
 use crate::plan::Exposure;
-use crate::plan::pattern::LitSet;
+use crate::plan::pattern::{BitPattern, LitSet};
 use crate::plan::schedule::Timing;
 use crate::store::{ExposureRecord, Segment};
 
@@ -16,7 +16,12 @@ pub(crate) fn take_segment(
     progress: &mut dyn FnMut(usize),
 ) -> Result<Segment, MeasurementError> {
     let mut tally = Tally::default();
-    let captured = instrument.take_lit(lit, timings, &mut tally, progress)?;
+    let draw = |pattern: usize, image: &mut BitPattern| match (&lit[pattern], patterns[pattern]) {
+        (Some(lit), _) => image.light(&lit.pixels),
+        (None, Exposure::Unwatched) => image.clear(),
+        (None, _) => {}
+    };
+    let captured = instrument.take(lit.len(), timings, draw, &mut tally, progress)?;
     let mut segment = Segment {
         frames: Vec::new(),
         records: Vec::with_capacity(captured.len()),
@@ -30,7 +35,7 @@ pub(crate) fn take_segment(
         segment.frames.extend_from_slice(&shot.dn);
         segment.records.push(ExposureRecord {
             incident: exposure.code(),
-            kind: u8::from(*exposure == Exposure::Black),
+            kind: u8::from(exposure.is_black()),
             exposure_s: timing.cam_width_s,
             trigger_tick: shot.ticks[0].0,
             strobe_on_tick: shot.ticks[1].0,

@@ -39,9 +39,7 @@ pub struct Monitor {
     pub side: u32,
     /// Their direct light in digital numbers per second, a polynomial over the camera's image, [channel, term].
     pub light: Vec<Vec<f64>>,
-    /// The same of black pixels and of dark current, while a light trap is held.
-    pub black: Vec<Vec<f64>>,
-    /// Relative standard uncertainty (k = 1) of both in the pixels that are dark otherwise.
+    /// Relative standard uncertainty (k = 1) of that in the pixels that are dark otherwise.
     pub standard_uncertainty: f64,
 }
 
@@ -75,14 +73,9 @@ impl LampFound {
             return Some(("monitor.side", expected));
         }
         let is_row = |row: &Vec<f64>| row.len() == CAMERA_TERMS && row.iter().all(|c| c.is_finite());
-        for (field, rows) in [
-            ("monitor.light", &monitor.light),
-            ("monitor.black", &monitor.black),
-        ] {
-            if rows.len() != channels || !rows.iter().all(is_row) {
-                let expected = format!("{CAMERA_TERMS} finite numbers for each of {channels} channels");
-                return Some((field, expected));
-            }
+        if monitor.light.len() != channels || !monitor.light.iter().all(is_row) {
+            let expected = format!("{CAMERA_TERMS} finite numbers for each of {channels} channels");
+            return Some(("monitor.light", expected));
         }
         (!(0.0..=0.5).contains(&monitor.standard_uncertainty)).then(|| {
             (

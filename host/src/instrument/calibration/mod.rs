@@ -168,6 +168,12 @@ impl AppliedCalibration {
             .map_or(1.0, |found| found.camera.linear_to)
     }
 
+    /// Camera and lamp as calibration found them.
+    pub(crate) fn camera_and_lamp(&self) -> (Option<&CameraFound>, Option<&LampFound>) {
+        let found = self.photometry.as_ref();
+        (found.map(|found| &found.camera), found.map(|found| &found.lamp))
+    }
+
     /// What the measurement in `dir` takes into account: nothing if there is no such file.
     ///
     /// # Errors

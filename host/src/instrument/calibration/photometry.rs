@@ -18,8 +18,8 @@ pub const PHOTOMETRY: &str = "photometry.json";
 pub(crate) const COMMAND: &str = "rcg calibrate photometry --out DIR";
 /// Version of `photometry.json`: 2 says where the standard was seen, 3 what the end of a field's series leaves; 4
 /// describes pixels of the sensor, not of the image; 5 has stray light, 6 the lamp and what pixels and rows differ by, 7 what
-/// part of the sample is seen, 8 up to where the camera is linear.
-pub(crate) const PHOTOMETRY_VERSION: u32 = 8;
+/// part of the sample is seen, 8 up to where the camera is linear, 9 has of what watches the lamp its own light only.
+pub(crate) const PHOTOMETRY_VERSION: u32 = 9;
 
 /// What calibration found, as `photometry.json` has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -77,7 +77,7 @@ pub fn measure(
     };
     let applied = setup.calibration.as_ref().map(Calibration::applied);
     let resumed = resume && Journal::exists(out);
-    let (job, asked, lock) = if resumed {
+    let (mut job, asked, lock) = if resumed {
         let lock = Lock::folder(out)?;
         let scaled = request.rig(rig).map_err(MeasurementError::from)?;
         let asked = resumed_as(out, &scaled, &request, start, goal, setup)?;
@@ -100,6 +100,7 @@ pub fn measure(
         };
         (job, asked, lock)
     };
+    job.plan.black_first = true;
     let (scaled, plan) = (&job.rig, &job.plan);
     let known = applied.clone().unwrap_or_default();
     let fixed = Loop::new(scaled, &known, plan, request.image_size)?;
@@ -156,6 +157,7 @@ fn published(
     let plan = Plan::bracketed(request, &job.rig, &job.plan.exposures_s());
     let plan = Plan {
         segment: segments.patterns * segments.brackets,
+        black_first: true,
         watching_side: job.plan.watching_side,
         virtual_rig: job.plan.virtual_rig.clone(),
         ..plan.map_err(MeasurementError::from)?
@@ -391,7 +393,8 @@ impl<'a> Loop<'a> {
     ) -> Result<Vec<Segment>, AdaptiveError> {
         let dark = self.dark();
         for segment in *stored..dark {
-            let black = vec![Exposure::Black; self.patterns];
+            let first = segment * self.patterns;
+            let black: Vec<Exposure> = (first..first + self.patterns).map(Exposure::black).collect();
             self.capture(journal, segment, &black, &vec![None; self.patterns], instrument)?;
         }
         *stored = (*stored).max(dark);
@@ -439,7 +442,7 @@ impl<'a> Loop<'a> {
         instrument: &mut Instrument,
     ) -> Result<(), AdaptiveError> {
         // Black patterns that look alike have noise of their own wherever they are captured.
-        let part = if exposures.contains(&Exposure::Black) {
+        let part = if exposures.iter().any(|exposure| exposure.is_black()) {
             segment as u64
         } else {
             0

@@ -68,8 +68,6 @@ pub(super) struct Frames {
     parts_s: f64,
     /// Of each segment, those with light, less the black ones, linear, channels in the lanes.
     pub(super) segments: Vec<Vec<Vec<Vec4>>>,
-    /// The black ones of the last segment, linear.
-    pub(super) black: Vec<Vec4>,
     /// Variance of a dark pixel of these by noise, DN².
     variance: f32,
 }
@@ -99,7 +97,7 @@ impl Frames {
         }
         let (channels, length) = (found.channels, rig.frame_format().len());
         let of_pixel = |values: &[f64]| lanes(channels, |channel| values[channel]);
-        let (mut segments, mut darkness, mut last) = (Vec::new(), 0.0_f64, Vec::new());
+        let (mut segments, mut darkness) = (Vec::new(), 0.0_f64);
         for number in 0..raw.segments() {
             let segment = raw.read_segment(number)?;
             let all: Vec<&[u16]> = segment.frames.chunks_exact(length).collect();
@@ -117,7 +115,6 @@ impl Frames {
                 lit.chunks_exact(channels).map(of_pixel).collect::<Vec<_>>()
             };
             segments.push(all[..PATTERNS].par_iter().map(shown).collect());
-            last = black.chunks_exact(channels).map(of_pixel).collect();
         }
         let camera = linear.camera_of(&rig);
         let one = camera.read_variance_dn2() + darkness.max(0.0) / camera.gain_e_per_dn;
@@ -130,7 +127,6 @@ impl Frames {
             channels,
             parts_s: views.parts_s,
             segments,
-            black: last,
             variance: (one * (1.0 + 1.0 / BLACK as f64)) as f32,
         })
     }

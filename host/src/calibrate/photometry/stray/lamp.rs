@@ -4,7 +4,7 @@ use super::capture::{PATTERNS, StrayViews, WATCHED};
 use super::fit::Frames;
 use crate::base::linear_fit::least_squares;
 use crate::instrument::calibration::Monitor;
-use crate::instrument::calibration::stray::{CAMERA_TERMS, camera_terms, dark_of, offset_dn};
+use crate::instrument::calibration::stray::{CAMERA_TERMS, camera_terms, dark_of};
 use crate::instrument::rig::Rig;
 
 /// How much more a pixel counts that is dark in measurements than one that is not, of which every so manieth takes part.
@@ -27,30 +27,22 @@ impl Frames {
         if dark.len() < GROUPS {
             return None;
         }
-        let (mut light, mut black, mut off) = (Vec::new(), Vec::new(), 0.0_f64);
+        let (mut light, mut off) = (Vec::new(), 0.0_f64);
         for channel in 0..self.channels {
-            let lit = |pixel: usize| {
-                scale
-                    * frames
-                        .iter()
-                        .map(|frame| f64::from(frame[pixel][channel]))
-                        .sum::<f64>()
+            let shown = |pixel: usize| {
+                let each = frames.iter().map(|frame| f64::from(frame[pixel][channel]));
+                scale * each.sum::<f64>()
             };
-            let unlit = |pixel: usize| f64::from(self.black[pixel][channel]) / views.watched_s;
-            let (of_lit, sum, left) = self.smooth(&dark, &lit)?;
-            let (of_unlit, sum_unlit, left_unlit) = self.smooth(&dark, &unlit)?;
-            if sum <= 0.0 || sum + sum_unlit <= 0.0 {
+            let (found, sum, left) = self.smooth(&dark, &shown)?;
+            if sum <= 0.0 {
                 return None;
             }
-            let by_offset = offset_dn(rig) * dark.len() as f64 / views.watched_s;
-            off = off.max(left.hypot(left_unlit).hypot(by_offset) / (sum + sum_unlit));
-            light.push(of_lit);
-            black.push(of_unlit);
+            off = off.max(left / sum);
+            light.push(found);
         }
         Some(Monitor {
             side: views.watching_side,
             light,
-            black,
             standard_uncertainty: off.hypot(BEST),
         })
     }

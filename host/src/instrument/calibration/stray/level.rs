@@ -6,15 +6,21 @@
 //! ([`crate::instrument::monitor`]), and S is stray light, which is known. So L − 1 = Σ w·(frame − black − stray)/Σ w·B with
 //! weights w that have no noise in common with it: the light that calibration found there.
 //!
-//! The camera's offset may be another than in the calibration, which passes for light.
+//! Beside the calibration only that counts which black frames show more than others without what watches the lamp: no offset of the
+//! camera passes for the lamp's light. The lamp flickers from the ones to the others, though, and light of black pixels with it: as
+//! all light that differs as the sample looks, where what watches the lamp shines smoothly.
 //!
 //! What noise leaves uncertain, and wrong shapes of stray light, a jackknife over groups of neighbours tells; what is
 //! uncertain in stray light itself all pixels share. Where dark pixels tell less than is known of lamps anyway, L is near 1.
 
 use glam::Vec4;
 
-use super::{CAMERA_TERMS, GROUPS, PROJECTOR_TERMS, Removal, Room, lanes};
+use super::{CAMERA_TERMS, GROUPS, Removal, lanes};
+use crate::base::linear_fit::least_squares;
 use crate::instrument::calibration::lamp::Monitor;
+
+/// Pixels that tell how the lamp flickered, about.
+const MOST_PIXELS: usize = 10_000;
 
 /// Light of the lamp in a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,6 +38,16 @@ impl Level {
         uncertainty: 0.0,
     };
 
+    /// No lamp drifts farther from what it was in the calibration, relative: above that it is another, which lights otherwise …
+    pub(crate) const LARGEST_CHANGE: f32 = 0.1;
+    /// … if that is clear, standard uncertainties.
+    const CLEAR: f32 = 3.0;
+
+    /// Whether it is not certain to be that of another lamp.
+    pub(crate) fn is_same_lamp(self) -> bool {
+        (self.light - 1.0).abs() <= Self::LARGEST_CHANGE + Self::CLEAR * self.uncertainty
+    }
+
     /// What a frame shows `more` than a black one, of light `black`, had the lamp been the same.
     pub(crate) fn steady(self, more: Vec4, black: Vec4) -> Vec4 {
         (more - black * (self.light - 1.0)) / self.light
@@ -44,18 +60,15 @@ pub(crate) struct Compared {
     /// By how much more light they show than in the calibration, relative, and the variance of that.
     off: f32,
     variance: f32,
-    /// What of it an offset of the camera makes that is higher by one standard deviation.
-    per_offset: f32,
 }
 
 impl Compared {
-    /// The lamp by those of `all` black frames of a run whose stray light is known best; `None` if there are none. Longer exposure times
-    /// know less of the camera's offset, but where the sample saturates nobody knows what comes of it, so that they are off by more.
+    /// The lamp by those of `all` exposure times that tell it best; `None` if there are none.
     pub(crate) fn best(all: impl IntoIterator<Item = Self>) -> Option<Level> {
         let best = all.into_iter().min_by(|a, b| a.variance.total_cmp(&b.variance))?;
         Some(Level {
             light: 1.0 + best.off,
-            uncertainty: best.variance.sqrt().hypot(best.per_offset),
+            uncertainty: best.variance.sqrt(),
         })
     }
 }
@@ -63,9 +76,8 @@ impl Compared {
 /// What watches the lamp, for images of one size.
 #[derive(Debug)]
 pub(super) struct Watch {
-    /// Light of the watching pixels, digital numbers per second, by camera term, and of all others, which are black.
+    /// Light of the watching pixels, digital numbers per second, by camera term.
     light: [Vec4; CAMERA_TERMS],
-    black: [Vec4; CAMERA_TERMS],
     /// Its relative standard uncertainty in dark pixels.
     uncertainty: f32,
 }
@@ -74,25 +86,17 @@ impl Watch {
     /// As `monitor`, with squares of `side` pixels.
     pub(super) fn new(monitor: &Monitor, side: u32) -> Self {
         let scale = f64::from(side * side) / f64::from(monitor.side * monitor.side);
-        let terms = |rows: &[Vec<f64>], scale: f64| {
-            std::array::from_fn(|term| lanes(rows.len(), |channel| rows[channel][term] * scale))
-        };
+        let rows = &monitor.light;
         Self {
-            light: terms(&monitor.light, scale),
-            black: terms(&monitor.black, 1.0),
+            light: std::array::from_fn(|term| lanes(rows.len(), |channel| rows[channel][term] * scale)),
             uncertainty: monitor.uncertainty_of(side) as f32,
         }
     }
 
-    /// Light of the watching pixels in a pixel with these camera terms, and all that comes without a sample, digital numbers per
-    /// second.
-    fn at(&self, terms: &[f32; CAMERA_TERMS]) -> [Vec4; 2] {
-        let sum = |of: &[Vec4; CAMERA_TERMS]| {
-            let light = of.iter().zip(terms);
-            light.fold(Vec4::ZERO, |sum, (light, term)| sum + *light * *term)
-        };
-        let light = sum(&self.light);
-        [light, light + sum(&self.black)]
+    /// Light of the watching pixels in a pixel with these camera terms, digital numbers per second.
+    fn at(&self, terms: &[f32; CAMERA_TERMS]) -> Vec4 {
+        let light = self.light.iter().zip(terms);
+        light.fold(Vec4::ZERO, |sum, (light, term)| sum + *light * *term)
     }
 
     /// How much each of the dark `pixels` counts, of an image with these camera terms: as much as it shines by what watches the
@@ -104,7 +108,7 @@ impl Watch {
         channels: usize,
     ) -> Vec<Vec4> {
         let weight = |pixel: &u32| match watch {
-            Some(watch) => watch.at(&camera_terms[*pixel as usize])[0],
+            Some(watch) => watch.at(&camera_terms[*pixel as usize]),
             None => lanes(channels, |_| 1.0),
         };
         pixels.iter().map(weight).collect()
@@ -118,8 +122,6 @@ struct Sums {
     more: f32,
     black: f32,
     doubt: f32,
-    /// Of weights.
-    weight: f32,
 }
 
 impl Removal {
@@ -145,38 +147,62 @@ impl Removal {
         }
     }
 
-    /// The lamp in black frames beside that of the calibration; `light` is what they show above the dark level in `exposure_s`
-    /// seconds, digital numbers, NaN where saturated, which is at least `saturation`. `None` if nothing watches it.
-    pub(crate) fn level_of_black(
+    /// The lamp in black frames beside that of the calibration; `watching` is what they show in `exposure_s` seconds more than those
+    /// in which nothing watches it, and `others` what these show above the dark level, digital numbers, NaN where saturated; from
+    /// the ones to the others the lamp flickers by `flicker`, relative. `None` if nothing watches it.
+    pub(crate) fn level_of_watching(
         &self,
-        light: &[Vec4],
+        watching: &[Vec4],
+        others: &[Vec4],
+        flicker: f32,
         exposure_s: f64,
-        saturation: f32,
     ) -> Option<Compared> {
         let watch = self.watch.as_ref()?;
-        let own: Vec<Vec4> = self
-            .camera_terms
-            .iter()
-            .map(|terms| watch.at(terms)[1] * exposure_s as f32)
-            .collect();
-        // What comes directly takes part in no glare.
-        let of_sample: Vec<Vec4> = light.iter().zip(&own).map(|(light, own)| *light - *own).collect();
-        let mut room = Room::default();
-        self.find(
-            &of_sample,
-            &[0.0; PROJECTOR_TERMS],
-            exposure_s,
-            saturation,
-            &mut room,
-        );
+        let own = |pixel: usize| watch.at(&self.camera_terms[pixel]) * exposure_s as f32;
+        let [brighter, doubt] = self.brighter(watching, others, flicker);
         self.compare(
-            |pixel| of_sample[pixel] - room.stray[pixel],
-            |pixel| own[pixel],
-            |pixel| room.doubt[pixel],
+            |pixel| watching[pixel] - others[pixel] * brighter - own(pixel),
+            own,
+            |pixel| others[pixel].abs() * doubt,
         )
     }
 
-    /// Relative standard uncertainty of what [`level_of_black`](Self::level_of_black) compares with.
+    /// By how much the lamp was brighter where something watched it than in the `others`, relative, and the standard uncertainty of
+    /// that: `watching` = (a polynomial over the image) + brighter × `others`; by a jackknife, and not far more than it flickers.
+    fn brighter(&self, watching: &[Vec4], others: &[Vec4], flicker: f32) -> [f32; 2] {
+        let every = watching.len().div_ceil(MOST_PIXELS).max(1);
+        let rows: Vec<(usize, Vec<f64>, f64)> = (0..watching.len())
+            .step_by(every)
+            .filter_map(|pixel| {
+                let (target, light) = (watching[pixel].element_sum(), others[pixel].element_sum());
+                let terms = self.camera_terms[pixel].iter().chain([&light]);
+                let row: Vec<f64> = terms.map(|term| f64::from(*term)).collect();
+                (target + light).is_finite().then_some((
+                    pixel * GROUPS / watching.len(),
+                    row,
+                    f64::from(target),
+                ))
+            })
+            .collect();
+        let without = |group: usize| {
+            let some = rows.iter().filter(|(of, ..)| *of != group);
+            let some = some.map(|(_, row, target)| (row.clone(), *target, 1.0));
+            least_squares(CAMERA_TERMS + 1, &some).map(|(found, _)| found[CAMERA_TERMS])
+        };
+        let (Some(all), Some(groups)) = (
+            without(GROUPS),
+            (0..GROUPS).map(without).collect::<Option<Vec<f64>>>(),
+        ) else {
+            return [0.0, flicker];
+        };
+        let squares: f64 = groups.iter().map(|one| (one - all).powi(2)).sum();
+        let variance = squares * (GROUPS - 1) as f64 / GROUPS as f64;
+        let prior = f64::from(flicker).powi(2);
+        let trust = prior / (prior + variance).max(f64::MIN_POSITIVE);
+        [(trust * all) as f32, (trust * variance).sqrt() as f32]
+    }
+
+    /// Relative standard uncertainty of what [`level_of_watching`](Self::level_of_watching) compares with.
     pub(crate) fn level_uncertainty(&self) -> f32 {
         self.watch.as_ref().map_or(0.0, |watch| watch.uncertainty)
     }
@@ -199,7 +225,6 @@ impl Removal {
             group.more += (weight * more).element_sum();
             group.black += (weight * black(at)).element_sum();
             group.doubt += (weight * doubt(at)).element_sum();
-            group.weight += weight.element_sum();
         }
         let sum = |of: &dyn Fn(&Sums) -> f32| groups.iter().map(of).sum::<f32>();
         let (more, black, doubt) = (sum(&|one| one.more), sum(&|one| one.black), sum(&|one| one.doubt));
@@ -209,11 +234,7 @@ impl Removal {
             .map(|one| ((more - one.more) / (black - one.black) - off).powi(2))
             .sum();
         let variance = squares * (GROUPS - 1) as f32 / GROUPS as f32 + (doubt / black).powi(2);
-        (black > 0.0 && variance.is_finite()).then(|| Compared {
-            off,
-            variance,
-            per_offset: self.offset_dn * sum(&|one| one.weight) / black,
-        })
+        (black > 0.0 && variance.is_finite()).then_some(Compared { off, variance })
     }
 }
 
@@ -222,16 +243,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_lamp_is_told_by_what_stray_light_leaves_best_known_as_well_as_the_offset_is() {
-        let (light, offset) = (1.01, 1.5);
-        let shown = |variance: f32, per_offset: f32| Compared {
-            off: light - 1.0 + offset * per_offset,
-            variance,
-            per_offset,
-        };
-        let level = Compared::best([shown(4e-4, 0.001), shown(9e-6, 0.004)]).unwrap();
-        assert!((level.light - light).abs() < 2.0 * level.uncertainty, "{level:?}");
-        assert!((level.uncertainty - 0.005).abs() < 1e-4, "{level:?}");
+    fn the_lamp_is_told_by_the_exposure_time_that_tells_it_best() {
+        let level = Compared::best([1e-4, 4e-6, 9e-6].map(|variance| Compared { off: 0.01, variance }));
+        let level = level.unwrap();
+        assert!((level.light - 1.01).abs() < 1e-6, "{level:?}");
+        assert!((level.uncertainty - 0.002).abs() < 1e-6, "{level:?}");
         assert_eq!(Compared::best([]), None);
     }
 }

@@ -176,10 +176,6 @@ pub(crate) struct Removal {
     direct_uncertainty: f32,
     /// Pixels that are dark by construction, and how much each counts where they tell the lamp's light.
     monitors: Vec<u32>,
-    /// By how much the camera's offset may be another than in the calibration, digital numbers (k = 1).
-    offset_dn: f32,
-    /// And than in the black frames of its run.
-    offset_since_black_dn: f32,
     weights: Vec<Vec4>,
     watch: Option<Watch>,
     /// Variance of the light of an exposure as far as nothing watches it.
@@ -210,7 +206,7 @@ const LEAST: f32 = 1e-12;
 /// their temperature changes.
 const WANDER_E: f64 = 0.5;
 /// It takes so many seconds for that.
-const WANDER_S: f64 = 250.0;
+pub(crate) const WANDER_S: f64 = 250.0;
 
 /// The same of the images of `rig`, digital numbers.
 pub(crate) fn offset_dn(rig: &Rig) -> f64 {
@@ -221,15 +217,12 @@ impl Removal {
     /// As `found`, for images of `rig` while squares of `side` pixels watch the `lamp`.
     pub(crate) fn of(found: &Stray, lamp: &LampFound, side: u32, rig: &Rig) -> Self {
         let format = rig.frame_format();
-        Self {
-            offset_dn: offset_dn(rig) as f32,
-            ..Self::new(
-                found,
-                (lamp, side),
-                (format.width_px, format.height_px),
-                dark_of(rig),
-            )
-        }
+        Self::new(
+            found,
+            (lamp, side),
+            (format.width_px, format.height_px),
+            dark_of(rig),
+        )
     }
 
     /// As `found`, for images of this size, while squares of so many pixels watch the lamp; `dark` are the pixels that no light
@@ -265,17 +258,6 @@ impl Removal {
             watch,
             prior_variance: lamp.prior_variance() as f32,
             monitors: dark,
-            offset_dn: 0.0,
-            offset_since_black_dn: 0.0,
-        }
-    }
-
-    /// For frames that are taken up to so many seconds after the black ones: RMS over them all.
-    #[must_use]
-    pub(crate) fn within(self, run_s: f64) -> Self {
-        Self {
-            offset_since_black_dn: self.offset_dn * (run_s / (3.0_f64.sqrt() * WANDER_S)).min(1.0) as f32,
-            ..self
         }
     }
 
@@ -291,9 +273,7 @@ impl Removal {
         room: &mut Room,
     ) {
         let direct = self.direct_coefficients(lit, exposure_s);
-        // The offset is off in all pixels alike, as direct light is.
-        let direct_doubt =
-            (self.direct_uncertainty * (lit[0] * exposure_s) as f32).hypot(self.offset_since_black_dn);
+        let direct_doubt = Vec4::splat(self.direct_uncertainty * (lit[0] * exposure_s) as f32);
         let saturated = Vec4::splat(saturation);
         let mut is_saturated = false;
         room.clean.clear();
@@ -308,7 +288,7 @@ impl Removal {
             is_saturated |= is_nan.any();
             room.clean.push(Vec4::select(is_nan, saturated, *shown) - light);
             room.stray.push(light);
-            room.doubt.push(Vec4::splat(direct_doubt));
+            room.doubt.push(direct_doubt);
         }
         self.spread(&room.clean, &mut room.once, &mut room.halo);
         self.spread(&room.once, &mut room.twice, &mut room.halo);
@@ -472,7 +452,7 @@ pub(crate) fn lanes(channels: usize, of: impl Fn(usize) -> f64) -> Vec4 {
 }
 
 /// √(a² + b²) of each lane.
-fn hypot(a: Vec4, b: Vec4) -> Vec4 {
+pub(crate) fn hypot(a: Vec4, b: Vec4) -> Vec4 {
     sqrt(a * a + b * b)
 }
 

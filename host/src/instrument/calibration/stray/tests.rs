@@ -118,51 +118,90 @@ fn light_beyond_saturation_is_told_by_what_is_dark() {
     assert!(room.doubt[0].x.is_infinite());
 }
 
+/// Pixels a side of the images of a sample whose lamp is watched, and their exposure time, seconds.
+const SIZE: usize = 48;
+const EXPOSURE_S: f64 = 0.1;
+/// What flickers in them.
+const FLICKER: f32 = 0.005;
+
+/// A sample beside pixels that are dark, and watch the lamp.
+struct Watched {
+    found: Stray,
+    removal: Removal,
+    /// Direct light: four parts of what watches the lamp, a fifth of one of black pixels.
+    direct: Vec<Vec4>,
+}
+
+impl Watched {
+    fn new() -> Self {
+        let found = found([0.0, 0.0, 0.001, 0.001, 0.0, 0.001, 0.003], None);
+        let mut light = vec![0.0; CAMERA_TERMS];
+        (light[0], light[1], light[2]) = (5000.0, 1200.0, -900.0);
+        let lamp = LampFound {
+            flicker: f64::from(FLICKER),
+            monitor: Some(super::super::lamp::Monitor {
+                side: 4,
+                light: vec![light],
+                standard_uncertainty: 3e-4,
+            }),
+        };
+        let direct = |pixel: usize| {
+            let [x, y] = crate::instrument::frame_format::place_of_pixel(pixel, SIZE, SIZE);
+            Vec4::new((420.0 * (5.0 + 1.2 * y - 0.9 * x)) as f32, 0.0, 0.0, 0.0)
+        };
+        Self {
+            // Lit twice as wide as in the calibration: four times the light.
+            removal: Removal::new(&found, (&lamp, 8), (SIZE, SIZE), left_quarter(SIZE)),
+            direct: (0..SIZE * SIZE).map(direct).collect(),
+            found,
+        }
+    }
+
+    fn is_on_sample(pixel: usize) -> bool {
+        pixel % SIZE >= 16
+    }
+
+    /// A frame with a spot, with so bright a lamp.
+    fn shown(&self, lamp: f32, spot: f32) -> Vec<Vec4> {
+        let of = |pixel: usize| {
+            let (x, y) = ((pixel % SIZE) as f32 - 30.0, (pixel / SIZE) as f32 - 20.0);
+            let lobe = spot * (-(x * x + y * y) / 8.0).exp();
+            let light = if Self::is_on_sample(pixel) {
+                8000.0 + lobe
+            } else {
+                0.0
+            };
+            Vec4::new(light, 0.0, 0.0, 0.0)
+        };
+        let image: Vec<Vec4> = (0..SIZE * SIZE).map(of).collect();
+        let (mut spread, mut room) = (Vec::new(), Room::default());
+        self.removal.spread(&image, &mut spread, &mut room.halo);
+        let all = image.iter().zip(&spread).zip(&self.direct);
+        all.map(|((s, a), d)| (*s + *a + *d) * lamp).collect()
+    }
+
+    /// Of that what watches the lamp.
+    fn of_watching(&self, lamp: f32) -> Vec<Vec4> {
+        let of = |direct: &Vec4| *direct * (lamp * 4.0 / 4.2);
+        self.direct.iter().map(of).collect()
+    }
+
+    /// And all others, with nothing lit.
+    fn of_others(&self) -> Vec<Vec4> {
+        let all = self.shown(1.0, 0.0).into_iter().zip(self.of_watching(1.0));
+        all.map(|(all, own)| all - own).collect()
+    }
+}
+
 #[test]
 fn the_lamp_of_a_frame_is_told_by_what_is_dark_beside_stray_light() {
-    let size = 48;
-    let found = found([0.0, 0.0, 0.001, 0.001, 0.0, 0.001, 0.003], None);
-    let dark = left_quarter(size);
-    let rows = |scale: f64| {
-        let mut row = vec![0.0; CAMERA_TERMS];
-        (row[0], row[1], row[2]) = (5000.0 * scale, 1200.0 * scale, -900.0 * scale);
-        vec![row]
-    };
-    let lamp = LampFound {
-        flicker: 0.005,
-        monitor: Some(super::super::lamp::Monitor {
-            side: 4,
-            light: rows(1.0),
-            black: rows(0.2),
-            standard_uncertainty: 3e-4,
-        }),
-    };
-    // Lit twice as wide as in the calibration: four times the light.
-    let (removal, exposure_s) = (Removal::new(&found, (&lamp, 8), (size, size), dark), 0.1);
-    let direct: Vec<Vec4> = (0..size * size)
-        .map(|pixel| {
-            let [x, y] = crate::instrument::frame_format::place_of_pixel(pixel, size, size);
-            Vec4::new((420.0 * (5.0 + 1.2 * y - 0.9 * x)) as f32, 0.0, 0.0, 0.0)
-        })
-        .collect();
-    let on_sample = |pixel: usize| f32::from(u8::from(pixel % size >= 16));
-    let (mut spread, mut room) = (Vec::new(), Room::default());
-    let mut shown = |lamp: f32, spot: f32| -> Vec<Vec4> {
-        let image: Vec<Vec4> = (0..size * size)
-            .map(|pixel| {
-                let (x, y) = ((pixel % size) as f32 - 30.0, (pixel / size) as f32 - 20.0);
-                let lobe = spot * (-(x * x + y * y) / 8.0).exp();
-                Vec4::new(on_sample(pixel) * (8000.0 + lobe), 0.0, 0.0, 0.0)
-            })
-            .collect();
-        removal.spread(&image, &mut spread, &mut room.halo);
-        let all = image.iter().zip(&spread).zip(&direct);
-        all.map(|((s, a), d)| (*s + *a + *d) * lamp).collect()
-    };
-    let black = shown(1.0, 0.0);
+    let watched = Watched::new();
+    let removal = &watched.removal;
+    let black = watched.shown(1.0, 0.0);
     let mut room = Room::default();
     for (light, spot) in [(1.0_f32, 20_000.0), (1.008, 20_000.0), (0.992, 500_000.0)] {
-        let frame: Vec<Vec4> = shown(light, spot)
+        let frame: Vec<Vec4> = watched
+            .shown(light, spot)
             .into_iter()
             .zip(&black)
             .map(|(lit, black)| {
@@ -170,7 +209,7 @@ fn the_lamp_of_a_frame_is_told_by_what_is_dark_beside_stray_light() {
                 Vec4::select(is_full, Vec4::NAN, lit - *black)
             })
             .collect();
-        removal.find(&frame, &[0.0; PROJECTOR_TERMS], exposure_s, 60_000.0, &mut room);
+        removal.find(&frame, &[0.0; PROJECTOR_TERMS], EXPOSURE_S, 60_000.0, &mut room);
         let level = removal.level(
             |pixel| frame[pixel] - room.stray[pixel],
             |pixel| black[pixel],
@@ -181,18 +220,52 @@ fn the_lamp_of_a_frame_is_told_by_what_is_dark_beside_stray_light() {
             "{light} {spot}: {level:?}"
         );
     }
-    for light in [1.0, 0.95, 1.2] {
-        let compared = removal.level_of_black(&shown(light, 0.0), exposure_s, 60_000.0);
-        let level = Compared::best(compared).unwrap();
-        // The light that a sample scatters takes part in itself: a share of a share.
-        assert!((level.light - light).abs() < 1e-3 * light, "{light}: {level:?}");
-    }
     // Where nothing watches it is near 1, and nobody says more.
-    let blind = Removal::new(&found, (&LampFound::default(), 0), (size, size), Vec::new());
-    assert_eq!(blind.level_of_black(&black, exposure_s, 60_000.0), None);
+    let blind = Removal::new(
+        &watched.found,
+        (&LampFound::default(), 0),
+        (SIZE, SIZE),
+        Vec::new(),
+    );
     let level = blind.level(|_| Vec4::NAN, |_| Vec4::ZERO, |_| Vec4::ZERO);
     assert!(
         (level.light - 1.0).abs() < 1e-9 && (level.uncertainty - 3e-3).abs() < 1e-6,
         "{level:?}"
+    );
+}
+
+#[test]
+fn the_lamp_of_black_frames_is_told_by_what_watches_it_however_black_light_flickers() {
+    let watched = Watched::new();
+    let others = watched.of_others();
+    let level = |watching: &[Vec4], others: &[Vec4]| {
+        let compared = watched
+            .removal
+            .level_of_watching(watching, others, FLICKER, EXPOSURE_S);
+        Compared::best(compared).unwrap()
+    };
+    for (light, brighter) in [(1.0_f32, 0.0_f32), (0.95, 0.004), (1.2, -0.004)] {
+        let own = watched.of_watching(light).into_iter().zip(&others);
+        let watching: Vec<Vec4> = own.map(|(own, other)| own + *other * brighter).collect();
+        let level = level(&watching, &others);
+        assert!((level.light - light).abs() < 1e-3 * light, "{light}: {level:?}");
+        assert!(level.uncertainty < 1e-3, "{light}: {level:?}");
+    }
+    // Black light that shines as smoothly passes for it.
+    let smooth = watched.of_watching(0.05);
+    let own = watched.of_watching(1.0).into_iter().zip(&smooth);
+    let watching: Vec<Vec4> = own.map(|(own, other)| own + *other * FLICKER).collect();
+    let level = level(&watching, &smooth);
+    assert!((level.light - 1.0).abs() < 3.0 * level.uncertainty, "{level:?}");
+    assert!(level.uncertainty < 0.1 * FLICKER, "{level:?}");
+    let blind = Removal::new(
+        &watched.found,
+        (&LampFound::default(), 0),
+        (SIZE, SIZE),
+        Vec::new(),
+    );
+    assert_eq!(
+        blind.level_of_watching(&watching, &others, FLICKER, EXPOSURE_S),
+        None
     );
 }
