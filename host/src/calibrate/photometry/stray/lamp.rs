@@ -4,7 +4,7 @@ use super::capture::{PATTERNS, StrayViews, WATCHED};
 use super::fit::Frames;
 use crate::base::linear_fit::least_squares;
 use crate::instrument::calibration::Monitor;
-use crate::instrument::calibration::stray::{CAMERA_TERMS, camera_terms, dark_of};
+use crate::instrument::calibration::stray::{CAMERA_TERMS, camera_terms, dark_of, steps_dn};
 use crate::instrument::rig::Rig;
 
 /// How much more a pixel counts that is dark in measurements than one that is not, of which every so manieth takes part.
@@ -37,7 +37,8 @@ impl Frames {
             if sum <= 0.0 {
                 return None;
             }
-            off = off.max(left / sum);
+            let by_steps = steps_dn(rig) * dark.len() as f64 / views.watched_s;
+            off = off.max(left.hypot(by_steps) / sum);
             light.push(found);
         }
         Some(Monitor {

@@ -15,7 +15,7 @@
 
 use glam::Vec4;
 
-use super::{CAMERA_TERMS, GROUPS, Removal, lanes};
+use super::{CAMERA_TERMS, GROUPS, Removal, hypot, lanes};
 use crate::base::linear_fit::least_squares;
 use crate::instrument::calibration::lamp::Monitor;
 
@@ -163,7 +163,7 @@ impl Removal {
         self.compare(
             |pixel| watching[pixel] - others[pixel] * brighter - own(pixel),
             own,
-            |pixel| others[pixel].abs() * doubt,
+            |pixel| hypot(others[pixel].abs() * doubt, Vec4::splat(self.steps_dn)),
         )
     }
 

@@ -177,6 +177,8 @@ pub(crate) struct Removal {
     /// Pixels that are dark by construction, and how much each counts where they tell the lamp's light.
     monitors: Vec<u32>,
     weights: Vec<Vec4>,
+    /// What noise leaves of the converter's steps in the difference of two means, in all pixels alike, digital numbers (k = 1).
+    steps_dn: f32,
     watch: Option<Watch>,
     /// Variance of the light of an exposure as far as nothing watches it.
     prior_variance: f32,
@@ -213,16 +215,24 @@ pub(crate) fn offset_dn(rig: &Rig) -> f64 {
     WANDER_E * rig.camera.binned.pixels / rig.gain_e_per_dn()
 }
 
+/// What noise leaves of the converter's steps in the difference of two mean images of `rig`, digital numbers (k = 1).
+pub(crate) fn steps_dn(rig: &Rig) -> f64 {
+    std::f64::consts::SQRT_2 * rig.camera.binned.common_e() / rig.gain_e_per_dn()
+}
+
 impl Removal {
     /// As `found`, for images of `rig` while squares of `side` pixels watch the `lamp`.
     pub(crate) fn of(found: &Stray, lamp: &LampFound, side: u32, rig: &Rig) -> Self {
         let format = rig.frame_format();
-        Self::new(
-            found,
-            (lamp, side),
-            (format.width_px, format.height_px),
-            dark_of(rig),
-        )
+        Self {
+            steps_dn: steps_dn(rig) as f32,
+            ..Self::new(
+                found,
+                (lamp, side),
+                (format.width_px, format.height_px),
+                dark_of(rig),
+            )
+        }
     }
 
     /// As `found`, for images of this size, while squares of so many pixels watch the lamp; `dark` are the pixels that no light
@@ -258,6 +268,7 @@ impl Removal {
             watch,
             prior_variance: lamp.prior_variance() as f32,
             monitors: dark,
+            steps_dn: 0.0,
         }
     }
 
