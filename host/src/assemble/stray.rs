@@ -5,15 +5,13 @@ use super::radiometry::Radiometry;
 use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::calibration::LampFound;
 use crate::instrument::calibration::photometry::COMMAND;
-use crate::instrument::calibration::stray::{Compared, Level, PROJECTOR_TERMS, Removal};
+use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, Removal};
 use crate::instrument::rig::Rig;
 use crate::plan::Plan;
 
 /// How frames lose stray light, and what of it the pattern of each incident direction makes.
 pub(super) struct StrayLight {
     removal: Removal,
-    /// Standard deviation of the lamp's light from exposure to exposure, relative.
-    flicker: f32,
     /// Of each incident direction, zero where it is not lit.
     lit: Vec<[f64; PROJECTOR_TERMS]>,
 }
@@ -29,7 +27,6 @@ impl StrayLight {
         let found = applied.photometry.as_ref()?;
         Some(Self {
             removal: Removal::of(&found.stray, &found.lamp, plan.watching_side, rig),
-            flicker: found.lamp.flicker as f32,
             lit: correction.lit_terms(),
         })
     }
@@ -41,11 +38,10 @@ impl StrayLight {
     pub(super) fn lamp(&self, radiometry: &[Radiometry], channels: usize) -> Result<Level, String> {
         let of_each = radiometry.iter().filter_map(|one| {
             let [watching, others] = one.watched_image(channels)?;
-            let flicker = self.flicker * one.apart;
             self.removal
-                .level_of_watching(&watching, &others, flicker, one.exposure_s)
+                .level_of_watching(&watching, &others, one.counts, one.exposure_s)
         });
-        let Some(level) = Compared::best(of_each) else {
+        let Some(level) = Level::best(of_each) else {
             return Ok(Level {
                 light: 1.0,
                 uncertainty: LampFound::UNWATCHED as f32,

@@ -69,7 +69,7 @@ impl Drift {
 #[derive(Default)]
 struct Mean {
     sum: Vec<f64>,
-    count: u32,
+    count: usize,
 }
 
 impl Mean {
@@ -82,7 +82,7 @@ impl Mean {
     }
 
     fn get(&self) -> Vec<f32> {
-        let count = f64::from(self.count);
+        let count = self.count as f64;
         self.sum.iter().map(|sum| (sum / count) as f32).collect()
     }
 }
@@ -187,9 +187,7 @@ impl BlackFrames {
                 exposure_s: of.exposure_s,
                 dark: of.black.get(),
                 unwatched: of.unwatched.get(),
-                // Of what one light and another flicker apart.
-                apart: (f64::from(of.black.count).recip() + f64::from(of.unwatched.count).recip()).sqrt()
-                    as f32,
+                counts: [of.black.count, of.unwatched.count],
                 means,
                 dark_variance: numbers.read_variance * means,
                 row_variance: numbers.row_variance * means,

@@ -31,8 +31,8 @@ pub(super) struct Radiometry {
     pub(super) dark: Vec<f32>,
     /// The same of those without what watches the lamp; empty if there are none.
     pub(super) unwatched: Vec<f32>,
-    /// What flicker of 1 makes the two differ by.
-    pub(super) apart: f32,
+    /// Frames of both means.
+    pub(super) counts: [usize; 2],
     /// 1 + 1/number of black frames: whose mean's variance counts too.
     pub(super) means: f32,
     /// Variance of a dark-corrected number by reading out and rounding, in DN².

@@ -47,8 +47,8 @@ use crate::virtual_rig::setup::World;
 pub(super) const RAW: &str = "photometry.raw.zarr";
 /// Name of the file that says what the frames are.
 pub(super) const VIEWS: &str = crate::instrument::calibration::VIEWS[1];
-/// Exposures of a segment.
-pub(super) const SEGMENT: usize = 16;
+/// Exposures of a segment: as many as black patterns of a measurement, among which those stand that watch no lamp.
+pub(super) const SEGMENT: usize = plan::BLACK_EXPOSURES;
 /// Share of the light that saturates to which levels of grey come, and the widest spot for them, degrees.
 const WIDE: f64 = 0.7;
 const WIDEST_DEG: f64 = 30.0;

@@ -237,11 +237,10 @@ impl<'a> Captured<'a> {
             let frames: Vec<&[u16]> = frames.into_iter().map(|(_, frame)| frame).collect();
             linear.mean(&frames)
         };
-        let apart = (watched.len() as f64).recip() + (others.len() as f64).recip();
         Black {
+            counts: [watched.len(), others.len()],
             light: mean(watched),
             unwatched: mean(others),
-            apart: apart.sqrt(),
         }
     }
 
@@ -284,7 +283,7 @@ impl<'a> Captured<'a> {
     ) -> Result<(Seen<'b>, Frames<'b>), CalibrateError> {
         let mut seen = Seen::new(self.views, stand)?;
         let removal = self.removal(stand, other)?;
-        seen.compare_lamp(&removal, black, other.lamp.flicker)?;
+        seen.compare_lamp(&removal, black)?;
         let black = black.light.as_slice();
         let mut lit = Vec::new();
         for wanted in self.shows.iter().copied() {
@@ -358,9 +357,8 @@ impl<'a> Captured<'a> {
         let second = crate::brdf::sample::parse(spec).map_err(crate::virtual_rig::setup::SetupError::from)?;
         let black = self.black(Shows::SecondBlack, linear);
         let removal = self.removal(0, other)?;
-        let flicker = other.lamp.flicker;
         let mut other = Seen::new(self.views, 0)?;
-        other.compare_lamp(&removal, &black, flicker)?;
+        other.compare_lamp(&removal, &black)?;
         let black = black.light.as_slice();
         other.judged = first.judged.clone();
         for wanted in self.shows.iter().copied() {
@@ -452,8 +450,8 @@ struct Black {
     /// With what watches the lamp, as in all other frames, and without.
     light: Vec<f64>,
     unwatched: Vec<f64>,
-    /// What flicker of 1 makes the two differ by.
-    apart: f64,
+    /// Frames of both.
+    counts: [usize; 2],
 }
 
 /// What of the light in frames is not the spot's, or not the lamp's as it was.

@@ -17,7 +17,7 @@ use crate::brdf::sample::Sample;
 use crate::calibrate::CalibrateError;
 use crate::instrument::calibration::lamp::SLOW;
 use crate::instrument::calibration::lights;
-use crate::instrument::calibration::stray::{Compared, Level, Removal, Room, lanes};
+use crate::instrument::calibration::stray::{Level, Removal, Room, lanes};
 use crate::instrument::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
 
 /// A share is whole within so many of its standard uncertainties …
@@ -154,16 +154,11 @@ impl Seen<'_> {
             .collect()
     }
 
-    /// Compares the lamp, which flickers by so much, in the `black` frames of the stand with what watches it in the calibration.
+    /// Compares the lamp in the `black` frames of the stand with what watches it in the calibration.
     ///
     /// # Errors
     /// [`CalibrateError::Views`] if another lamp must have been in it.
-    pub(super) fn compare_lamp(
-        &mut self,
-        removal: &Removal,
-        black: &Black,
-        flicker: f64,
-    ) -> Result<(), CalibrateError> {
+    pub(super) fn compare_lamp(&mut self, removal: &Removal, black: &Black) -> Result<(), CalibrateError> {
         let image = |of: &dyn Fn(usize) -> f64| -> Vec<Vec4> {
             (0..black.light.len() / self.channels)
                 .map(|pixel| lanes(self.channels, |channel| of(pixel * self.channels + channel)))
@@ -171,9 +166,8 @@ impl Seen<'_> {
         };
         let watching = image(&|at| black.light[at] - black.unwatched[at]);
         let others = image(&|at| black.unwatched[at]);
-        let flicker = (flicker * black.apart) as f32;
-        let compared = removal.level_of_watching(&watching, &others, flicker, self.exposure_s);
-        let Some(level) = Compared::best(compared) else {
+        let told = removal.level_of_watching(&watching, &others, black.counts, self.exposure_s);
+        let Some(level) = told else {
             self.lamp = [1.0, SLOW];
             return Ok(());
         };

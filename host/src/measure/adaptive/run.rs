@@ -157,7 +157,7 @@ fn published(
     let plan = Plan::bracketed(request, &job.rig, &job.plan.exposures_s());
     let plan = Plan {
         segment: segments.patterns * segments.brackets,
-        black_first: true,
+        black_first: job.plan.black_first,
         watching_side: job.plan.watching_side,
         virtual_rig: job.plan.virtual_rig.clone(),
         ..plan.map_err(MeasurementError::from)?

@@ -48,28 +48,15 @@ impl Level {
         (self.light - 1.0).abs() <= Self::LARGEST_CHANGE + Self::CLEAR * self.uncertainty
     }
 
+    /// The one of `all` that tells it best; `None` if there are none.
+    pub(crate) fn best(all: impl IntoIterator<Item = Self>) -> Option<Self> {
+        let least = |a: &Self, b: &Self| a.uncertainty.total_cmp(&b.uncertainty);
+        all.into_iter().min_by(least)
+    }
+
     /// What a frame shows `more` than a black one, of light `black`, had the lamp been the same.
     pub(crate) fn steady(self, more: Vec4, black: Vec4) -> Vec4 {
         (more - black * (self.light - 1.0)) / self.light
-    }
-}
-
-/// What dark pixels say of the lamp in black frames of one exposure time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Compared {
-    /// By how much more light they show than in the calibration, relative, and the variance of that.
-    off: f32,
-    variance: f32,
-}
-
-impl Compared {
-    /// The lamp by those of `all` exposure times that tell it best; `None` if there are none.
-    pub(crate) fn best(all: impl IntoIterator<Item = Self>) -> Option<Level> {
-        let best = all.into_iter().min_by(|a, b| a.variance.total_cmp(&b.variance))?;
-        Some(Level {
-            light: 1.0 + best.off,
-            uncertainty: best.variance.sqrt(),
-        })
     }
 }
 
@@ -134,32 +121,33 @@ impl Removal {
         black: impl Fn(usize) -> Vec4,
         doubt: impl Fn(usize) -> Vec4,
     ) -> Level {
-        let Some(Compared { off, variance, .. }) = self.compare(more, black, doubt) else {
+        let Some(told) = self.compare(more, black, doubt) else {
             return Level {
                 light: 1.0,
                 uncertainty: self.prior_variance.sqrt(),
             };
         };
+        let variance = told.uncertainty.powi(2);
         let trust = self.prior_variance / (self.prior_variance + variance);
         Level {
-            light: 1.0 + trust * off,
+            light: 1.0 + trust * (told.light - 1.0),
             uncertainty: (trust * variance).sqrt(),
         }
     }
 
     /// The lamp in black frames beside that of the calibration; `watching` is what they show in `exposure_s` seconds more than those
-    /// in which nothing watches it, and `others` what these show above the dark level, digital numbers, NaN where saturated; from
-    /// the ones to the others the lamp flickers by `flicker`, relative. `None` if nothing watches it.
+    /// in which nothing watches it, and `others` what these show above the dark level, digital numbers, NaN where saturated, both
+    /// means of so many frames. `None` if nothing watches it.
     pub(crate) fn level_of_watching(
         &self,
         watching: &[Vec4],
         others: &[Vec4],
-        flicker: f32,
+        counts: [usize; 2],
         exposure_s: f64,
-    ) -> Option<Compared> {
+    ) -> Option<Level> {
         let watch = self.watch.as_ref()?;
         let own = |pixel: usize| watch.at(&self.camera_terms[pixel]) * exposure_s as f32;
-        let [brighter, doubt] = self.brighter(watching, others, flicker);
+        let [brighter, doubt] = self.brighter(watching, others, counts);
         self.compare(
             |pixel| watching[pixel] - others[pixel] * brighter - own(pixel),
             own,
@@ -169,7 +157,13 @@ impl Removal {
 
     /// By how much the lamp was brighter where something watched it than in the `others`, relative, and the standard uncertainty of
     /// that: `watching` = (a polynomial over the image) + brighter × `others`; by a jackknife, and not far more than it flickers.
-    fn brighter(&self, watching: &[Vec4], others: &[Vec4], flicker: f32) -> [f32; 2] {
+    fn brighter(&self, watching: &[Vec4], others: &[Vec4], counts: [usize; 2]) -> [f32; 2] {
+        let flicker = self.flicker
+            * counts
+                .map(|count| (count as f32).recip())
+                .iter()
+                .sum::<f32>()
+                .sqrt();
         let every = watching.len().div_ceil(MOST_PIXELS).max(1);
         let rows: Vec<(usize, Vec<f64>, f64)> = (0..watching.len())
             .step_by(every)
@@ -213,7 +207,7 @@ impl Removal {
         more: impl Fn(usize) -> Vec4,
         black: impl Fn(usize) -> Vec4,
         doubt: impl Fn(usize) -> Vec4,
-    ) -> Option<Compared> {
+    ) -> Option<Level> {
         let mut groups = [Sums::default(); GROUPS];
         for (place, &pixel) in self.monitors.iter().enumerate() {
             let at = pixel as usize;
@@ -234,7 +228,10 @@ impl Removal {
             .map(|one| ((more - one.more) / (black - one.black) - off).powi(2))
             .sum();
         let variance = squares * (GROUPS - 1) as f32 / GROUPS as f32 + (doubt / black).powi(2);
-        (black > 0.0 && variance.is_finite()).then_some(Compared { off, variance })
+        (black > 0.0 && variance.is_finite()).then(|| Level {
+            light: 1.0 + off,
+            uncertainty: variance.sqrt(),
+        })
     }
 }
 
@@ -244,10 +241,13 @@ mod tests {
 
     #[test]
     fn the_lamp_is_told_by_the_exposure_time_that_tells_it_best() {
-        let level = Compared::best([1e-4, 4e-6, 9e-6].map(|variance| Compared { off: 0.01, variance }));
+        let level = Level::best([1e-4_f32, 4e-6, 9e-6].map(|variance| Level {
+            light: 1.01,
+            uncertainty: variance.sqrt(),
+        }));
         let level = level.unwrap();
         assert!((level.light - 1.01).abs() < 1e-6, "{level:?}");
         assert!((level.uncertainty - 0.002).abs() < 1e-6, "{level:?}");
-        assert_eq!(Compared::best([]), None);
+        assert_eq!(Level::best([]), None);
     }
 }

@@ -26,7 +26,7 @@ use crate::instrument::rig::Rig;
 pub(crate) use direct::{CAMERA_TERMS, PROJECTOR_TERMS, camera_terms, lit_terms};
 pub(crate) use ghost::Shifted;
 pub(crate) use halo::{Halo, Room as HaloRoom};
-pub(crate) use level::{Compared, Level};
+pub(crate) use level::Level;
 
 use level::Watch;
 
@@ -180,6 +180,8 @@ pub(crate) struct Removal {
     /// What noise leaves of the converter's steps in the difference of two means, in all pixels alike, digital numbers (k = 1).
     steps_dn: f32,
     watch: Option<Watch>,
+    /// Standard deviation of the lamp's light from exposure to exposure, relative.
+    flicker: f32,
     /// Variance of the light of an exposure as far as nothing watches it.
     prior_variance: f32,
 }
@@ -266,6 +268,7 @@ impl Removal {
             weights: Watch::weights(watch.as_ref(), &dark, &camera_terms, channels),
             camera_terms,
             watch,
+            flicker: lamp.flicker as f32,
             prior_variance: lamp.prior_variance() as f32,
             monitors: dark,
             steps_dn: 0.0,
