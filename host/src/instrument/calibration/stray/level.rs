@@ -121,16 +121,15 @@ impl Removal {
         black: impl Fn(usize) -> Vec4,
         doubt: impl Fn(usize) -> Vec4,
     ) -> Level {
-        let Some(told) = self.compare(more, black, doubt) else {
+        let Some([off, variance]) = self.compare(more, black, doubt) else {
             return Level {
                 light: 1.0,
                 uncertainty: self.prior_variance.sqrt(),
             };
         };
-        let variance = told.uncertainty.powi(2);
         let trust = self.prior_variance / (self.prior_variance + variance);
         Level {
-            light: 1.0 + trust * (told.light - 1.0),
+            light: 1.0 + trust * off,
             uncertainty: (trust * variance).sqrt(),
         }
     }
@@ -148,11 +147,15 @@ impl Removal {
         let watch = self.watch.as_ref()?;
         let own = |pixel: usize| watch.at(&self.camera_terms[pixel]) * exposure_s as f32;
         let [brighter, doubt] = self.brighter(watching, others, counts);
-        self.compare(
+        let told = self.compare(
             |pixel| watching[pixel] - others[pixel] * brighter - own(pixel),
             own,
             |pixel| hypot(others[pixel].abs() * doubt, Vec4::splat(self.steps_dn)),
-        )
+        );
+        told.map(|[off, variance]| Level {
+            light: 1.0 + off,
+            uncertainty: variance.sqrt(),
+        })
     }
 
     /// By how much the lamp was brighter where something watched it than in the `others`, relative, and the standard uncertainty of
@@ -201,13 +204,13 @@ impl Removal {
         self.watch.as_ref().map_or(0.0, |watch| watch.uncertainty)
     }
 
-    /// By how much `more` exceeds what `black` says; `None` if no pixel tells.
+    /// By how much `more` exceeds what `black` says, relative, and the variance of that; `None` if no pixel tells.
     fn compare(
         &self,
         more: impl Fn(usize) -> Vec4,
         black: impl Fn(usize) -> Vec4,
         doubt: impl Fn(usize) -> Vec4,
-    ) -> Option<Level> {
+    ) -> Option<[f32; 2]> {
         let mut groups = [Sums::default(); GROUPS];
         for (place, &pixel) in self.monitors.iter().enumerate() {
             let at = pixel as usize;
@@ -228,10 +231,7 @@ impl Removal {
             .map(|one| ((more - one.more) / (black - one.black) - off).powi(2))
             .sum();
         let variance = squares * (GROUPS - 1) as f32 / GROUPS as f32 + (doubt / black).powi(2);
-        (black > 0.0 && variance.is_finite()).then(|| Level {
-            light: 1.0 + off,
-            uncertainty: variance.sqrt(),
-        })
+        (black > 0.0 && variance.is_finite()).then_some([off, variance])
     }
 }
 
