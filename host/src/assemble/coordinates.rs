@@ -4,9 +4,7 @@ use serde_json::{Map, Value, json};
 
 use crate::brdf::budget::BudgetSums;
 use crate::brdf::interpolation::{BRANCHES, BranchErrors, REGIONS};
-use crate::brdf::{
-    COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, ERRORS, FIELD_UNCERTAINTY, LAMP_LIGHT, UNCALIBRATED,
-};
+use crate::brdf::{DIRECTION_UNCERTAINTY, ERRORS, FIELD_UNCERTAINTY, LAMP_LIGHT, UNCALIBRATED};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
 use crate::instrument::calibration::AppliedCalibration;
@@ -138,14 +136,31 @@ pub(crate) fn list_attributes() -> Map<String, Value> {
     map
 }
 
-/// The attributes of `brdf.zarr`.
+/// The relative standard uncertainty that all values have in common (see [`Brdf::common_uncertainty`](crate::brdf::Brdf::common_uncertainty)) by standard, lamp, and what else they
+/// `share`; `None` without a calibration.
+pub(super) fn common_uncertainty(
+    applied: &AppliedCalibration,
+    lamp: Option<Level>,
+    share: f64,
+) -> Option<f64> {
+    let found = applied.photometry.as_ref()?;
+    let by_lamp = lamp.map_or(0.0, |level| f64::from(level.uncertainty));
+    Some(
+        found
+            .uncertainty_by_standard()
+            .hypot(by_lamp)
+            .hypot(found.lamp_uncertainty)
+            .hypot(share),
+    )
+}
+
+/// The attributes of `brdf.zarr`, but for that.
 pub(super) fn attributes(
     rig: &Rig,
     plan: &Plan,
     applied: &AppliedCalibration,
     lamp: Option<Level>,
 ) -> Map<String, Value> {
-    let by_lamp = lamp.map_or(0.0, |level| f64::from(level.uncertainty));
     let is_known = applied.direction_deg.iter().all(|deg| *deg > 0.0);
     let unknown = [
         (!is_known).then_some("directions"),
@@ -172,7 +187,6 @@ pub(super) fn attributes(
         "light": plan.code.map(Coding::light),
         UNCALIBRATED: unknown.iter().flatten().collect::<Vec<_>>(),
         DIRECTION_UNCERTAINTY: is_known.then_some(applied.direction_deg),
-        COMMON_UNCERTAINTY: applied.photometry.as_ref().map(|found| found.uncertainty_by_standard().hypot(by_lamp)),
         FIELD_UNCERTAINTY: applied.photometry.as_ref().map(|found| found.field_residual),
         LAMP_LIGHT: lamp.map(|level| f64::from(level.light)),
         "source": concat!("rcg ", env!("CARGO_PKG_VERSION")),

@@ -55,7 +55,7 @@ pub(super) struct Correction {
     /// Relative standard uncertainty of the standards' reflectance, and relative variance of all f by what the fields leave.
     standard: f64,
     residual2: f32,
-    /// Relative variance of all f by the lamp since the calibration.
+    /// Relative variance of all f by the lamp, in the calibration and since.
     lamp2: f32,
     /// Relative variance of f by the throughput of each cell.
     cell_relative2: Vec<f32>,
@@ -82,7 +82,7 @@ impl Correction {
         let channels = rig.camera.channels as usize;
         let mut cells = vec![1.0; disk.len() * channels];
         let mut cell_relative2 = vec![0.0; disk.len()];
-        let (mut standard, mut residual) = (0.0_f64, 0.0_f64);
+        let (mut standard, mut residual, mut by_lamp) = (0.0_f64, 0.0_f64, 0.0_f64);
         if let Some(photometry) = &applied.photometry {
             if photometry.sensitivity.len() != channels {
                 return Err(format!(
@@ -92,6 +92,7 @@ impl Correction {
             }
             (cells, cell_relative2) = throughput(rig, photometry, disk);
             (standard, residual) = (photometry.uncertainty_by_standard(), photometry.field_residual);
+            by_lamp = photometry.lamp_uncertainty;
         }
         let lit = lit(rig, plan, directions, applied.photometry.as_ref());
         let [camera_deg, projector_deg] = applied.direction_deg;
@@ -108,7 +109,7 @@ impl Correction {
             cells,
             standard,
             residual2: residual.powi(2) as f32,
-            lamp2: 0.0,
+            lamp2: by_lamp.powi(2) as f32,
             cell_relative2,
             shares: shares(rig, directions, applied).map(|shares| (shares, resampling.taps.clone())),
             returned: applied
@@ -137,7 +138,7 @@ impl Correction {
         for cell in &mut self.cells {
             *cell /= level.light;
         }
-        self.lamp2 = (level.uncertainty / level.light).powi(2);
+        self.lamp2 += (level.uncertainty / level.light).powi(2);
     }
 
     /// Learns from the black frames of `radiometry`, one for each exposure time, how much of the light that falls on it the sample returns.
@@ -191,19 +192,9 @@ impl Correction {
             }
             let measured = |cell: usize| shown[cell].factor.is_finite();
             for channel in 0..self.channels {
-                let incoming = self
-                    .returned
-                    .as_ref()
-                    .map(|returned| (returned, returned.incoming(lit.direction, f, &measured, channel)));
-                let back_in = |cell: usize| {
-                    incoming
-                        .as_ref()
-                        .map_or_else(Back::default, |(returned, incoming)| {
-                            returned.back(incoming, cell)
-                        })
-                };
-                for cell in (0..cells).filter(|&cell| measured(cell)) {
-                    f[cell * self.channels + channel] -= back_in(cell).f;
+                let returned = self.returned(lit.direction, f, &measured, channel);
+                for (cell, back) in returned.iter().enumerate() {
+                    f[cell * self.channels + channel] -= back.f;
                 }
                 self.shape
                     .uncertainties(f, &sigma, &measured, channel, lit.beside2, &mut room);
@@ -211,7 +202,7 @@ impl Correction {
                     let at = cell * self.channels + channel;
                     let part2 = (shown[cell].relative * f[at]).powi(2);
                     let field2 = (self.residual2 + lit.relative2 + self.cell_relative2[cell]) * f[at] * f[at];
-                    let back = back_in(cell);
+                    let back = returned.get(cell).copied().unwrap_or_default();
                     let lamp_common2 = self.lamp2 * f[at] * f[at];
                     let standards2 = self.standards_variance(f[at], back.per_share);
                     let leant2 = (lit.leant * f[at]).powi(2);
@@ -239,11 +230,39 @@ impl Correction {
                             back.uncertainty.powi(2) + standards2 - standard2,
                         ];
                         budget.add(row * BANDS_DEG.len() + column, f[at], variances);
+                        budget.add_shared(
+                            f[at],
+                            total * total,
+                            lamp2.sqrt() * common.lamp_share[index - first],
+                        );
                     }
                 }
             }
         }
         budget
+    }
+
+    /// What came back onto the sample with light from a `direction` and left it towards each cell, where `f` of this channel was `measured`;
+    /// nothing if nobody knows.
+    fn returned(
+        &self,
+        direction: DVec3,
+        f: &[f32],
+        measured: &dyn Fn(usize) -> bool,
+        channel: usize,
+    ) -> Vec<Back> {
+        let of = |returned: &Returned| {
+            let incoming = returned.incoming(direction, f, measured, channel);
+            let of_cell = |cell| {
+                if measured(cell) {
+                    returned.back(&incoming, cell)
+                } else {
+                    Back::default()
+                }
+            };
+            (0..self.size * self.size).map(of_cell).collect()
+        };
+        self.returned.as_ref().map_or_else(Vec::new, of)
     }
 
     /// What each cell of the incident direction `row` shows of what it would if all that its pixels see were lit; NaN where there

@@ -39,7 +39,7 @@ use crate::assemble::resample::Resampling;
 use crate::base::blame::Blame;
 use crate::base::text::by;
 use crate::brdf::budget::BudgetSums;
-use crate::brdf::{Brdf, BrdfError};
+use crate::brdf::{Brdf, BrdfError, COMMON_UNCERTAINTY};
 use crate::hemisphere::disk::Disk;
 use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::frame_format::FrameFormat;
@@ -50,6 +50,7 @@ use crate::plan::{Directions, Exposure, Plan};
 use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
 
 mod agreement;
+mod bias;
 mod coded;
 mod coordinates;
 mod correction;
@@ -65,7 +66,7 @@ mod stray;
 mod window;
 
 use coded::Cells;
-use coordinates::attributes;
+use coordinates::{attributes, common_uncertainty};
 pub(crate) use coordinates::{coordinates, interpolation_errors, list_attributes};
 use correction::Correction;
 use edges::Edges;
@@ -211,7 +212,7 @@ pub fn assemble(
         attributes(rig, plan, applied, lamp),
         true,
     )?;
-    let projection = Projection {
+    let mut projection = Projection {
         channels: format.channels,
         disk,
         radiometry,
@@ -220,6 +221,7 @@ pub fn assemble(
         stray,
         resampling,
     };
+    bias::learn(&mut projection, (plan, directions), &raw, &patterns, &agree)?;
     let (subject, folder) = ((rig, plan, directions), writer.partial_path());
     let cells = Cells::of(subject, &projection, &raw, &agree, folder, progress)?;
     let chunks = Chunks {
@@ -238,16 +240,20 @@ pub fn assemble(
         chunks.write(raw_path, &agree, mismatch, progress)?
     };
     let dynamic_range = dynamic_range(rig, &exposures_s).map(|ratio| ratio * applied.linear_to());
-    finished(writer, total, dynamic_range, &budget)
+    let common = common_uncertainty(applied, lamp, budget.shared());
+    finished(writer, total, dynamic_range, (&budget, common))
 }
 
 /// Writes what the values and their `budget` say of the whole, and puts the file of the `writer` under its name.
 fn finished(
-    writer: BrdfWriter,
+    mut writer: BrdfWriter,
     total: Assembled,
     dynamic_range: Option<f64>,
-    budget: &BudgetSums,
+    (budget, common): (&BudgetSums, Option<f64>),
 ) -> Result<Assembled, AssembleError> {
+    if let Some(common) = common {
+        writer.state(COMMON_UNCERTAINTY, common.into())?;
+    }
     for array in BudgetSums::arrays(Some(budget)) {
         writer.rewrite(&array)?;
     }

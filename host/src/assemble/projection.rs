@@ -9,6 +9,7 @@ use super::radiometry::{Bench, Drift, Out, Radiometry, Way, Work, project, proje
 use super::stray::StrayLight;
 use crate::assemble::resample::Resampling;
 use crate::hemisphere::disk::Disk;
+use crate::instrument::calibration::stray::Bias;
 use crate::store::Segment;
 use crate::store::provenance::Provenance;
 
@@ -48,6 +49,7 @@ impl Projection {
                 irradiance: record.lit_irradiance,
                 resampling: &self.resampling,
                 stray: self.stray.as_ref().map(|stray| stray.of(index)),
+                bias: self.bias(),
                 offset: self.drift.of(number * self.segment + at),
             };
             Some(match (self.channels, radiometry) {
@@ -57,6 +59,11 @@ impl Projection {
                 (_, several) => project_merged::<3>(frames, way, several, bench, out),
             })
         })
+    }
+
+    /// What frames of each exposure time are off by alike.
+    pub(super) fn bias(&self) -> &[Bias] {
+        self.stray.as_ref().map_or(&[], StrayLight::bias)
     }
 
     /// Fills the rows of `count` incident directions from `first` on with what `project` makes of each, which returns how many
@@ -70,25 +77,12 @@ impl Projection {
     ) -> Assembled {
         let Self { channels, disk, .. } = self;
         let row = disk.len() * channels;
-        let Work {
-            signal,
-            merged,
-            room,
-            sigma,
-            common,
-            levels,
-            rows,
-        } = work;
-        let bench = &mut Bench {
-            signal,
-            merged,
-            room,
-            levels,
-        };
+        let (mut bench, sigma, common, rows) = Bench::of(work);
         // Cells without taps are never written, so what the last chunk left there is NaN.
         sigma.resize(row, f32::NAN);
         common.stray.resize(count * row, 0.0);
         common.lamp.resize(count * row, 0.0);
+        common.lamp_share.resize(count, 0.0);
         rows.f.resize(count * row, f32::NAN);
         rows.sigma.resize(count * row, f16::NAN);
         rows.provenance
@@ -100,8 +94,10 @@ impl Projection {
             .zip(rows.sigma.chunks_exact_mut(row))
             .zip(rows.provenance.chunks_exact_mut(disk.len()))
             .zip(common.stray.chunks_exact_mut(row))
-            .zip(common.lamp.chunks_exact_mut(row));
-        for (index, ((((f, row_sigma), provenance), stray_sigma), lamp_sigma)) in (first..).zip(outs) {
+            .zip(common.lamp.chunks_exact_mut(row).zip(&mut common.lamp_share));
+        for (index, ((((f, row_sigma), provenance), stray_sigma), (lamp_sigma, lamp_share))) in
+            (first..).zip(outs)
+        {
             let out = &mut Out {
                 f,
                 sigma: row_sigma,
@@ -109,8 +105,9 @@ impl Projection {
                 wide_sigma: sigma.as_mut_slice(),
                 stray_sigma,
                 lamp_sigma,
+                lamp_share,
             };
-            let Some((measured, saturated)) = project(index, bench, out) else {
+            let Some((measured, saturated)) = project(index, &mut bench, out) else {
                 out.f.fill(f32::NAN);
                 out.sigma.fill(f16::NAN);
                 out.provenance.fill(Provenance::Missing.code());

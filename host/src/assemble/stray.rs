@@ -5,7 +5,7 @@ use super::radiometry::Radiometry;
 use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::calibration::LampFound;
 use crate::instrument::calibration::photometry::COMMAND;
-use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, Removal};
+use crate::instrument::calibration::stray::{Bias, Level, PROJECTOR_TERMS, Removal, Told};
 use crate::instrument::rig::Rig;
 use crate::plan::Plan;
 
@@ -14,6 +14,8 @@ pub(super) struct StrayLight {
     removal: Removal,
     /// Of each incident direction, zero where it is not lit.
     lit: Vec<[f64; PROJECTOR_TERMS]>,
+    /// Of each exposure time, what its frames are off by alike.
+    bias: Vec<Bias>,
 }
 
 impl StrayLight {
@@ -28,6 +30,7 @@ impl StrayLight {
         Some(Self {
             removal: Removal::of(&found.stray, &found.lamp, plan.watching_side, rig),
             lit: correction.lit_terms(),
+            bias: Vec::new(),
         })
     }
 
@@ -41,15 +44,16 @@ impl StrayLight {
             self.removal
                 .level_of_watching(&watching, &others, one.counts, one.exposure_s)
         });
-        let Some(level) = Level::best(of_each) else {
-            return Ok(Level {
-                light: 1.0,
-                uncertainty: LampFound::UNWATCHED as f32,
-            });
-        };
+        let (light, uncertainty) = Level::best(of_each).map_or((1.0, LampFound::UNWATCHED as f32), |level| {
+            (
+                level.light,
+                level.uncertainty.hypot(self.removal.level_uncertainty()),
+            )
+        });
         let level = Level {
-            uncertainty: level.uncertainty.hypot(self.removal.level_uncertainty()),
-            ..level
+            light,
+            uncertainty,
+            common: uncertainty,
         };
         if !level.is_same_lamp() {
             return Err(format!(
@@ -61,6 +65,26 @@ impl StrayLight {
             ));
         }
         Ok(level)
+    }
+
+    /// Learns what frames are off by alike from what some of them `told` of the lamp, [pattern][exposure time], beside black ones as in
+    /// `radiometry`, from which it changed `slowly` by so much, relative (k = 1).
+    pub(super) fn learn(&mut self, told: &[Vec<Option<Told>>], radiometry: &[Radiometry], slowly: f64) {
+        let of = |(exposure, one): (usize, &Radiometry)| {
+            let of_time: Vec<Told> = told.iter().filter_map(|pattern| pattern[exposure]).collect();
+            self.removal.bias(&of_time, one.counts[0], slowly)
+        };
+        self.bias = radiometry.iter().enumerate().map(of).collect();
+    }
+
+    /// See [`learn`](Self::learn); nothing before that.
+    pub(super) fn bias(&self) -> &[Bias] {
+        &self.bias
+    }
+
+    /// How frames lose it.
+    pub(super) const fn removal(&self) -> &Removal {
+        &self.removal
     }
 
     /// How frames of the incident direction of this `index` lose it.

@@ -44,6 +44,8 @@ pub(crate) struct BudgetSums {
     log_relative: [f64; REGIONS],
     /// Samples that have a σ/f.
     positive: [u64; REGIONS],
+    /// Σ f·c/σ² and Σ f²/σ², where c is the standard uncertainty that all samples share beside a common factor.
+    shared: [f64; 2],
 }
 
 impl BudgetSums {
@@ -63,8 +65,31 @@ impl BudgetSums {
         }
     }
 
+    /// Adds a sample f of this `variance`, of which `shared` is the standard uncertainty that it shares with all others.
+    pub(crate) fn add_shared(&mut self, f: f32, variance: f32, shared: f32) {
+        let [f, variance, shared] = [f, variance, shared].map(f64::from);
+        if variance > 0.0 && (f + variance + shared).is_finite() {
+            self.shared[0] += f * shared / variance;
+            self.shared[1] += f * f / variance;
+        }
+    }
+
+    /// Relative standard uncertainty (k = 1) of the factor that all values have in common, by what they share: by as much would least
+    /// squares find it off.
+    pub(crate) fn shared(&self) -> f64 {
+        let [errors, values] = self.shared;
+        if values > 0.0 {
+            (errors / values).abs()
+        } else {
+            0.0
+        }
+    }
+
     /// Adds those of `other` samples.
     pub(crate) fn merge(&mut self, other: &Self) {
+        for (sum, other) in self.shared.iter_mut().zip(other.shared) {
+            *sum += other;
+        }
         for region in 0..REGIONS {
             for (sum, other) in self.shares[region].iter_mut().zip(other.shares[region]) {
                 *sum += other;

@@ -288,9 +288,10 @@ fn text(summary: &Summary) -> String {
         (
             "light × throughput",
             format!(
-                "± {} by noise, {} left beyond it, ± {} by the standard (k = 1)",
+                "± {} by noise, {} left beyond it, ± {} by the lamp, ± {} by the standard (k = 1)",
                 percent(found.field_uncertainty),
                 percent(found.field_residual),
+                percent(found.lamp_uncertainty),
                 percent(found.standard_uncertainty)
             ),
         ),

@@ -138,6 +138,7 @@ fn a_calibration_of_something_else_than_numbers_is_refused_by_its_field() {
         ("nonlinearity", json!(0.7)),
         ("standard_uncertainty", json!(-0.1)),
         ("field_uncertainty", json!(-0.1)),
+        ("lamp_uncertainty", json!(-0.1)),
         ("field_residual", json!(-0.1)),
         ("sensitivity", json!(0.0)),
         ("share", json!(3.0)),
@@ -146,8 +147,8 @@ fn a_calibration_of_something_else_than_numbers_is_refused_by_its_field() {
         ("dsnu_e", json!(-1.0)),
         ("hot", json!(1.5)),
         ("version", json!(5)),
-        ("version", json!(8)),
-        ("version", json!(10)),
+        ("version", json!(9)),
+        ("version", json!(11)),
     ] {
         let mut tried = 0;
         spoiled(&whole, &bad, &mut |spoiled, name| {

@@ -46,8 +46,8 @@ struct Shown {
     signal: Vec<f32>,
     /// As [`SHARED`] says.
     variances: [Vec<f32>; SHARED],
-    /// Variance of the level of the lamp.
-    lamp2: f32,
+    /// Variance of the level of the lamp, and the part of it that all frames have in common.
+    lamp2: [f32; 2],
 }
 
 /// A block on its way.
@@ -58,7 +58,7 @@ struct Block {
     /// Sum of all frames.
     total: Vec<f32>,
     shared: Vec<f32>,
-    lamp2: f32,
+    lamp2: [f32; 2],
     frames: usize,
 }
 
@@ -71,8 +71,8 @@ pub(super) struct Cells {
     places: Vec<Option<usize>>,
     /// Of each cell.
     irradiance: Vec<f64>,
-    /// Standard uncertainty of the lamp in each block, which its frames may share.
-    lamp: Vec<f32>,
+    /// Standard uncertainty of the lamp in each block, which its frames may share, and the part of it that all do.
+    lamp: Vec<[f32; 2]>,
     /// Numbers of an image.
     values: usize,
     spool: Spool,
@@ -103,7 +103,7 @@ impl Cells {
         }
         let sets = directions.lit_sets(rig, plan.spot_deg);
         let mut cells = Self {
-            lamp: vec![0.0; codes.blocks().count()],
+            lamp: vec![[0.0; 2]; codes.blocks().count()],
             codes,
             directions: measurable,
             places,
@@ -189,7 +189,9 @@ impl Cells {
                 *sum += weight * weight * one;
             }
         }
-        block.lamp2 += shown.lamp2;
+        for (sum, one) in block.lamp2.iter_mut().zip(shown.lamp2) {
+            *sum += one;
+        }
         block.frames += 1;
         if number + 1 == range.end {
             self.share_out(pattern.block, block)?;
@@ -215,7 +217,7 @@ impl Cells {
         for shared in &mut block.shared {
             *shared *= scale;
         }
-        self.lamp[number] = (block.lamp2 / block.frames as f32).sqrt();
+        self.lamp[number] = block.lamp2.map(|sum| (sum / block.frames as f32).sqrt());
         demultiplex(code, &mut block.rows, &mut block.total);
         for (column, cell) in self.codes.cells(number) {
             self.spool
@@ -286,12 +288,20 @@ impl Cells {
             removal.of_clean(signal, lit, one.exposure_s, room);
             // Black light that all frames show otherwise is left with this share.
             let left = 2.0 / (blocks.code(block).order() as f32 + 1.0);
+            let [uncertainty, of_all] = self.lamp[block];
+            let (mut sum, mut sum_of_all) = (0.0, 0.0);
             for (pixel, (signal, doubt)) in signal.iter().zip(&mut room.doubt).enumerate() {
                 *doubt = sqrt(*doubt * *doubt + of(3, pixel));
                 let own = signal.abs() + one.black_light::<CHANNELS>(pixel).abs() * left;
-                let common = own * self.lamp[block];
-                room.lamp.push(sqrt(common * common + of(2, pixel)));
+                let common = own * uncertainty;
+                let all = sqrt(common * common + of(2, pixel));
+                if !all.is_nan() {
+                    sum += all.element_sum();
+                    sum_of_all += (own * of_all).element_sum();
+                }
+                room.lamp.push(all);
             }
+            *out.lamp_share = sum_of_all / sum.max(f32::MIN_POSITIVE);
         }
         let factor = (one.numbers.scale / (one.exposure_s * self.irradiance[place])) as f32;
         let variance = |pixel: usize, signal: Vec4| {
@@ -338,14 +348,10 @@ impl Shown {
             irradiance: 1.0,
             resampling: &projection.resampling,
             stray: stray.as_ref().map(|(removal, lit)| (*removal, lit)),
+            bias: projection.bias(),
             offset,
         };
-        let bench = &mut Bench {
-            signal: &mut work.signal,
-            merged: &mut work.merged,
-            room: &mut work.room,
-            levels: &mut work.levels,
-        };
+        let bench = &mut Bench::of(work).0;
         match (projection.channels, projection.radiometry.as_slice()) {
             (1, [one]) => {
                 image::<1>(frames, way, one, bench);
@@ -408,8 +414,10 @@ impl Shown {
             lamp2: bench
                 .levels
                 .iter()
-                .map(|level| level.uncertainty.powi(2))
-                .fold(0.0, f32::max),
+                .map(|level| [level.uncertainty, level.common])
+                .fold([0.0; 2], |most, one| {
+                    std::array::from_fn(|part| most[part].max(one[part].powi(2)))
+                }),
         };
         for (pixel, signal) in signal.iter().enumerate() {
             let [noise, of_row] = noise(pixel, *signal);

@@ -9,7 +9,7 @@ use half::slice::HalfFloatSliceExt as _;
 
 use super::merge::{Merge, Merged, lanes};
 use crate::assemble::resample::{Resampling, Taps};
-use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, Removal, Room, hypot, sqrt};
+use crate::instrument::calibration::stray::{Bias, Level, PROJECTOR_TERMS, Removal, Room, Told, hypot, sqrt};
 use crate::store::provenance::Provenance;
 use crate::store::{BrdfRows, LEAST_SIGMA, USELESS_SIGMA};
 
@@ -121,16 +121,19 @@ pub(super) struct Work {
     pub(super) sigma: Vec<f32>,
     /// What of them neighbours have in common, of all rows.
     pub(super) common: Common,
-    /// The lamp in each exposure of a pattern.
+    /// The lamp in each exposure of a pattern, and what told it.
     pub(super) levels: Vec<Level>,
+    pub(super) told: Vec<Option<Told>>,
     pub(super) rows: BrdfRows,
 }
 
-/// Standard uncertainties that neighbours have in common, of all values of some rows.
+/// Standard uncertainties that neighbours have in common, of all values of some rows, and the part of that by the lamp which all of the
+/// measurement share, of each row.
 #[derive(Default)]
 pub(super) struct Common {
     pub(super) stray: Vec<f32>,
     pub(super) lamp: Vec<f32>,
+    pub(super) lamp_share: Vec<f32>,
 }
 
 /// Where f, sigma and provenance of one incident direction go.
@@ -140,9 +143,10 @@ pub(super) struct Out<'a> {
     pub(super) provenance: &'a mut [u8],
     /// Standard uncertainties before they are halved in width.
     pub(super) wide_sigma: &'a mut [f32],
-    /// What of them stray light makes, and the lamp.
+    /// What of them stray light makes, and the lamp, and which part of that all of the measurement share.
     pub(super) stray_sigma: &'a mut [f32],
     pub(super) lamp_sigma: &'a mut [f32],
+    pub(super) lamp_share: &'a mut f32,
 }
 
 /// How the frames of one pattern come onto the disk.
@@ -152,6 +156,8 @@ pub(super) struct Way<'a> {
     pub(super) resampling: &'a Resampling,
     /// How they lose stray light, and the terms of the lit pixels for it.
     pub(super) stray: Option<(&'a Removal, &'a [f64; PROJECTOR_TERMS])>,
+    /// What frames of each exposure time are off by alike; nothing of those that nobody knows of.
+    pub(super) bias: &'a [Bias],
     /// By how much the camera's offset is another than in the black frames.
     pub(super) offset: Offset,
 }
@@ -188,38 +194,70 @@ pub(super) struct Bench<'a> {
     pub(super) merged: &'a mut Merged,
     pub(super) room: &'a mut Room,
     pub(super) levels: &'a mut Vec<Level>,
+    pub(super) told: &'a mut Vec<Option<Told>>,
+}
+
+impl<'a> Bench<'a> {
+    /// Of what a worker keeps, and what else there is of that.
+    pub(super) fn of(work: &'a mut Work) -> (Self, &'a mut Vec<f32>, &'a mut Common, &'a mut BrdfRows) {
+        let Work {
+            signal,
+            merged,
+            room,
+            sigma,
+            common,
+            levels,
+            told,
+            rows,
+        } = work;
+        let bench = Self {
+            signal,
+            merged,
+            room,
+            levels,
+            told,
+        };
+        (bench, sigma, common, rows)
+    }
+
+    /// Part of the lamp's uncertainty that all of the measurement share, as far as the exposures of a pattern do.
+    fn lamp_share(&self) -> f32 {
+        let of = |level: &Level| level.common / level.uncertainty.max(f32::MIN_POSITIVE);
+        self.levels.iter().map(of).fold(0.0, f32::max)
+    }
 }
 
 impl Way<'_> {
-    /// The lamp in each of the `frames` of one pattern, into `levels`: told by pixels that no light of the sample reaches, where
-    /// stray light is as in `room`.
+    /// The lamp in each of the `frames` of one pattern, into the `bench`: told by pixels that no light of the sample reaches, where
+    /// stray light is as in its room.
     fn compare<const CHANNELS: usize>(
         &self,
         frames: &[u16],
         radiometry: &[Radiometry],
-        room: &Room,
-        levels: &mut Vec<Level>,
+        bench: &mut Bench<'_>,
     ) {
+        let Bench {
+            room, levels, told, ..
+        } = bench;
         levels.clear();
+        told.clear();
         let Some((removal, _)) = self.stray else {
             levels.resize(radiometry.len(), Level::SAME);
             return;
         };
         let samples = radiometry[0].dark.len();
         let by_offset = Vec4::splat(self.offset.uncertainty);
-        levels.extend(
-            radiometry
-                .iter()
-                .zip(frames.chunks_exact(samples))
-                .map(|(one, frame)| {
-                    let times = (one.exposure_s / radiometry[0].exposure_s) as f32;
-                    removal.level(
-                        |pixel| one.shown::<CHANNELS>(frame, pixel, self.offset) - room.stray[pixel] * times,
-                        |pixel| one.black_light::<CHANNELS>(pixel),
-                        |pixel| hypot(room.doubt[pixel] * times, by_offset),
-                    )
-                }),
-        );
+        for (exposure, (one, frame)) in radiometry.iter().zip(frames.chunks_exact(samples)).enumerate() {
+            let times = (one.exposure_s / radiometry[0].exposure_s) as f32;
+            let by_frame = removal.told(
+                |pixel| one.shown::<CHANNELS>(frame, pixel, self.offset) - room.stray[pixel] * times,
+                |pixel| one.black_light::<CHANNELS>(pixel),
+                |pixel| hypot(room.doubt[pixel] * times, by_offset),
+            );
+            let bias = self.bias.get(exposure).copied().unwrap_or_default();
+            levels.push(removal.level(by_frame, bias));
+            told.push(by_frame);
+        }
     }
 }
 
@@ -250,17 +288,16 @@ pub(super) fn image<const CHANNELS: usize>(
     radiometry: &Radiometry,
     bench: &mut Bench<'_>,
 ) {
-    let Bench {
-        signal, room, levels, ..
-    } = bench;
+    let Bench { signal, room, .. } = bench;
     signal.clear();
     signal.extend(
         (0..radiometry.dark.len() / CHANNELS)
             .map(|pixel| radiometry.shown::<CHANNELS>(frame, pixel, way.offset)),
     );
     way.clear(signal, radiometry, room);
-    way.compare::<CHANNELS>(frame, std::slice::from_ref(radiometry), room, levels);
-    let level = levels[0];
+    way.compare::<CHANNELS>(frame, std::slice::from_ref(radiometry), bench);
+    let level = bench.levels[0];
+    let Bench { signal, room, .. } = bench;
     room.lamp.clear();
     for (pixel, signal) in signal.iter_mut().enumerate() {
         let black = radiometry.black_light::<CHANNELS>(pixel);
@@ -279,6 +316,7 @@ pub(super) fn project<const CHANNELS: usize>(
     out: &mut Out<'_>,
 ) -> (u64, u64) {
     image::<CHANNELS>(frame, way, radiometry, bench);
+    *out.lamp_share = bench.lamp_share();
     let Bench { signal, room, .. } = bench;
     let factor = (radiometry.numbers.scale / (radiometry.exposure_s * way.irradiance)) as f32;
     let variance = |pixel: usize, signal: Vec4| {
@@ -317,7 +355,10 @@ pub(super) fn image_merged<const CHANNELS: usize>(
     way.clear(&mut merged.signal, &radiometry[0], room);
     room.lamp.clear();
     if way.stray.is_some() {
-        way.compare::<CHANNELS>(frames, radiometry, room, levels);
+        way.compare::<CHANNELS>(frames, radiometry, bench);
+        let Bench {
+            merged, room, levels, ..
+        } = bench;
         merge.frames::<CHANNELS>(frames, levels, way.offset, merged);
         for (pixel, (signal, heaviest)) in merged.signal.iter_mut().zip(&merged.heaviest).enumerate() {
             let level = levels[usize::from(*heaviest)];
@@ -342,6 +383,7 @@ pub(super) fn project_merged<const CHANNELS: usize>(
     out: &mut Out<'_>,
 ) -> (u64, u64) {
     image_merged::<CHANNELS>(frames, way, radiometry, bench);
+    *out.lamp_share = bench.lamp_share();
     let Bench { merged, room, .. } = bench;
     let Merged {
         signal,

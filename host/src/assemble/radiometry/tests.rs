@@ -89,20 +89,10 @@ fn onto_one_cell(frames: &[u16], way: &Way<'_>, radiometry: &[Radiometry]) -> [f
         wide_sigma: &mut wide,
         stray_sigma: &mut [0.0],
         lamp_sigma: &mut [0.0],
+        lamp_share: &mut 0.0,
     };
-    let Work {
-        signal,
-        merged,
-        room,
-        levels,
-        ..
-    } = &mut Work::default();
-    let bench = &mut Bench {
-        signal,
-        merged,
-        room,
-        levels,
-    };
+    let work = &mut Work::default();
+    let bench = &mut Bench::of(work).0;
     match radiometry {
         [one] => project::<1>(frames, way, one, bench, out),
         several => project_merged::<1>(frames, way, several, bench, out),
@@ -148,6 +138,7 @@ fn responses_and_rows_are_stated_by_as_much_as_they_scatter() {
         irradiance: 1.0,
         resampling: &resampling,
         stray: None,
+        bias: &[],
         offset: Offset::default(),
     };
     for (prnu, row_noise_e, light_e) in [(0.02, 0.0, 4e5), (0.0, 20.0, 1e4), (0.01, 10.0, 1e5)] {

@@ -4,6 +4,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `capture` | the views: what is shown and taken |
+//! | `captured` | the frames of the views, and what each is for |
 //! | `in_holder` | what is put into the holder |
 //! | `lights` | the incident directions of the views |
 //! | `exposure` | how long they are exposed, and how much light there is |
@@ -28,6 +29,7 @@
 
 mod camera;
 mod capture;
+mod captured;
 mod contrast;
 mod exposure;
 mod in_holder;
@@ -49,25 +51,21 @@ pub use capture::{Request, Views, capture};
 pub use weakness::{Height, Weakness, height, weaknesses};
 
 use camera::{Times, camera, flicker, set_linearity};
-use capture::{SEGMENT, Shows, VIEWS};
-use interreflection::{interreflected, interreflection};
+use capture::Shows;
+use captured::{Black, Captured, OtherLight};
+use interreflection::interreflected;
 use linear::Linear;
-use pixels::{Layout, every_second};
+use pixels::Layout;
 use rank_one::Seen;
 use share::Frames;
 use turns::{NoFields, fit_whole};
 
 use super::{CalibrateError, RIG};
-use crate::base::text::by;
-use crate::brdf::sample::Sample;
-use crate::instrument::calibration::stray::{Removal, dark_of};
+use crate::instrument::calibration::stray::dark_of;
 use crate::instrument::calibration::{
-    CalibrationError, Interreflection, LampFound, PHOTOMETRY, PHOTOMETRY_VERSION, Photometry, SeenPart,
-    Stray, check_rig, file, rig_hash,
+    LampFound, PHOTOMETRY, PHOTOMETRY_VERSION, Photometry, SeenPart, check_rig, file, rig_hash,
 };
 use crate::instrument::rig::Rig;
-use crate::plan::Exposure;
-use crate::store::{RawStore, Segment};
 
 /// Share of saturated values in frames of the standard that is too much.
 const SATURATED: f64 = 0.002;
@@ -156,6 +154,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
             .collect(),
         throughput: fields.throughput,
         intensity: fields.intensity,
+        lamp_uncertainty: fields.by_lamp,
         field_uncertainty: fields.uncertainty,
         interreflection,
         stray: stray_light,
@@ -167,213 +166,6 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     photometry.check(&path, "")?;
     file::write(&path, &photometry)?;
     Ok(photometry)
-}
-
-/// All frames of the views, by what they show.
-struct Captured<'a> {
-    views: &'a Views,
-    /// What each segment shows.
-    shows: Vec<Shows>,
-    segments: Vec<Segment>,
-    /// Digital numbers of a frame.
-    length: usize,
-}
-
-impl<'a> Captured<'a> {
-    /// The frames in `raw` of the `views` in `dir`; `rig` has the camera's image as captured.
-    fn read(dir: &Path, views: &'a Views, raw: &RawStore, rig: &Rig) -> Result<Self, CalibrateError> {
-        let shows = views.segments();
-        let format = rig.frame_format();
-        let layout = raw.layout();
-        let expected = [
-            shows.len() * SEGMENT,
-            SEGMENT,
-            format.height_px,
-            format.width_px,
-            format.channels,
-        ];
-        let found = [
-            layout.exposures,
-            layout.segment,
-            layout.height,
-            layout.width,
-            layout.channels,
-        ];
-        if expected != found {
-            return Err(CalibrationError::Content {
-                path: dir.join(capture::RAW).display().to_string(),
-                field: "exposures × segment × rows × columns × channels".to_owned(),
-                expected: format!("{} as {VIEWS} says", by(&expected)),
-                found: by(&found),
-            }
-            .into());
-        }
-        let segments: Vec<Segment> = (0..raw.segments())
-            .map(|index| raw.read_segment(index))
-            .collect::<Result<_, _>>()?;
-        Ok(Self {
-            views,
-            shows,
-            segments,
-            length: format.len(),
-        })
-    }
-
-    /// The frames of the segment that shows what is `wanted`; none if there is none.
-    fn frames(&self, wanted: Shows) -> Vec<&[u16]> {
-        let at = self.shows.iter().position(|shows| *shows == wanted);
-        at.map(|at| self.segments[at].frames.chunks_exact(self.length).collect())
-            .unwrap_or_default()
-    }
-
-    /// What the black segment shows that is `wanted`.
-    fn black(&self, wanted: Shows, linear: &Linear) -> Black {
-        let (watched, others): (Vec<_>, Vec<_>) = self
-            .frames(wanted)
-            .into_iter()
-            .enumerate()
-            .partition(|(exposure, _)| Exposure::black(*exposure) == Exposure::Black);
-        let mean = |frames: Vec<(usize, &[u16])>| {
-            let frames: Vec<&[u16]> = frames.into_iter().map(|(_, frame)| frame).collect();
-            linear.mean(&frames)
-        };
-        Black {
-            counts: [watched.len(), others.len()],
-            light: mean(watched),
-            unwatched: mean(others),
-        }
-    }
-
-    /// The frames of each exposure time of the series.
-    fn series(&self) -> Vec<Times<'_>> {
-        (0..self.views.times_s.len())
-            .map(|index| {
-                let mut lit = self.frames(Shows::Series(index));
-                let black = lit.split_off(SEGMENT / 2);
-                Times {
-                    exposure_s: self.views.times_s[index],
-                    lit,
-                    black,
-                    dark: self.frames(Shows::Dark(index)),
-                    lamp: 1.0,
-                }
-            })
-            .collect()
-    }
-
-    /// Light of each level, relative to the last, and what a black pattern adds to the darkness at the shortest time of the
-    /// `series`, linear digital numbers.
-    fn levels(&self, linear: &Linear, series: &[Times]) -> (Vec<f64>, Vec<f64>) {
-        let levels = self.frames(Shows::Levels);
-        // Of level 0, which nothing else is beside.
-        let black = linear.mean(&levels[..1]);
-        let dark = linear.mean(&series[0].dark);
-        let light = black.iter().zip(dark).map(|(black, dark)| black - dark);
-        (linear.levels(&levels, &black), light.collect())
-    }
-
-    /// What was seen of the `standard` at the stand of this index, and the frames of it; `black` is its black frame, linear.
-    fn standard_at<'b>(
-        &'b self,
-        stand: usize,
-        linear: &'b Linear,
-        black: &'b Black,
-        other: OtherLight<'_>,
-        standard: &'b dyn Sample,
-    ) -> Result<(Seen<'b>, Frames<'b>), CalibrateError> {
-        let mut seen = Seen::new(self.views, stand)?;
-        let removal = self.removal(stand, other)?;
-        seen.compare_lamp(&removal, black)?;
-        let black = black.light.as_slice();
-        let mut lit = Vec::new();
-        for wanted in self.shows.iter().copied() {
-            let Shows::Directions(of, first) = wanted else {
-                continue;
-            };
-            if of == stand {
-                let frames = seen.lit(first, &self.frames(wanted), linear, black, &removal);
-                seen.add(first, &frames, linear, black, standard, &self.views.standard)?;
-                lit.extend(frames);
-            }
-        }
-        let frames = Frames {
-            linear,
-            black,
-            lit,
-            standard,
-        };
-        Ok((seen, frames))
-    }
-
-    /// Standard deviation of the response over the sensor's pixels, from all that was `seen` of the standard; `None` if that is
-    /// too little.
-    fn prnu(&self, seen: &[Seen], linear: &Linear, layout: &Layout) -> Option<f64> {
-        // Of the exposure time of the standard.
-        let dark = self.frames(Shows::Dark(self.views.times_s.len() - 1));
-        let lit = seen.iter().enumerate().map(|(stand, seen)| {
-            let is_of_it = |shows: &Shows| match shows {
-                Shows::Black(of) | Shows::Directions(of, _) => *of == stand,
-                _ => false,
-            };
-            let wanted = self.shows.iter().copied().filter(is_of_it);
-            let frames: Vec<&[u16]> = wanted.flat_map(|shows| self.frames(shows)).collect();
-            let half = |first: usize| {
-                let [light, dark] = [&frames, &dark].map(|frames| linear.mean(&every_second(frames, first)));
-                light
-                    .into_iter()
-                    .zip(dark)
-                    .map(|(light, dark)| light - dark)
-                    .collect()
-            };
-            pixels::Lit {
-                is_whole: seen.whole_pixels(),
-                halves: [half(0), half(1)],
-            }
-        });
-        pixels::response(&lit.collect::<Vec<_>>(), layout)
-    }
-
-    /// How frames of the standard at the stand of this index lose `other` light.
-    fn removal(&self, stand: usize, other: OtherLight) -> Result<Removal, CalibrateError> {
-        let side = self.views.stray.watching_side;
-        Ok(Removal::of(
-            other.stray,
-            other.lamp,
-            side,
-            &self.views.rig_of(stand)?,
-        ))
-    }
-
-    /// The interreflection from the second standard, named `spec`, beside the `first`, which has its `own` (see
-    /// [`interreflected`]); both are known to a relative standard uncertainty.
-    fn interreflection(
-        &self,
-        spec: &str,
-        linear: &Linear,
-        other: OtherLight,
-        first: &Seen,
-        (own, standard_uncertainty): (f64, f64),
-    ) -> Result<Interreflection, CalibrateError> {
-        let second = crate::brdf::sample::parse(spec).map_err(crate::virtual_rig::setup::SetupError::from)?;
-        let black = self.black(Shows::SecondBlack, linear);
-        let removal = self.removal(0, other)?;
-        let mut other = Seen::new(self.views, 0)?;
-        other.compare_lamp(&removal, &black)?;
-        let black = black.light.as_slice();
-        other.judged = first.judged.clone();
-        for wanted in self.shows.iter().copied() {
-            if let Shows::SecondDirections(place) = wanted {
-                let frames = other.lit(place, &self.frames(wanted), linear, black, &removal);
-                other.add(place, &frames, linear, black, second.as_ref(), spec)?;
-            }
-        }
-        interreflection(
-            first,
-            &other,
-            (own, interreflected(second.as_ref())),
-            standard_uncertainty,
-        )
-    }
 }
 
 /// The camera of `rig` by the `series`, which then know how bright the lamp was, and by how much it flickers.
@@ -443,22 +235,6 @@ fn explain(
         advice: "is the standard flat, in the middle of the holder and at its height? Are the pupils those of the rig file \
                  (pupil_m)?",
     })
-}
-
-/// Mean black frames of a stand, linear digital numbers above the dark level.
-struct Black {
-    /// With what watches the lamp, as in all other frames, and without.
-    light: Vec<f64>,
-    unwatched: Vec<f64>,
-    /// Frames of both.
-    counts: [usize; 2],
-}
-
-/// What of the light in frames is not the spot's, or not the lamp's as it was.
-#[derive(Clone, Copy)]
-struct OtherLight<'a> {
-    stray: &'a Stray,
-    lamp: &'a LampFound,
 }
 
 /// Exponent of the power that describes the levels best, in the logarithm, those above a tenth counting.

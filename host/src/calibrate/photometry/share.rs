@@ -17,7 +17,7 @@ use crate::brdf::sample::Sample;
 use crate::calibrate::CalibrateError;
 use crate::instrument::calibration::lamp::SLOW;
 use crate::instrument::calibration::lights;
-use crate::instrument::calibration::stray::{Level, Removal, Room, lanes};
+use crate::instrument::calibration::stray::{Level, Removal, Room, Told, lanes};
 use crate::instrument::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
 
 /// A share is whole within so many of its standard uncertainties …
@@ -53,9 +53,10 @@ impl Judged {
 /// A frame of the standard.
 pub(super) struct Lit<'a> {
     pub(super) dn: &'a [u16],
-    /// What came other ways, linear digital numbers, had the lamp been as in the black frames.
+    /// What came other ways, linear digital numbers.
     pub(super) stray: Vec<f32>,
-    /// The lamp over that of the black frames.
+    /// What it tells of the lamp, if it does, and the lamp over that of the black frames.
+    pub(super) told: Option<Told>,
     pub(super) lamp: Level,
 }
 
@@ -63,7 +64,7 @@ impl Lit<'_> {
     /// What the spot shows, had the lamp been as in the black frames, where the frame shows `all` and a black one `black`, linear
     /// numbers above the dark level at the place `at`.
     pub(super) fn spot(&self, all: f64, black: f64, at: usize) -> f64 {
-        all / f64::from(self.lamp.light) - black - f64::from(self.stray[at])
+        (all - f64::from(self.stray[at])) / f64::from(self.lamp.light) - black
     }
 }
 
@@ -104,8 +105,8 @@ impl Share {
 }
 
 impl Seen<'_> {
-    /// The `frames` of the directions from the place `first` on, with the stray light that `removal` finds in them; `black` is
-    /// the black frame, linear.
+    /// The `frames` of the directions from the place `first` on, with the stray light that `removal` finds in them and what they tell of
+    /// the lamp; `black` is the black frame, linear.
     pub(super) fn lit<'b>(
         &self,
         first: usize,
@@ -135,16 +136,17 @@ impl Seen<'_> {
                 saturation,
                 room,
             );
-            let lamp = removal.level(
+            let told = removal.told(
                 |pixel| shown[pixel] - room.stray[pixel],
                 |pixel| lanes(channels, |channel| black[pixel * channels + channel]),
                 |pixel| room.doubt[pixel],
             );
-            let stray = room.stray.iter().map(|stray| (*stray / lamp.light).to_array());
+            let stray = room.stray.iter().map(Vec4::to_array);
             Lit {
                 dn,
                 stray: stray.flat_map(|lanes| lanes.into_iter().take(channels)).collect(),
-                lamp,
+                told,
+                lamp: Level::SAME,
             }
         };
         frames
@@ -152,6 +154,16 @@ impl Seen<'_> {
             .enumerate()
             .map_init(Room::default, one)
             .collect()
+    }
+
+    /// Sets the lamp of all the `frames` of the stand by what they told of it together, as `removal` has it, beside so many black
+    /// ones.
+    pub(super) fn set_lamp(frames: &mut [Lit], removal: &Removal, black: usize) {
+        let told: Vec<Told> = frames.iter().filter_map(|frame| frame.told).collect();
+        let bias = removal.bias(&told, black, SLOW);
+        for frame in frames {
+            frame.lamp = removal.level(frame.told, bias);
+        }
     }
 
     /// Compares the lamp in the `black` frames of the stand with what watches it in the calibration.

@@ -77,7 +77,8 @@ pub fn weaknesses(found: &Photometry, rig: &Rig) -> Result<Vec<Weakness>, RigErr
         ),
         weakness(
             "lamp",
-            lamp.map_or(LampFound::UNWATCHED, |monitor| monitor.standard_uncertainty),
+            lamp.map_or(LampFound::UNWATCHED, |monitor| monitor.standard_uncertainty)
+                .hypot(found.lamp_uncertainty),
             "an LED with a regulated current; black cloth that shows direct light to watch it by",
         ),
         weakness(

@@ -18,8 +18,9 @@ pub const PHOTOMETRY: &str = "photometry.json";
 pub(crate) const COMMAND: &str = "rcg calibrate photometry --out DIR";
 /// Version of `photometry.json`: 2 says where the standard was seen, 3 what the end of a field's series leaves; 4
 /// describes pixels of the sensor, not of the image; 5 has stray light, 6 the lamp and what pixels and rows differ by, 7 what
-/// part of the sample is seen, 8 up to where the camera is linear, 9 has of what watches the lamp its own light only.
-pub(crate) const PHOTOMETRY_VERSION: u32 = 9;
+/// part of the sample is seen, 8 up to where the camera is linear, 9 has of what watches the lamp its own light only,
+/// 10 states what the lamp of the standard makes of all.
+pub(crate) const PHOTOMETRY_VERSION: u32 = 10;
 
 /// What calibration found, as `photometry.json` has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,6 +52,8 @@ pub struct Photometry {
     pub intensity: SmoothField,
     /// Relative standard uncertainty (k = 1) of K·T_o·E_p by noise, median over the pairs.
     pub field_uncertainty: f64,
+    /// That of all of it alike by the lamp while the standard was in the holder.
+    pub lamp_uncertainty: f64,
     /// What is left between the product and the frames of the standard beyond their noise and what pixels differ by, relative,
     /// RMS.
     pub field_residual: f64,
@@ -211,6 +214,7 @@ impl Photometry {
             ("camera.dsnu_e", camera.dsnu_e, 0.0, 1e12),
             ("camera.hot", camera.hot, 0.0, 1.0),
             ("field_uncertainty", self.field_uncertainty, 0.0, 1.0),
+            ("lamp_uncertainty", self.lamp_uncertainty, 0.0, 1.0),
             ("field_residual", self.field_residual, 0.0, 1.0),
         ]
         .map(|(field, found, low, high)| (field.to_owned(), found, low, high))

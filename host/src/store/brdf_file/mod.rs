@@ -100,6 +100,9 @@ pub struct BrdfWriter {
     partial: PathBuf,
     overwrite: bool,
     store: Arc<AtomicStore>,
+    /// Of the group, and the metadata of its arrays.
+    attributes: Map<String, Value>,
+    metadata: Map<String, Value>,
     layout: BrdfLayout,
     f: ZarrArray,
     sigma: ZarrArray,
@@ -155,13 +158,16 @@ impl BrdfWriter {
         let metadata = arrays
             .map(|array| (array.name().to_owned(), array.metadata()))
             .collect();
-        group::write(&store, &group::attributes_of(FORMAT, attributes), &metadata)?;
+        let attributes = group::attributes_of(FORMAT, attributes);
+        group::write(&store, &attributes, &metadata)?;
         Ok(Self {
             _lock: lock,
             path: path.to_path_buf(),
             partial,
             overwrite,
             store,
+            attributes,
+            metadata,
             layout,
             f,
             sigma,
@@ -205,6 +211,15 @@ impl BrdfWriter {
     /// [`StoreError::Io`] or [`StoreError::DiskFull`].
     pub fn rewrite(&self, array: &SmallArray<'_>) -> Result<(), StoreError> {
         small_array::write(&self.store, array).map(drop)
+    }
+
+    /// Adds an attribute of the group, or changes it: for what is only known when the chunks are written.
+    ///
+    /// # Errors
+    /// [`StoreError::Io`] or [`StoreError::DiskFull`].
+    pub fn state(&mut self, name: &str, value: Value) -> Result<(), StoreError> {
+        self.attributes.insert(name.to_owned(), value);
+        group::write(&self.store, &self.attributes, &self.metadata)
     }
 
     /// Gives the file its final name. Chunks that were not written are missing values.

@@ -25,6 +25,8 @@ pub(in super::super) struct Fields {
     pub(in super::super) intensity: SmoothField,
     pub(in super::super) uncertainty: f64,
     pub(in super::super) residual: f64,
+    /// Relative standard uncertainty (k = 1) of all of it by the lamp of the stands.
+    pub(in super::super) by_lamp: f64,
 }
 
 impl Fields {
@@ -83,20 +85,19 @@ pub(in super::super) fn fit(seen: &[Seen], held: Held, from: Option<&Unknowns>) 
                 .filter_map(|pair| Some((rows.row(pair, unknowns)?, pair)))
         })
     };
-    let pull = (0..2 * TERMS).map(|term| {
+    let one = |at: usize| {
         let mut row = vec![0.0; unknowns];
-        row[channels + term] = 1.0;
-        (row, 0.0, held.weight(term % TERMS))
-    });
+        row[at] = 1.0;
+        row
+    };
+    let pull = (0..2 * TERMS).map(|term| (one(channels + term), 0.0, held.weight(term % TERMS)));
     let near = from.into_iter().flatten().enumerate().map(|(at, from)| {
-        let mut row = vec![0.0; unknowns];
-        row[fields + at] = 1.0;
         let weight = match at {
             0..3 => 1.0,
             at if PUPILS.contains(&at) => STAYS,
             _ => ALIKE,
         };
-        (row, -from, weight)
+        (one(fields + at), -from, weight)
     });
     let aside: Vec<DVec3> = from.map_or_else(Vec::new, |_| unknown_axes(seen));
     let stays = aside.iter().map(|axis| {
@@ -105,10 +106,11 @@ pub(in super::super) fn fit(seen: &[Seen], held: Held, from: Option<&Unknowns>) 
         (row, 0.0, STAYS)
     });
     let weighted = pairs().map(|(row, pair)| (row, pair.target(), pair.weight()));
-    let (found, covariance) = least_squares(unknowns, &weighted.chain(pull).chain(near).chain(stays))?;
+    let (found, by_noise) = least_squares(unknowns, &weighted.chain(pull).chain(near).chain(stays))?;
+    let by_lamp = by_lamp(&rows, &by_noise);
+    let covariance = &by_noise + outer(&by_lamp);
     let (mut excess, mut count, mut sure) = (0.0, 0_u32, 0_u32);
-    let mut uncertainties = Vec::new();
-    let mut mean = DVector::zeros(unknowns);
+    let (mut uncertainties, mut mean) = (Vec::new(), DVector::zeros(unknowns));
     let total: usize = seen.iter().map(|seen| seen.pairs.len()).sum();
     for (row, pair) in pairs().step_by(total.div_ceil(2000).max(1)) {
         let row = DVector::from_vec(row);
@@ -122,7 +124,7 @@ pub(in super::super) fn fit(seen: &[Seen], held: Held, from: Option<&Unknowns>) 
     }
     uncertainties.sort_by(f64::total_cmp);
     mean /= f64::from(count.max(1));
-    let last_step = last_step(&found, &covariance, channels)?;
+    let last_step = last_step(&found, &by_noise, channels)?;
     let field = |first: usize| {
         let block = covariance.view((first, first), (TERMS, TERMS));
         SmoothField::new(
@@ -143,7 +145,35 @@ pub(in super::super) fn fit(seen: &[Seen], held: Held, from: Option<&Unknowns>) 
         intensity: field(channels + TERMS),
         uncertainty: *uncertainties.get(uncertainties.len() / 2)?,
         residual: (excess / f64::from(sure.max(1))).max(0.0).sqrt(),
+        by_lamp: by_lamp
+            .iter()
+            .map(|off| off.dot(&mean).powi(2))
+            .sum::<f64>()
+            .sqrt(),
     })
+}
+
+/// Σ v·vᵀ of some vectors, of which there is one at least.
+fn outer(vectors: &[DVector<f64>]) -> DMatrix<f64> {
+    vectors.iter().map(|one| one * one.transpose()).sum()
+}
+
+/// By how much the unknowns, whose covariance by noise is `by_noise`, are off (k = 1) by the lamp of each stand: as it was in black
+/// frames beside the calibration, and in all others beside those.
+fn by_lamp(rows: &[Rows], by_noise: &DMatrix<f64>) -> Vec<DVector<f64>> {
+    let unknowns = by_noise.nrows();
+    let of = |rows: &Rows, uncertainty: &dyn Fn(&Pair) -> f64| {
+        let mut sum = DVector::zeros(unknowns);
+        for pair in rows.seen.pairs.iter().filter(|pair| rows.seen.takes_part(pair)) {
+            if let Some(row) = rows.row(pair, unknowns) {
+                sum.axpy(pair.weight() * uncertainty(pair), &DVector::from_vec(row), 1.0);
+            }
+        }
+        by_noise * sum
+    };
+    rows.iter()
+        .flat_map(|rows| [of(rows, &|pair| pair.common), of(rows, &|_| rows.seen.lamp[1])])
+        .collect()
 }
 
 /// What `found` says of what part of the standard is seen, whose unknowns are those from `first` on, and its covariance: along the axes

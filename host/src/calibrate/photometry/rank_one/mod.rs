@@ -61,6 +61,8 @@ struct Pair {
     /// Its variance by noise, and what it counts in a fit: pairs of a frame share what is uncertain of the lamp.
     variance: f64,
     weight: f64,
+    /// Standard uncertainty of ln q by the lamp that all frames of the stand share.
+    common: f64,
     area: Area,
     /// How far it is to be trusted, 0 to 1.
     trust: f64,
@@ -85,8 +87,10 @@ struct Value {
     signal: f64,
     variance: f64,
     uniform: f64,
-    /// Standard uncertainty of the signal by the lamp's light, which all values of a frame share.
+    /// Standard uncertainty of the signal by the lamp's light, which all values of a frame share, and the part of it that all frames
+    /// do.
     lamp: f64,
+    common: f64,
 }
 
 /// A pixel: index, place in the image (−1 to 1), direction, and whether an edge of the mirror or the wire is beside it.
@@ -291,6 +295,7 @@ impl<'a> Seen<'a> {
                         variance: noise + all.max(0.0) / gain + (noise + dark.max(0.0) / gain) / 16.0,
                         uniform: self.exposure_s * self.lamp[0] * f * irradiance,
                         lamp: all * f64::from(frame.lamp.uncertainty),
+                        common: all * f64::from(frame.lamp.common),
                     });
                 }
             }
@@ -325,6 +330,7 @@ impl<'a> Seen<'a> {
                 log: (value.signal / value.uniform).ln() + 0.5 * relative,
                 variance: relative + lamp,
                 weight: (relative + count * lamp + FIT * FIT).recip(),
+                common: value.common / value.signal,
                 area: Area::ALL,
                 trust: 1.0,
             }

@@ -33,11 +33,24 @@ impl Seen<'_> {
             .filter_map(|group| Some((solve(Some(group))?.0[0] - found[0]).powi(2)))
             .sum::<f64>();
         let jackknife = (squares * (GROUPS - 1) as f64 / GROUPS as f64).sqrt();
-        let lamp = self.lamp[1].hypot(other.lamp[1]);
+        let lamp = [self, other].map(Seen::lamp_uncertainty);
         Some((
             found[0].exp(),
-            covariance[(0, 0)].sqrt().max(jackknife).hypot(lamp),
+            covariance[(0, 0)]
+                .sqrt()
+                .max(jackknife)
+                .hypot(lamp[0])
+                .hypot(lamp[1]),
         ))
+    }
+
+    /// Relative standard uncertainty (k = 1) of all it shows by the lamp.
+    fn lamp_uncertainty(&self) -> f64 {
+        let some = self.pairs.iter().filter(|pair| self.takes_part(pair));
+        let (sum, weights) = some.fold((0.0, 0.0), |(sum, weights), pair| {
+            (sum + pair.weight() * pair.common, weights + pair.weight())
+        });
+        self.lamp[1].hypot(if weights > 0.0 { sum / weights } else { 0.0 })
     }
 
     fn compared_with(&self, other: &Self) -> Vec<Row> {

@@ -11,10 +11,12 @@
 //! all light that differs as the sample looks, where what watches the lamp shines smoothly.
 //!
 //! What noise leaves uncertain, and wrong shapes of stray light, a jackknife over groups of neighbours tells; what is
-//! uncertain in stray light itself all pixels share. Where dark pixels tell less than is known of lamps anyway, L is near 1.
+//! uncertain in stray light itself all pixels share, and all frames (`bias`). Where dark pixels tell less than is known of lamps
+//! anyway, L is near 1.
 
 use glam::Vec4;
 
+use super::bias::{Bias, Told};
 use super::{CAMERA_TERMS, GROUPS, Removal, hypot, lanes};
 use crate::base::linear_fit::least_squares;
 use crate::instrument::calibration::lamp::Monitor;
@@ -27,8 +29,10 @@ const MOST_PIXELS: usize = 10_000;
 pub(crate) struct Level {
     /// Over that of what it is compared with.
     pub(crate) light: f32,
-    /// Its standard uncertainty (k = 1), which all pixels of the frame share.
+    /// Its standard uncertainty (k = 1), which all pixels of the frame share …
     pub(crate) uncertainty: f32,
+    /// … and the part of it that all frames do.
+    pub(crate) common: f32,
 }
 
 impl Level {
@@ -36,6 +40,7 @@ impl Level {
     pub(crate) const SAME: Self = Self {
         light: 1.0,
         uncertainty: 0.0,
+        common: 0.0,
     };
 
     /// No lamp drifts farther from what it was in the calibration, relative: above that it is another, which lights otherwise …
@@ -109,29 +114,19 @@ struct Sums {
     more: f32,
     black: f32,
     doubt: f32,
+    /// Of the weights.
+    weight: f32,
 }
 
 impl Removal {
-    /// The lamp in a frame over that in the black ones: `more(pixel)` is what it shows more than they did, less stray light,
-    /// `black(pixel)` their light, `doubt(pixel)` the standard uncertainty of the stray light, all in digital numbers, NaN
-    /// where saturated.
-    pub(crate) fn level(
-        &self,
-        more: impl Fn(usize) -> Vec4,
-        black: impl Fn(usize) -> Vec4,
-        doubt: impl Fn(usize) -> Vec4,
-    ) -> Level {
-        let Some([off, variance]) = self.compare(more, black, doubt) else {
-            return Level {
-                light: 1.0,
-                uncertainty: self.prior_variance.sqrt(),
-            };
-        };
-        let trust = self.prior_variance / (self.prior_variance + variance);
-        Level {
-            light: 1.0 + trust * off,
-            uncertainty: (trust * variance).sqrt(),
-        }
+    /// The lamp in a frame that `told` so much of it (nothing if `None`), where all frames are off by the `bias`.
+    pub(crate) fn level(&self, told: Option<Told>, bias: Bias) -> Level {
+        bias.level(told, self.prior_variance)
+    }
+
+    /// What frames that `told` of the lamp beside `black` others, from which it changes `slowly` by so much, relative, are off by alike.
+    pub(crate) fn bias(&self, told: &[Told], black: usize, slowly: f64) -> Bias {
+        Bias::of(told, black, self.flicker.into(), slowly)
     }
 
     /// The lamp in black frames beside that of the calibration; `watching` is what they show in `exposure_s` seconds more than those
@@ -147,14 +142,18 @@ impl Removal {
         let watch = self.watch.as_ref()?;
         let own = |pixel: usize| watch.at(&self.camera_terms[pixel]) * exposure_s as f32;
         let [brighter, doubt] = self.brighter(watching, others, counts);
-        let told = self.compare(
+        let told = self.told(
             |pixel| watching[pixel] - others[pixel] * brighter - own(pixel),
             own,
             |pixel| hypot(others[pixel].abs() * doubt, Vec4::splat(self.steps_dn)),
         );
-        told.map(|[off, variance]| Level {
-            light: 1.0 + off,
-            uncertainty: variance.sqrt(),
+        told.map(|told| {
+            let uncertainty = told.variance().sqrt();
+            Level {
+                light: 1.0 + told.brighter,
+                uncertainty,
+                common: uncertainty,
+            }
         })
     }
 
@@ -204,13 +203,15 @@ impl Removal {
         self.watch.as_ref().map_or(0.0, |watch| watch.uncertainty)
     }
 
-    /// By how much `more` exceeds what `black` says, relative, and the variance of that; `None` if no pixel tells.
-    fn compare(
+    /// What dark pixels tell of the lamp in a frame: `more(pixel)` is what it shows more than black ones, less stray light,
+    /// `black(pixel)` their light, `doubt(pixel)` the standard uncertainty of the stray light, all in digital numbers, NaN where
+    /// saturated. `None` if no pixel tells.
+    pub(crate) fn told(
         &self,
         more: impl Fn(usize) -> Vec4,
         black: impl Fn(usize) -> Vec4,
         doubt: impl Fn(usize) -> Vec4,
-    ) -> Option<[f32; 2]> {
+    ) -> Option<Told> {
         let mut groups = [Sums::default(); GROUPS];
         for (place, &pixel) in self.monitors.iter().enumerate() {
             let at = pixel as usize;
@@ -222,16 +223,22 @@ impl Removal {
             group.more += (weight * more).element_sum();
             group.black += (weight * black(at)).element_sum();
             group.doubt += (weight * doubt(at)).element_sum();
+            group.weight += weight.element_sum();
         }
         let sum = |of: &dyn Fn(&Sums) -> f32| groups.iter().map(of).sum::<f32>();
-        let (more, black, doubt) = (sum(&|one| one.more), sum(&|one| one.black), sum(&|one| one.doubt));
-        let off = more / black;
+        let (more, black) = (sum(&|one| one.more), sum(&|one| one.black));
+        let brighter = more / black;
         let squares: f32 = groups
             .iter()
-            .map(|one| ((more - one.more) / (black - one.black) - off).powi(2))
+            .map(|one| ((more - one.more) / (black - one.black) - brighter).powi(2))
             .sum();
-        let variance = squares * (GROUPS - 1) as f32 / GROUPS as f32 + (doubt / black).powi(2);
-        (black > 0.0 && variance.is_finite()).then_some([off, variance])
+        let told = Told {
+            brighter,
+            variance: squares * (GROUPS - 1) as f32 / GROUPS as f32,
+            doubt: sum(&|one| one.doubt) / black,
+            steps: self.steps_dn * sum(&|one| one.weight) / black,
+        };
+        (black > 0.0 && told.variance().is_finite()).then_some(told)
     }
 }
 
@@ -244,6 +251,7 @@ mod tests {
         let level = Level::best([1e-4_f32, 4e-6, 9e-6].map(|variance| Level {
             light: 1.01,
             uncertainty: variance.sqrt(),
+            common: 0.0,
         }));
         let level = level.unwrap();
         assert!((level.light - 1.01).abs() < 1e-6, "{level:?}");

@@ -10,6 +10,7 @@
 //! Where pixels saturated their light is at least that of saturation; the rest is told by pixels that are dark by
 //! construction: hole, rim, and what lies beside the sample. There the halo of the rest is all there is.
 
+mod bias;
 mod direct;
 mod ghost;
 mod halo;
@@ -23,6 +24,7 @@ use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
 
+pub(crate) use bias::{Bias, Told};
 pub(crate) use direct::{CAMERA_TERMS, PROJECTOR_TERMS, camera_terms, lit_terms};
 pub(crate) use ghost::Shifted;
 pub(crate) use halo::{Halo, Room as HaloRoom};

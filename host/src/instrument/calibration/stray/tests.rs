@@ -212,11 +212,12 @@ fn the_lamp_of_a_frame_is_told_by_what_is_dark_beside_stray_light() {
             })
             .collect();
         removal.find(&frame, &[0.0; PROJECTOR_TERMS], EXPOSURE_S, 60_000.0, &mut room);
-        let level = removal.level(
+        let told = removal.told(
             |pixel| frame[pixel] - room.stray[pixel],
             |pixel| black[pixel],
             |pixel| room.doubt[pixel],
         );
+        let level = removal.level(told, Bias::default());
         assert!(
             (level.light - light).abs() < 1e-4 + 3.0 * level.uncertainty && level.uncertainty < 1.5e-3,
             "{light} {spot}: {level:?}"
@@ -229,7 +230,8 @@ fn the_lamp_of_a_frame_is_told_by_what_is_dark_beside_stray_light() {
         (SIZE, SIZE),
         Vec::new(),
     );
-    let level = blind.level(|_| Vec4::NAN, |_| Vec4::ZERO, |_| Vec4::ZERO);
+    let told = blind.told(|_| Vec4::NAN, |_| Vec4::ZERO, |_| Vec4::ZERO);
+    let level = blind.level(told, Bias::default());
     assert!(
         (level.light - 1.0).abs() < 1e-9 && (level.uncertainty - 3e-3).abs() < 1e-6,
         "{level:?}"
