@@ -7,7 +7,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::stray::CAMERA_TERMS;
+use super::field::{TERMS, terms};
+use crate::instrument::frame_format::place_of_pixel;
 use crate::instrument::monitor::BLOCK_PX;
 
 /// Share of the camera's range that what watches the lamp comes to in the longest exposure.
@@ -19,6 +20,15 @@ const LEAST_SHARE: f64 = 5e-4;
 pub(crate) const SLOW: f64 = 3e-3;
 /// What one size of lit squares and another differ by beside the square of their sides, relative (k = 1).
 const SQUARES: f64 = 5e-4;
+
+/// Terms of what watches the lamp. At each tilt other pixels are dark, and all of them have to tell the same lamp.
+pub(crate) const WATCH_TERMS: usize = 1 + TERMS;
+
+/// The terms at the centre of this pixel (row-major) of a camera's image of this size.
+pub(crate) fn watch_terms(pixel: usize, width_px: usize, height_px: usize) -> Vec<f64> {
+    let [x, y] = place_of_pixel(pixel, width_px, height_px);
+    [1.0].into_iter().chain(terms(x, y)).collect()
+}
 
 /// The lamp as calibration found it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -37,7 +47,7 @@ pub struct LampFound {
 pub struct Monitor {
     /// Side of the lit squares, pixels.
     pub side: u32,
-    /// Their direct light in digital numbers per second, a polynomial over the camera's image, [channel, term].
+    /// Their direct light in digital numbers per second over the camera's image, [channel, term]: a constant and the terms of fields.
     pub light: Vec<Vec<f64>>,
     /// Relative standard uncertainty (k = 1) of that in the pixels that are dark otherwise.
     pub standard_uncertainty: f64,
@@ -72,9 +82,9 @@ impl LampFound {
             let expected = format!("a number from 1 to {BLOCK_PX}");
             return Some(("monitor.side", expected));
         }
-        let is_row = |row: &Vec<f64>| row.len() == CAMERA_TERMS && row.iter().all(|c| c.is_finite());
+        let is_row = |row: &Vec<f64>| row.len() == WATCH_TERMS && row.iter().all(|c| c.is_finite());
         if monitor.light.len() != channels || !monitor.light.iter().all(is_row) {
-            let expected = format!("{CAMERA_TERMS} finite numbers for each of {channels} channels");
+            let expected = format!("{WATCH_TERMS} finite numbers for each of {channels} channels");
             return Some(("monitor.light", expected));
         }
         (!(0.0..=0.5).contains(&monitor.standard_uncertainty)).then(|| {
@@ -87,6 +97,13 @@ impl LampFound {
 }
 
 impl Monitor {
+    /// Light at a pixel with these terms for squares of `side` pixels, of each channel.
+    pub(crate) fn light_at<'a>(&'a self, terms: &'a [f64], side: u32) -> impl Iterator<Item = f64> + 'a {
+        let scale = f64::from(side * side) / f64::from(self.side * self.side);
+        let sum = move |row: &Vec<f64>| row.iter().zip(terms).map(|(c, term)| c * term).sum::<f64>();
+        self.light.iter().map(move |row| scale * sum(row))
+    }
+
     /// Mean over image and channels, digital numbers per second.
     fn mean_dn_per_s(&self) -> f64 {
         self.light.iter().filter_map(|row| row.first()).sum::<f64>() / self.light.len() as f64

@@ -4,13 +4,14 @@ use super::capture::{PATTERNS, StrayViews, WATCHED};
 use super::fit::Frames;
 use crate::base::linear_fit::least_squares;
 use crate::instrument::calibration::Monitor;
-use crate::instrument::calibration::stray::{CAMERA_TERMS, camera_terms, dark_of, steps_dn};
+use crate::instrument::calibration::lamp::{WATCH_TERMS, watch_terms};
+use crate::instrument::calibration::stray::{dark_of, steps_dn};
 use crate::instrument::rig::Rig;
 
-/// How much more a pixel counts that is dark in measurements than one that is not, of which every so manieth takes part.
-const DARK_WEIGHT: f64 = 100.0;
+/// Every so manieth pixel takes part.
 const EVERY: usize = 7;
-/// Groups of dark pixels by which it is told how well the light in them is known.
+/// Blocks along an axis by which it is told how well the light is known, and groups of dark pixels in this image.
+const BLOCKS: usize = 4;
 const GROUPS: usize = 8;
 /// It is known no better than this, relative.
 const BEST: f64 = 3e-4;
@@ -33,12 +34,8 @@ impl Frames {
                 let each = frames.iter().map(|frame| f64::from(frame[pixel][channel]));
                 scale * each.sum::<f64>()
             };
-            let (found, sum, left) = self.smooth(&dark, &shown)?;
-            if sum <= 0.0 {
-                return None;
-            }
-            let by_steps = steps_dn(rig) * dark.len() as f64 / views.watched_s;
-            off = off.max(left.hypot(by_steps) / sum);
+            let (found, left) = self.smooth(&dark, &shown)?;
+            off = off.max(left.hypot(steps_dn(rig) / (views.watched_s * found[0])));
             light.push(found);
         }
         Some(Monitor {
@@ -48,37 +45,39 @@ impl Frames {
         })
     }
 
-    /// A polynomial over the image that is as `shown`(pixel), above all in the pixels that are `dark` otherwise: its coefficients,
-    /// its sum over those, and how far that is uncertain: other tilts and image sizes have other dark pixels, about as well as
-    /// groups of them agree.
-    fn smooth(&self, dark: &[u32], shown: &dyn Fn(usize) -> f64) -> Option<(Vec<f64>, f64, f64)> {
+    /// A polynomial over the image that is as `shown`(pixel): its coefficients, and how far it is uncertain, relative. At other tilts other
+    /// pixels are dark than these: known about as well as what blocks of the image, or groups of dark pixels, differ from it by.
+    /// `None` if nothing shines.
+    fn smooth(&self, dark: &[u32], shown: &dyn Fn(usize) -> f64) -> Option<(Vec<f64>, f64)> {
         let (width, height) = self.size_px;
-        let terms = |pixel: usize| camera_terms(pixel, width, height);
-        let row = |pixel: usize, weight: f64| (terms(pixel).to_vec(), shown(pixel), weight);
-        let all = (0..width * height).step_by(EVERY).map(|pixel| row(pixel, 1.0));
-        let of_dark = dark.iter().map(|pixel| row(*pixel as usize, DARK_WEIGHT));
-        let rows: Vec<_> = all.chain(of_dark).collect();
-        let (found, _) = least_squares(CAMERA_TERMS, &rows.iter().cloned())?;
-        let fitted = |pixel: u32| {
-            let terms = terms(pixel as usize);
-            terms
-                .iter()
-                .zip(found.iter())
-                .map(|(term, c)| term * c)
-                .sum::<f64>()
+        let some = || (0..width * height).step_by(EVERY);
+        let rows: Vec<_> = some()
+            .map(|pixel| (watch_terms(pixel, width, height), shown(pixel), 1.0))
+            .collect();
+        let (found, _) = least_squares(WATCH_TERMS, &rows.iter().cloned())?;
+        let left = |pixels: &mut dyn Iterator<Item = usize>| {
+            let (mut off, mut sum) = (0.0, 0.0);
+            for pixel in pixels {
+                let terms = watch_terms(pixel, width, height);
+                let fitted: f64 = terms.iter().zip(found.iter()).map(|(term, c)| term * c).sum();
+                off += shown(pixel) - fitted;
+                sum += fitted;
+            }
+            off / sum
         };
-        let left = |group: &[u32]| -> f64 {
-            group
-                .iter()
-                .map(|pixel| shown(*pixel as usize) - fitted(*pixel))
-                .sum()
+        let is_in = |pixel: usize, block: usize| {
+            let (x, y) = (pixel % width * BLOCKS / width, pixel / width * BLOCKS / height);
+            y * BLOCKS + x == block
         };
-        let groups = dark.chunks(dark.len().div_ceil(GROUPS));
-        let squares: f64 = groups.map(|group| left(group).powi(2)).sum();
-        Some((
-            found.iter().copied().collect(),
-            dark.iter().map(|pixel| fitted(*pixel)).sum(),
-            squares.sqrt(),
-        ))
+        let rms = |each: Vec<f64>| {
+            let squares: f64 = each.iter().map(|left| left * left).sum();
+            (squares / each.len() as f64).sqrt()
+        };
+        let blocks = (0..BLOCKS * BLOCKS).map(|block| left(&mut some().filter(|pixel| is_in(*pixel, block))));
+        let groups = dark
+            .chunks(dark.len().div_ceil(GROUPS))
+            .map(|group| left(&mut group.iter().map(|pixel| *pixel as usize)));
+        let off = rms(blocks.collect()).max(rms(groups.collect()));
+        (found[0] > 0.0 && off.is_finite()).then(|| (found.iter().copied().collect(), off))
     }
 }

@@ -19,7 +19,7 @@ use glam::Vec4;
 use super::bias::{Bias, Told};
 use super::{CAMERA_TERMS, GROUPS, Removal, hypot, lanes};
 use crate::base::linear_fit::least_squares;
-use crate::instrument::calibration::lamp::Monitor;
+use crate::instrument::calibration::lamp::{Monitor, watch_terms};
 
 /// Pixels that tell how the lamp flickered, about.
 const MOST_PIXELS: usize = 10_000;
@@ -68,39 +68,30 @@ impl Level {
 /// What watches the lamp, for images of one size.
 #[derive(Debug)]
 pub(super) struct Watch {
-    /// Light of the watching pixels, digital numbers per second, by camera term.
-    light: [Vec4; CAMERA_TERMS],
+    /// Light of the watching pixels in each pixel, digital numbers per second.
+    light: Vec<Vec4>,
     /// Its relative standard uncertainty in dark pixels.
     uncertainty: f32,
 }
 
 impl Watch {
-    /// As `monitor`, with squares of `side` pixels.
-    pub(super) fn new(monitor: &Monitor, side: u32) -> Self {
-        let scale = f64::from(side * side) / f64::from(monitor.side * monitor.side);
-        let rows = &monitor.light;
+    /// As `monitor`, with squares of `side` pixels, for images of this size.
+    pub(super) fn new(monitor: &Monitor, side: u32, (width_px, height_px): (usize, usize)) -> Self {
+        let at = |pixel| {
+            let terms = watch_terms(pixel, width_px, height_px);
+            let light: Vec<f64> = monitor.light_at(&terms, side).collect();
+            lanes(light.len(), |channel| light[channel])
+        };
         Self {
-            light: std::array::from_fn(|term| lanes(rows.len(), |channel| rows[channel][term] * scale)),
+            light: (0..width_px * height_px).map(at).collect(),
             uncertainty: monitor.uncertainty_of(side) as f32,
         }
     }
 
-    /// Light of the watching pixels in a pixel with these camera terms, digital numbers per second.
-    fn at(&self, terms: &[f32; CAMERA_TERMS]) -> Vec4 {
-        let light = self.light.iter().zip(terms);
-        light.fold(Vec4::ZERO, |sum, (light, term)| sum + *light * *term)
-    }
-
-    /// How much each of the dark `pixels` counts, of an image with these camera terms: as much as it shines by what watches the
-    /// lamp, all alike if nothing does.
-    pub(super) fn weights(
-        watch: Option<&Self>,
-        pixels: &[u32],
-        camera_terms: &[[f32; CAMERA_TERMS]],
-        channels: usize,
-    ) -> Vec<Vec4> {
+    /// How much each of the dark `pixels` counts: as much as it shines by what watches the lamp, all alike if nothing does.
+    pub(super) fn weights(watch: Option<&Self>, pixels: &[u32], channels: usize) -> Vec<Vec4> {
         let weight = |pixel: &u32| match watch {
-            Some(watch) => watch.at(&camera_terms[*pixel as usize]),
+            Some(watch) => watch.light[*pixel as usize],
             None => lanes(channels, |_| 1.0),
         };
         pixels.iter().map(weight).collect()
@@ -140,8 +131,8 @@ impl Removal {
         exposure_s: f64,
     ) -> Option<Level> {
         let watch = self.watch.as_ref()?;
-        let own = |pixel: usize| watch.at(&self.camera_terms[pixel]) * exposure_s as f32;
-        let [brighter, doubt] = self.brighter(watching, others, counts);
+        let own = |pixel: usize| watch.light[pixel] * exposure_s as f32;
+        let [brighter, doubt] = self.brighter(watch, watching, others, counts);
         let told = self.told(
             |pixel| watching[pixel] - others[pixel] * brighter - own(pixel),
             own,
@@ -158,8 +149,9 @@ impl Removal {
     }
 
     /// By how much the lamp was brighter where something watched it than in the `others`, relative, and the standard uncertainty of
-    /// that: `watching` = (a polynomial over the image) + brighter × `others`; by a jackknife, and not far more than it flickers.
-    fn brighter(&self, watching: &[Vec4], others: &[Vec4], counts: [usize; 2]) -> [f32; 2] {
+    /// that: `watching` = (what watches) × (a polynomial over the image) + brighter × `others`; by a jackknife, and not far more than it
+    /// flickers.
+    fn brighter(&self, watch: &Watch, watching: &[Vec4], others: &[Vec4], counts: [usize; 2]) -> [f32; 2] {
         let flicker = self.flicker
             * counts
                 .map(|count| (count as f32).recip())
@@ -171,8 +163,9 @@ impl Removal {
             .step_by(every)
             .filter_map(|pixel| {
                 let (target, light) = (watching[pixel].element_sum(), others[pixel].element_sum());
-                let terms = self.camera_terms[pixel].iter().chain([&light]);
-                let row: Vec<f64> = terms.map(|term| f64::from(*term)).collect();
+                let own = watch.light[pixel].element_sum();
+                let terms = self.camera_terms[pixel].iter().map(|term| own * term);
+                let row: Vec<f64> = terms.chain([light]).map(f64::from).collect();
                 (target + light).is_finite().then_some((
                     pixel * GROUPS / watching.len(),
                     row,

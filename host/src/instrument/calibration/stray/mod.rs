@@ -248,7 +248,7 @@ impl Removal {
         dark: Vec<u32>,
     ) -> Self {
         let monitor = lamp.monitor.as_ref().filter(|_| side > 0);
-        let watch = monitor.map(|monitor| Watch::new(monitor, side));
+        let watch = monitor.map(|monitor| Watch::new(monitor, side, (width_px, height_px)));
         let channels = found.halo.len();
         let terms = |pixel| camera_terms(pixel, width_px, height_px).map(|term| term as f32);
         let camera_terms: Vec<_> = (0..width_px * height_px).map(terms).collect();
@@ -267,7 +267,7 @@ impl Removal {
             }),
             direct: found.direct.clone(),
             direct_uncertainty: found.direct_uncertainty as f32,
-            weights: Watch::weights(watch.as_ref(), &dark, &camera_terms, channels),
+            weights: Watch::weights(watch.as_ref(), &dark, channels),
             camera_terms,
             watch,
             flicker: lamp.flicker as f32,

@@ -137,7 +137,7 @@ struct Watched {
 impl Watched {
     fn new() -> Self {
         let found = found([0.0, 0.0, 0.001, 0.001, 0.0, 0.001, 0.003], None);
-        let mut light = vec![0.0; CAMERA_TERMS];
+        let mut light = vec![0.0; super::super::lamp::WATCH_TERMS];
         (light[0], light[1], light[2]) = (5000.0, 1200.0, -900.0);
         let lamp = LampFound {
             flicker: f64::from(FLICKER),
