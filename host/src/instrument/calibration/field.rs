@@ -105,7 +105,7 @@ pub(crate) fn degree(place: usize) -> usize {
 
 /// All P_i(x)·P_j(y) but the constant, in the order of the coefficients.
 pub(crate) fn terms(x: f64, y: f64) -> [f64; TERMS] {
-    let (px, py) = (legendre(x), legendre(y));
+    let (px, py) = (legendre::<{ DEGREE + 1 }>(x), legendre::<{ DEGREE + 1 }>(y));
     let mut terms = [0.0; TERMS];
     let mut at = 0;
     for degree in 1..=DEGREE {
@@ -117,11 +117,11 @@ pub(crate) fn terms(x: f64, y: f64) -> [f64; TERMS] {
     terms
 }
 
-/// P_0 to P_DEGREE at `x`, by Bonnet's recursion.
-fn legendre(x: f64) -> [f64; DEGREE + 1] {
-    let mut p = [1.0; DEGREE + 1];
+/// P_0 to the highest of so many `ORDERS`, two at least, at `x`, by Bonnet's recursion.
+pub(super) fn legendre<const ORDERS: usize>(x: f64) -> [f64; ORDERS] {
+    let mut p = [1.0; ORDERS];
     p[1] = x;
-    for n in 1..DEGREE {
+    for n in 1..ORDERS - 1 {
         let k = n as f64;
         p[n + 1] = ((2.0 * k + 1.0) * x * p[n] - k * p[n - 1]) / (k + 1.0);
     }

@@ -17,12 +17,14 @@
 use glam::Vec4;
 
 use super::bias::{Bias, Told};
-use super::{CAMERA_TERMS, GROUPS, Removal, hypot, lanes};
+use super::{GROUPS, Removal, camera_terms, hypot, lanes};
 use crate::base::linear_fit::least_squares;
 use crate::instrument::calibration::lamp::{Monitor, watch_terms};
 
 /// Pixels that tell how the lamp flickered, about.
 const MOST_PIXELS: usize = 10_000;
+/// Terms by which what watches it may look otherwise then: up to degree 4.
+const SHAPE_TERMS: usize = 15;
 
 /// Light of the lamp in a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -158,14 +160,19 @@ impl Removal {
                 .iter()
                 .sum::<f32>()
                 .sqrt();
+        let (width, height) = self.size_px;
         let every = watching.len().div_ceil(MOST_PIXELS).max(1);
         let rows: Vec<(usize, Vec<f64>, f64)> = (0..watching.len())
             .step_by(every)
             .filter_map(|pixel| {
                 let (target, light) = (watching[pixel].element_sum(), others[pixel].element_sum());
                 let own = watch.light[pixel].element_sum();
-                let terms = self.camera_terms[pixel].iter().map(|term| own * term);
-                let row: Vec<f64> = terms.chain([light]).map(f64::from).collect();
+                let terms = camera_terms(pixel, width, height);
+                let smooth = terms
+                    .into_iter()
+                    .take(SHAPE_TERMS)
+                    .map(|term| f64::from(own) * term);
+                let row: Vec<f64> = smooth.chain([f64::from(light)]).collect();
                 (target + light).is_finite().then_some((
                     pixel * GROUPS / watching.len(),
                     row,
@@ -176,7 +183,7 @@ impl Removal {
         let without = |group: usize| {
             let some = rows.iter().filter(|(of, ..)| *of != group);
             let some = some.map(|(_, row, target)| (row.clone(), *target, 1.0));
-            least_squares(CAMERA_TERMS + 1, &some).map(|(found, _)| found[CAMERA_TERMS])
+            least_squares(SHAPE_TERMS + 1, &some).map(|(found, _)| found[SHAPE_TERMS])
         };
         let (Some(all), Some(groups)) = (
             without(GROUPS),

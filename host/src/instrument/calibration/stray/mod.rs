@@ -25,6 +25,7 @@ use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
 
 pub(crate) use bias::{Bias, Told};
+use direct::DirectImage;
 pub(crate) use direct::{CAMERA_TERMS, PROJECTOR_TERMS, camera_terms, lit_terms};
 pub(crate) use ghost::Shifted;
 pub(crate) use halo::{Halo, Room as HaloRoom};
@@ -171,8 +172,8 @@ pub(crate) struct Removal {
     shares: Vec<Vec4>,
     halo_uncertainty: f32,
     ghost: Option<(Shifted, Vec4, f32)>,
-    /// Of each pixel.
-    camera_terms: Vec<[f32; CAMERA_TERMS]>,
+    size_px: (usize, usize),
+    direct_image: DirectImage,
     /// Of each channel.
     direct: Vec<Vec<f64>>,
     direct_uncertainty: f32,
@@ -250,8 +251,6 @@ impl Removal {
         let monitor = lamp.monitor.as_ref().filter(|_| side > 0);
         let watch = monitor.map(|monitor| Watch::new(monitor, side, (width_px, height_px)));
         let channels = found.halo.len();
-        let terms = |pixel| camera_terms(pixel, width_px, height_px).map(|term| term as f32);
-        let camera_terms: Vec<_> = (0..width_px * height_px).map(terms).collect();
         Self {
             halo: Halo::new(width_px, height_px),
             shares: (0..WIDTHS.len())
@@ -268,7 +267,8 @@ impl Removal {
             direct: found.direct.clone(),
             direct_uncertainty: found.direct_uncertainty as f32,
             weights: Watch::weights(watch.as_ref(), &dark, channels),
-            camera_terms,
+            size_px: (width_px, height_px),
+            direct_image: DirectImage::new(width_px, height_px),
             watch,
             flicker: lamp.flicker as f32,
             prior_variance: lamp.prior_variance() as f32,
@@ -295,11 +295,7 @@ impl Removal {
         room.clean.clear();
         room.stray.clear();
         room.doubt.clear();
-        for (shown, terms) in shown.iter().zip(&self.camera_terms) {
-            let mut light = Vec4::ZERO;
-            for (coefficients, term) in direct.iter().zip(terms) {
-                light += *coefficients * *term;
-            }
+        for (shown, light) in shown.iter().zip(self.direct_image.of(&direct)) {
             let is_nan = shown.is_nan_mask();
             is_saturated |= is_nan.any();
             room.clean.push(Vec4::select(is_nan, saturated, *shown) - light);
@@ -344,11 +340,7 @@ impl Removal {
         self.spread(&room.clean, &mut room.once, &mut room.halo);
         room.stray.clear();
         room.doubt.clear();
-        for (spread, terms) in room.once.iter().zip(&self.camera_terms) {
-            let mut light = Vec4::ZERO;
-            for (coefficients, term) in direct.iter().zip(terms) {
-                light += *coefficients * *term;
-            }
+        for (spread, light) in room.once.iter().zip(self.direct_image.of(&direct)) {
             room.stray.push(light + *spread);
             room.doubt
                 .push(hypot(direct_doubt, *spread * self.halo_uncertainty));
