@@ -22,6 +22,8 @@ use crate::calibrate::CalibrateError;
 
 /// Bins of the photon-transfer curve.
 const BINS: usize = 40;
+/// Flicker of a steady lamp, relative: noise below that does not make frames count more.
+const STEADY: f64 = 1e-3;
 /// Fewest pixels in a bin that counts.
 const FEWEST: u32 = 50;
 /// Share of the range up to which signals count: what comes above bends by a law of its own.
@@ -43,15 +45,33 @@ pub(super) struct Times<'a> {
     pub(super) lamp: f64,
 }
 
-/// Light of each of `frames` of one pattern over their mean; `dark` is their level without light.
-pub(super) fn lamp_of(frames: &[&[u16]], dark: f64) -> Vec<f64> {
+/// Light of each of `frames` of one pattern over their mean, as far as it is more than their noise; `dark` is their level without
+/// light.
+fn lamp_of(frames: &[&[u16]], dark: f64) -> Vec<f64> {
+    let Some((light, noise2)) = light_of(frames, dark) else {
+        return vec![1.0; frames.len()];
+    };
+    let squares: f64 = light.iter().map(|light| (light - 1.0).powi(2)).sum();
+    let trust = (1.0 - noise2 * (light.len() as f64 - 1.0) / squares).max(0.0);
+    light
+        .into_iter()
+        .map(|light| (1.0 + trust * (light - 1.0)).max(0.1))
+        .collect()
+}
+
+/// Light of each of `frames` of one pattern over their mean, and the variance of that by the noise of their pixels; `None` if there is
+/// no light.
+fn light_of(frames: &[&[u16]], dark: f64) -> Option<(Vec<f64>, f64)> {
     let light = |frame: &&[u16]| frame.iter().map(|dn| f64::from(*dn) - dark).sum::<f64>();
     let all: Vec<f64> = frames.iter().map(light).collect();
     let mean = all.iter().sum::<f64>() / all.len() as f64;
-    let is_lit = mean > 0.0;
-    all.into_iter()
-        .map(|light| if is_lit { (light / mean).max(0.1) } else { 1.0 })
-        .collect()
+    let noise: f64 = moments(frames).1.iter().sum();
+    (mean > 0.0).then(|| {
+        (
+            all.iter().map(|light| light / mean).collect(),
+            noise / (mean * mean),
+        )
+    })
 }
 
 /// As [`moments`], had the lamp been as bright in all frames; `dark` is their level without light.
@@ -60,24 +80,26 @@ fn steady(frames: &[&[u16]], dark: f64) -> (Vec<f64>, Vec<f64>) {
     moments_of(frames, |frame, dn| dark + (dn - dark) / lamp[frame])
 }
 
-/// Standard deviation of the lamp's light from exposure to exposure, relative, by the brighter half of the series.
-pub(super) fn flicker(series: &[Times], dark: f64, gain_e_per_dn: f64) -> f64 {
-    let (mut sum, mut count) = (0.0, 0.0);
-    for times in &series[series.len() / 2..] {
-        for frames in [&times.lit, &times.black] {
-            let lamp = lamp_of(frames, dark);
-            let squares: f64 = lamp.iter().map(|lamp| (lamp - 1.0).powi(2)).sum();
-            let electrons: f64 = frames[0]
-                .iter()
-                .map(|dn| (f64::from(*dn) - dark) * gain_e_per_dn)
-                .sum();
-            let degrees = lamp.len() as f64 - 1.0;
-            let noise = if electrons > 0.0 { electrons.recip() } else { 0.0 };
-            sum += squares - degrees * noise;
-            count += degrees;
-        }
+/// Standard deviation of the lamp's light from exposure to exposure, relative, by the brighter half of the series: frames count as much
+/// as their noise lets them tell.
+pub(super) fn flicker(series: &[Times], dark: f64) -> f64 {
+    let (mut sum, mut weights) = (0.0, 0.0);
+    let bright = series[series.len() / 2..].iter();
+    for frames in bright.flat_map(|times| [&times.lit, &times.black]) {
+        let Some((light, noise2)) = light_of(frames, dark) else {
+            continue;
+        };
+        let squares: f64 = light.iter().map(|light| (light - 1.0).powi(2)).sum();
+        let degrees = light.len() as f64 - 1.0;
+        let weight = (noise2 + STEADY * STEADY).powi(-2);
+        sum += weight * (squares - degrees * noise2);
+        weights += weight * degrees;
     }
-    (sum / f64::max(count, 1.0)).max(0.0).sqrt()
+    if weights > 0.0 {
+        (sum / weights).max(0.0).sqrt()
+    } else {
+        0.0
+    }
 }
 
 /// Mean and unbiased variance of each value over frames.

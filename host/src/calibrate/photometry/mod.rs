@@ -173,7 +173,7 @@ fn camera_of(series: &mut [Times], rig: &Rig) -> Result<(Linear, f64), Calibrate
     let saturation_dn = f64::from(rig.saturation_dn());
     let mut found = camera(series, saturation_dn, &Layout::of(rig))?;
     let linear = Linear::new(&found, rig);
-    let flicker = flicker(series, found.dark_dn, linear.camera.gain_e_per_dn);
+    let flicker = flicker(series, found.dark_dn);
     // What tells the lamp's light has to be linear itself, and how linear the camera is shows beside it.
     let lamp = linear.lamp(series, &dark_of(rig), rig.camera.channels as usize, flicker);
     for (times, lamp) in series.iter_mut().zip(lamp) {
