@@ -150,7 +150,7 @@ fn a_sample_at_a_tilt_without_a_standard_is_refused() {
         second_standard: None,
         tilts: Vec::new(),
         exposure_s: None,
-        image_size: 24,
+        image_size: 32,
     };
     let world = Setup::default().world().unwrap();
     photometry::capture(&request, folder.path(), &world, &Silent).unwrap();

@@ -169,7 +169,7 @@ fn a_calibration_of_something_else_than_numbers_is_refused_by_its_field() {
         "",
         2,
         &[
-            "photometry.json: version: expected 9",
+            "photometry.json: version: expected 10",
             "rcg calibrate photometry --out DIR",
             "found 0",
         ],

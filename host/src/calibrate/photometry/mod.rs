@@ -233,7 +233,7 @@ fn explain(
         ),
         found: format!("{:.1} % that they do not", 100.0 * fields.residual),
         advice: "is the standard flat, in the middle of the holder and at its height? Are the pupils those of the rig file \
-                 (pupil_m)?",
+                 (pupil_m)? Is --image-size enough, 48 pixels or more?",
     })
 }
 
