@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::AssembleError;
 use super::projection::Projection;
-use super::radiometry::{Bench, Way, Work, image, image_merged};
+use super::radiometry::{Bench, Way, Work};
 use super::window::Agree;
 use crate::instrument::calibration::lamp::SLOW;
 use crate::instrument::calibration::stray::Told;
@@ -67,12 +67,7 @@ pub(super) fn learn(
                         offset: projection.drift.of(*exposure),
                     };
                     let mut bench = Bench::of(work).0;
-                    match (projection.channels, projection.radiometry.as_slice()) {
-                        (1, [one]) => image::<1>(frames, way, one, &mut bench),
-                        (_, [one]) => image::<3>(frames, way, one, &mut bench),
-                        (1, several) => image_merged::<1>(frames, way, several, &mut bench),
-                        (_, several) => image_merged::<3>(frames, way, several, &mut bench),
-                    }
+                    projection.image(frames, way, &mut bench);
                     bench.told.clone()
                 }),
         );

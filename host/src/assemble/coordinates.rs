@@ -136,8 +136,8 @@ pub(crate) fn list_attributes() -> Map<String, Value> {
     map
 }
 
-/// The relative standard uncertainty that all values have in common (see [`Brdf::common_uncertainty`](crate::brdf::Brdf::common_uncertainty)) by standard, lamp, and what else they
-/// `share`; `None` without a calibration.
+/// The relative standard uncertainty that all values have in common by standard, lamp, and what else they `share`, as
+/// [`common_uncertainty`](crate::brdf::Brdf::common_uncertainty) has it; `None` without a calibration.
 pub(super) fn common_uncertainty(
     applied: &AppliedCalibration,
     lamp: Option<Level>,
@@ -154,7 +154,7 @@ pub(super) fn common_uncertainty(
     )
 }
 
-/// The attributes of `brdf.zarr`, but for that.
+/// The attributes of `brdf.zarr`, but for the common uncertainty, which only all values tell.
 pub(super) fn attributes(
     rig: &Rig,
     plan: &Plan,

@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use half::f16;
 
 use super::Assembled;
-use super::radiometry::{Bench, Drift, Out, Radiometry, Way, Work, project, project_merged};
+use super::radiometry::{
+    Bench, Drift, Out, Radiometry, Way, Work, image, image_merged, project, project_merged,
+};
 use super::stray::StrayLight;
 use crate::assemble::resample::Resampling;
 use crate::hemisphere::disk::Disk;
@@ -59,6 +61,16 @@ impl Projection {
                 (_, several) => project_merged::<3>(frames, way, several, bench, out),
             })
         })
+    }
+
+    /// The `frames` of one pattern as an image in the `bench`, as by [`image`] or [`image_merged`].
+    pub(super) fn image(&self, frames: &[u16], way: &Way<'_>, bench: &mut Bench<'_>) {
+        match (self.channels, self.radiometry.as_slice()) {
+            (1, [one]) => image::<1>(frames, way, one, bench),
+            (_, [one]) => image::<3>(frames, way, one, bench),
+            (1, several) => image_merged::<1>(frames, way, several, bench),
+            (_, several) => image_merged::<3>(frames, way, several, bench),
+        }
     }
 
     /// What frames of each exposure time are off by alike.

@@ -25,7 +25,7 @@ use rayon::prelude::*;
 
 use super::merge::lanes;
 use super::projection::Projection;
-use super::radiometry::{Bench, Offset, Out, Radiometry, Way, Work, image, image_merged, resample};
+use super::radiometry::{Bench, Offset, Out, Radiometry, Way, Work, resample};
 use super::window::Agree;
 use crate::assemble::{AssembleError, Assembled};
 use crate::instrument::calibration::stray::sqrt;
@@ -352,23 +352,12 @@ impl Shown {
             offset,
         };
         let bench = &mut Bench::of(work).0;
+        projection.image(frames, way, bench);
         match (projection.channels, projection.radiometry.as_slice()) {
-            (1, [one]) => {
-                image::<1>(frames, way, one, bench);
-                Self::single::<1>(one, bench)
-            }
-            (_, [one]) => {
-                image::<3>(frames, way, one, bench);
-                Self::single::<3>(one, bench)
-            }
-            (1, several) => {
-                image_merged::<1>(frames, way, several, bench);
-                Self::merged::<1>(bench)
-            }
-            (_, several) => {
-                image_merged::<3>(frames, way, several, bench);
-                Self::merged::<3>(bench)
-            }
+            (1, [one]) => Self::single::<1>(one, bench),
+            (_, [one]) => Self::single::<3>(one, bench),
+            (1, _) => Self::merged::<1>(bench),
+            _ => Self::merged::<3>(bench),
         }
     }
 

@@ -105,10 +105,16 @@ pub(crate) fn degree(place: usize) -> usize {
 
 /// All P_i(x)·P_j(y) but the constant, in the order of the coefficients.
 pub(crate) fn terms(x: f64, y: f64) -> [f64; TERMS] {
-    let (px, py) = (legendre::<{ DEGREE + 1 }>(x), legendre::<{ DEGREE + 1 }>(y));
+    let all = products::<{ DEGREE + 1 }, { TERMS + 1 }>(x, y);
+    std::array::from_fn(|term| all[term + 1])
+}
+
+/// P_i(x)·P_j(y) for i + j below `ORDERS`, in the order of i + j, then of i.
+pub(super) fn products<const ORDERS: usize, const TERMS: usize>(x: f64, y: f64) -> [f64; TERMS] {
+    let (px, py) = (legendre::<ORDERS>(x), legendre::<ORDERS>(y));
     let mut terms = [0.0; TERMS];
     let mut at = 0;
-    for degree in 1..=DEGREE {
+    for degree in 0..ORDERS {
         for i in 0..=degree {
             terms[at] = px[i] * py[degree - i];
             at += 1;

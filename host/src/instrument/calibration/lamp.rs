@@ -7,7 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::field::{TERMS, terms};
+use super::field::{DEGREE, TERMS, products};
 use crate::instrument::frame_format::place_of_pixel;
 use crate::instrument::monitor::BLOCK_PX;
 
@@ -25,9 +25,9 @@ const SQUARES: f64 = 5e-4;
 pub(crate) const WATCH_TERMS: usize = 1 + TERMS;
 
 /// The terms at the centre of this pixel (row-major) of a camera's image of this size.
-pub(crate) fn watch_terms(pixel: usize, width_px: usize, height_px: usize) -> Vec<f64> {
+pub(crate) fn watch_terms(pixel: usize, width_px: usize, height_px: usize) -> [f64; WATCH_TERMS] {
     let [x, y] = place_of_pixel(pixel, width_px, height_px);
-    [1.0].into_iter().chain(terms(x, y)).collect()
+    products::<{ DEGREE + 1 }, WATCH_TERMS>(x, y)
 }
 
 /// The lamp as calibration found it.

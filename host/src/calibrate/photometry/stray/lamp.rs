@@ -52,7 +52,7 @@ impl Frames {
         let (width, height) = self.size_px;
         let some = || (0..width * height).step_by(EVERY);
         let rows: Vec<_> = some()
-            .map(|pixel| (watch_terms(pixel, width, height), shown(pixel), 1.0))
+            .map(|pixel| (watch_terms(pixel, width, height).to_vec(), shown(pixel), 1.0))
             .collect();
         let (found, _) = least_squares(WATCH_TERMS, &rows.iter().cloned())?;
         let left = |pixels: &mut dyn Iterator<Item = usize>| {

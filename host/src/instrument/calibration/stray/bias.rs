@@ -97,19 +97,12 @@ impl Bias {
 
     /// The lamp by what a frame `told`, `None` if it told nothing, where its light has this variance if nothing tells it.
     pub(super) fn level(self, told: Option<Told>, prior_variance: f32) -> Level {
-        let (brighter, variance, trust) = told.map_or((0.0, 0.0, 0.0), |told| {
+        let (brighter, own, trust) = told.map_or((0.0, prior_variance, 0.0), |told| {
             let variance = told.variance();
-            (
-                told.brighter - self.stray * told.doubt - self.steps * told.steps,
-                variance,
-                prior_variance / (prior_variance + variance),
-            )
+            let trust = prior_variance / (prior_variance + variance);
+            let brighter = told.brighter - self.stray * told.doubt - self.steps * told.steps;
+            (brighter, trust * variance, trust)
         });
-        let own = if told.is_some() {
-            trust * variance
-        } else {
-            prior_variance
-        };
         let common = trust * trust * self.variance + (1.0 - trust).powi(2) * self.mean_variance;
         Level {
             light: 1.0 + trust * brighter,

@@ -2,7 +2,7 @@
 
 use glam::Vec4;
 
-use crate::instrument::calibration::field::legendre;
+use crate::instrument::calibration::field::{legendre, products};
 use crate::instrument::frame_format::place_of_pixel;
 
 /// Largest degree over the camera's image, and how many terms those are.
@@ -15,7 +15,7 @@ pub(crate) const PROJECTOR_TERMS: usize = (PROJECTOR_DEGREE + 1) * (PROJECTOR_DE
 /// The terms at the centre of this pixel (row-major) of a camera's image of this size.
 pub(crate) fn camera_terms(pixel: usize, width_px: usize, height_px: usize) -> [f64; CAMERA_TERMS] {
     let [x, y] = place_of_pixel(pixel, width_px, height_px);
-    terms::<{ CAMERA_DEGREE + 1 }, CAMERA_TERMS>(x, y)
+    products::<{ CAMERA_DEGREE + 1 }, CAMERA_TERMS>(x, y)
 }
 
 /// Sums of the terms over the pixels `lit` (row-major indices) of a projector's image of this size. The first is their number.
@@ -23,7 +23,7 @@ pub(crate) fn lit_terms(lit: &[u32], width_px: usize, height_px: usize) -> [f64;
     let mut sum = [0.0; PROJECTOR_TERMS];
     for &pixel in lit {
         let [x, y] = place_of_pixel(pixel as usize, width_px, height_px);
-        let terms = terms::<{ PROJECTOR_DEGREE + 1 }, PROJECTOR_TERMS>(x, y);
+        let terms = products::<{ PROJECTOR_DEGREE + 1 }, PROJECTOR_TERMS>(x, y);
         for (sum, term) in sum.iter_mut().zip(terms) {
             *sum += term;
         }
@@ -70,20 +70,6 @@ impl DirectImage {
             })
         })
     }
-}
-
-/// P_i(x)·P_j(y) for i + j below `ORDERS`, in the order of i + j.
-fn terms<const ORDERS: usize, const TERMS: usize>(x: f64, y: f64) -> [f64; TERMS] {
-    let (px, py) = (legendre::<ORDERS>(x), legendre::<ORDERS>(y));
-    let mut terms = [0.0; TERMS];
-    let mut at = 0;
-    for degree in 0..ORDERS {
-        for i in 0..=degree {
-            terms[at] = px[i] * py[degree - i];
-            at += 1;
-        }
-    }
-    terms
 }
 
 #[cfg(test)]
