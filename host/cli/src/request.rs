@@ -101,8 +101,8 @@ const VIRTUAL: &str = "Virtual rig";
 /// before.
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct VirtualArgs {
-    /// What the virtual rig measures: lambert:0.5, ward:brass, ward:rd=0.1,rs=0.33,ax=0.05,ay=0.16, ggx:satin,
-    /// velvet, satin, or a measured .bsdf file [default: ward:brass]
+    /// What the virtual rig measures: lambert:0.5, lambert:0.6,0.3,0.06 (red, green, blue), ward:brass,
+    /// ward:rd=0.1,rs=0.33,ax=0.05,ay=0.16, ggx:satin, velvet, satin, or a measured .bsdf file [default: ward:brass]
     #[arg(long, value_name = "SAMPLE", help_heading = VIRTUAL)]
     sample: Option<String>,
     #[command(flatten)]

@@ -61,6 +61,10 @@ pub(crate) struct Args {
     /// 0.3 and 3; 1 or 3]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     knee_percent: Option<f64>,
+    /// Charge that a green pixel of the camera's mosaic loses to its neighbours, red and blue ones, percent [default: drawn between
+    /// 0.5 and 3; 1 or 3]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
+    crosstalk_percent: Option<f64>,
     /// Standard deviation of the height at which whatever is put into the holder, or tilted, comes to lie, millimetres; over 0.1 m that
     /// of how it leans [default: drawn between 0.02 and 0.1; 0.05 or 0.1]
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
@@ -133,6 +137,8 @@ enum Flaw {
     Nonlinearity,
     /// The camera's response does not bend near its full well
     Knee,
+    /// No charge leaks from one colour to another
+    Crosstalk,
     /// No light returns onto the sample
     Interreflection,
     /// The standards reflect what is stated
@@ -181,6 +187,7 @@ impl Flaw {
             Self::Gamma => flaws.gamma = none.gamma,
             Self::Nonlinearity => flaws.nonlinearity = none.nonlinearity,
             Self::Knee => flaws.knee = none.knee,
+            Self::Crosstalk => flaws.crosstalk = none.crosstalk,
             Self::Interreflection => flaws.interreflection = none.interreflection,
             Self::Standards => flaws.standards = none.standards,
             Self::Glare => flaws.glare = none.glare,
@@ -200,7 +207,7 @@ impl Flaw {
 
 /// Refuses what is out of range.
 fn check(args: &Args) -> Done {
-    let given: [(&str, Option<f64>, f64, f64); 17] = [
+    let given: [(&str, Option<f64>, f64, f64); 18] = [
         ("position-mm", args.position_mm, 0.0, 10.0),
         ("angle-deg", args.angle_deg, 0.0, 10.0),
         ("field-percent", Some(args.field_percent), 0.0, 90.0),
@@ -211,6 +218,7 @@ fn check(args: &Args) -> Done {
         ("drift-percent", args.drift_percent, 0.0, 20.0),
         ("flicker-percent", args.flicker_percent, 0.0, 10.0),
         ("falloff-percent", args.falloff_percent, 0.0, 100.0),
+        ("crosstalk-percent", args.crosstalk_percent, 0.0, 20.0),
         ("knee-percent", args.knee_percent, 0.0, 20.0),
         ("figure-mrad", args.figure_mrad, 0.0, 10.0),
         ("seating-mm", args.seating_mm, 0.0, 10.0),
@@ -257,6 +265,7 @@ fn tolerances(args: &Args, rig: &Rig) -> Tolerances {
         drift: share(args.drift_percent, 5e-3, 2e-2),
         flicker: share(args.flicker_percent, 1e-3, 5e-3),
         falloff: share(args.falloff_percent, 5e-2, 2e-1),
+        crosstalk: share(args.crosstalk_percent, 1e-2, 3e-2),
         knee: share(args.knee_percent, 1e-2, 3e-2),
         figure_rad: of(args.figure_mrad, 1e-3, 1.5e-4, 5e-4),
         seating_m: of(args.seating_mm, 1e-3, 5e-5, 1e-4),

@@ -7,12 +7,14 @@
 //! 1. light and throughput: f is divided by K·T_o·E_p as calibrated, where E_p is that of the pixels that were lit, and by the
 //!    share that is lit of what the pixel sees of the sample; pairs of which too little is lit, or nobody knows how much, have
 //!    no value;
-//! 2. interreflection: what returned onto the sample is subtracted (`interreflection`);
-//! 3. the standard uncertainty: to the noise come, as independent contributions,
+//! 2. colours: what channels show of other primaries than theirs is taken apart (`colours`);
+//! 3. interreflection: what returned onto the sample is subtracted (`interreflection`);
+//! 4. the standard uncertainty: to the noise come, as independent contributions,
 //!    - standards: what their reflectances make of light and of r together;
 //!    - fields: the relative uncertainties that photometry states, by their covariance at the pixels that see and light,
 //!      which grows where the standard was not seen;
 //!    - seen part: that of the share;
+//!    - crosstalk: that of what channels show of each other;
 //!    - interreflection: that of r by noise, and a quarter of the correction for its simple model;
 //!    - directions (as they are known, and as far as whole projector pixels light beside them), interpolation and blur: what they make of
 //!      an image that is not even (`shape`);
@@ -23,6 +25,7 @@
 
 use glam::{DVec2, DVec3};
 
+use super::colours::Colours;
 use super::interreflection::{Back, Returned};
 use super::radiometry::{Common, Radiometry};
 use super::shape::{ByShape, Shape};
@@ -62,6 +65,7 @@ pub(super) struct Correction {
     /// What part of the sample pixels and incident directions have in common, if calibration found that, and the pixels of each
     /// cell.
     shares: Option<(Shares, Vec<Taps>)>,
+    colours: Option<Colours>,
     returned: Option<Returned>,
     shape: Shape,
     /// Band of the polar angle of each incident direction, and of each cell; `None` where it is not judged.
@@ -112,6 +116,11 @@ impl Correction {
             lamp2: by_lamp.powi(2) as f32,
             cell_relative2,
             shares: shares(rig, directions, applied).map(|shares| (shares, resampling.taps.clone())),
+            colours: applied
+                .photometry
+                .as_ref()
+                .and_then(|found| found.crosstalk)
+                .map(|found| Colours::new(found, &View::camera(rig), disk)),
             returned: applied
                 .photometry
                 .as_ref()
@@ -170,6 +179,7 @@ impl Correction {
         let (cells, values) = (self.size * self.size, self.cells.len());
         let mut budget = BudgetSums::default();
         let mut sigma = vec![0.0; values];
+        let mut mixed = vec![0.0; values];
         let mut room = ByShape::default();
         let images = rows
             .f
@@ -191,6 +201,9 @@ impl Correction {
                 *sigma = half.to_f32() * factor;
             }
             let measured = |cell: usize| shown[cell].factor.is_finite();
+            if let Some(colours) = &self.colours {
+                colours.take_apart(f, &mut sigma, &mut mixed);
+            }
             for channel in 0..self.channels {
                 let returned = self.returned(lit.direction, f, &measured, channel);
                 for (cell, back) in returned.iter().enumerate() {
@@ -211,6 +224,7 @@ impl Correction {
                     let total = sigma[at]
                         .hypot(by_shape)
                         .hypot(systematic)
+                        .hypot(mixed[at])
                         .hypot(back.uncertainty);
                     half_sigma[at] = stored_sigma(total);
                     if let (Some(row), Some(column)) = (self.row_bands[index], self.cell_bands[cell]) {
@@ -228,6 +242,7 @@ impl Correction {
                             turned2 + leant2,
                             (by_shape.powi(2) - turned2).max(0.0),
                             back.uncertainty.powi(2) + standards2 - standard2,
+                            mixed[at].powi(2),
                         ];
                         budget.add(row * BANDS_DEG.len() + column, f[at], variances);
                         budget.add_shared(
@@ -435,7 +450,7 @@ fn pixel_sr(rows: &[Lit]) -> f64 {
 }
 
 /// The image position `at` (pixels) as fields take it, −1 to 1 over the image.
-fn place(view: &View, at: DVec2) -> [f64; 2] {
+pub(super) fn place(view: &View, at: DVec2) -> [f64; 2] {
     let half = |at: f64, size_px: u32| 2.0 * at / f64::from(size_px) - 1.0;
     [
         half(at.x, view.pinhole().width_px()),

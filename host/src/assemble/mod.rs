@@ -52,6 +52,7 @@ use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
 mod agreement;
 mod bias;
 mod coded;
+mod colours;
 mod coordinates;
 mod correction;
 mod edges;

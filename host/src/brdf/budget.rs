@@ -10,7 +10,7 @@ use serde::Serialize;
 use crate::store::{BrdfReader, SmallArray, SmallData, StoreError};
 
 /// What makes uncertain, in the order of the columns.
-pub const CAUSES: [&str; 9] = [
+pub const CAUSES: [&str; 10] = [
     "noise",
     "stray light",
     "lamp",
@@ -20,6 +20,7 @@ pub const CAUSES: [&str; 9] = [
     "directions",
     "blur",
     "interreflection",
+    "crosstalk",
 ];
 /// Upper ends of the bands of polar angles, degrees.
 pub const BANDS_DEG: [f64; 3] = [30.0, 60.0, 80.0];
@@ -220,9 +221,9 @@ mod tests {
     #[test]
     fn shares_are_means_over_samples_and_sum_to_one() {
         let mut sums = BudgetSums::default();
-        sums.add(4, 1.0, [1e-4, 0.0, 0.0, 3e-4, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        sums.add(4, 1.0, [1e-4, 0.0, 0.0, 3e-4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         let mut more = BudgetSums::default();
-        more.add(4, 100.0, [4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        more.add(4, 100.0, [4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         // What nobody knows counts for nothing.
         more.add(4, 1.0, [f32::INFINITY; CAUSES.len()]);
         sums.merge(&more);

@@ -11,10 +11,12 @@ use glam::DVec3;
 use crate::instrument::optics::{DirectionTiles, Unmeasurable, View, cone_sr};
 
 /// A 1-bit image for the projector: rows from the top, 8 pixels per byte, first pixel in the highest bit. The lit pixels
-/// have one level of grey, which is the brightest but for the calibration of the projector's response.
+/// have one level of grey, which is the brightest but for the calibration of the projector's response, and are white but for that of
+/// the camera's colours.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BitPattern {
     level: u8,
+    primary: Option<u8>,
     width_px: usize,
     height_px: usize,
     stride: usize,
@@ -28,6 +30,7 @@ impl BitPattern {
         let stride = width_px.div_ceil(8);
         Self {
             level: u8::MAX,
+            primary: None,
             width_px,
             height_px,
             stride,
@@ -46,6 +49,17 @@ impl BitPattern {
         self.level = level;
     }
 
+    /// The only one of the projector's primaries that lit pixels have: 0 red, 1 green, 2 blue; `None` for white.
+    #[must_use]
+    pub const fn primary(&self) -> Option<u8> {
+        self.primary
+    }
+
+    /// Gives the lit pixels this primary only.
+    pub const fn set_primary(&mut self, primary: Option<u8>) {
+        self.primary = primary;
+    }
+
     /// Size in pixels (width, height).
     #[must_use]
     pub const fn size_px(&self) -> (usize, usize) {
@@ -58,10 +72,11 @@ impl BitPattern {
         &self.bytes
     }
 
-    /// Makes all pixels black, and the level the brightest again.
+    /// Makes all pixels black, and the level the brightest again, and white.
     pub fn clear(&mut self) {
         self.bytes.fill(0);
         self.level = u8::MAX;
+        self.primary = None;
     }
 
     /// Lights the pixels with these row-major indices.

@@ -6,6 +6,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::{Deserialize, Serialize};
 
+use super::crosstalk::Crosstalk;
 use super::figure::Figure;
 use super::knee::Knee;
 use super::seating::Seating;
@@ -45,6 +46,8 @@ pub struct Flaws {
     pub pupils: Pupils,
     /// Slopes of the mirror beyond an ellipsoid.
     pub figure: Figure,
+    /// Charge that leaks between the camera's colours.
+    pub crosstalk: Crosstalk,
     /// How the camera's response bends near its full well.
     pub knee: Knee,
     /// How well things are seated in the holder.

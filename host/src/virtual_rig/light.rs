@@ -27,6 +27,8 @@ pub(super) struct Glow {
     pub(super) at_sample: AtSample,
     /// Radiance that the camera gets without the sample, as irradiance × f in sr⁻¹.
     pub(super) direct: f64,
+    /// Share of red, green and blue that it has.
+    pub(super) colour: [f64; 3],
 }
 
 /// What one pattern does at the sample.

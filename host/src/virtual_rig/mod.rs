@@ -11,11 +11,13 @@
 //! - `scene`: light and sample → charge of every camera pixel
 //! - `areas`: what part of the sample a pixel sees and a spot lights
 //! - `stray`: light that goes other ways: glare, ghost and direct light
+//! - `crosstalk`: charge that leaks between colours
 //! - `knee`: how the camera's response bends near its full well
 //! - `held`: what stands in the holder: a sample or, for calibration, a flat mirror
 //! - `seating`: where what is put into the holder comes to lie
 //! - `figure`: where the mirror is not the ellipsoid
 //! - `flaws`: imperfections that no rig file has
+//! - `tolerances`: how far rigs stray from what they should be
 //! - `truth`: how the rig really is, if that is not what its rig file says
 //! - `sensor`: charge → digital numbers, with noise
 //! - `pixels`: what the sensor's pixels differ by
@@ -27,6 +29,7 @@
 
 mod areas;
 mod controller;
+mod crosstalk;
 mod figure;
 mod flaws;
 mod held;
@@ -39,6 +42,7 @@ mod sensor;
 pub mod setup;
 mod stage;
 mod stray;
+mod tolerances;
 mod truth;
 mod wires;
 
@@ -55,6 +59,7 @@ use crate::plan::Faults;
 use crate::plan::pattern::BitPattern;
 
 pub use controller::{CLOCK_HZ, VirtualController};
+pub use crosstalk::{CROSSTALKS, Crosstalk};
 pub use figure::{FIGURES_RAD, Figure};
 pub use flaws::{
     BLURS_PX, CONTRASTS, DRIFTS, Direct, FALLOFFS, FLICKERS, Field, Flaws, Focus, GHOSTS, GLARES, Ghost,
@@ -64,7 +69,8 @@ pub use held::{FlatMirror, Held};
 pub use knee::{KNEES, Knee};
 pub use seating::{SEATINGS_M, Seating};
 pub use sensor::Noise;
-pub use truth::{PixelTolerances, Tolerances, Truth};
+pub use tolerances::{PixelTolerances, Tolerances};
+pub use truth::Truth;
 pub use wires::{Wires, WiresError};
 
 use scene::Scene;
@@ -277,7 +283,8 @@ impl Projector for VirtualProjector {
         }
         let lit = pattern.lit();
         let light = self.scene.light(pattern, &lit);
-        self.stage.lock().load_pattern(&lit, pattern.level(), light);
+        let look = (pattern.level(), pattern.primary());
+        self.stage.lock().load_pattern(&lit, look, light);
         Ok(())
     }
 }

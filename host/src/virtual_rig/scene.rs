@@ -15,6 +15,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::areas::{LitArea, SeenArea};
+use super::crosstalk::Crosstalk;
 use super::flaws::{Flaws, Pupils};
 use super::held::{Held, Reflections};
 use super::light::{AtSample, Glow, Light, Spot};
@@ -143,6 +144,7 @@ pub(super) struct Scene {
     /// By how many pixels the light of each projector pixel is spread (standard deviation).
     blur_px: f64,
     sensor: Sensor,
+    crosstalk: Crosstalk,
     /// What its pixels differ by; `None` if they do not.
     maps: Option<PixelMaps>,
     /// Electrons per (f in sr⁻¹ × irradiance × second).
@@ -200,6 +202,7 @@ impl Scene {
             gamma: if flaws.gamma > 0.0 { flaws.gamma } else { 1.0 },
             blur_px: flaws.focus.blur_px,
             sensor: Sensor::of(rig).with_response(flaws.nonlinearity, flaws.knee),
+            crosstalk: flaws.crosstalk,
             maps: PixelMaps::of(&flaws.pixels, rig),
             sensitivity: rig.sensitivity_e(),
             black: None,
@@ -249,9 +252,11 @@ impl Scene {
                 level * each.sum::<f64>()
             }
         };
+        let has = |colour: u8| pattern.primary().is_none_or(|primary| primary == colour);
         Glow {
             at_sample: self.at_sample(level, lit),
             direct,
+            colour: [0, 1, 2].map(|colour| f64::from(u8::from(has(colour)))),
         }
     }
 
@@ -337,6 +342,10 @@ impl Scene {
     /// Digital numbers of `shot`, [row, column, channel].
     pub(super) fn frame(&self, shot: &Shot, noise: Noise) -> Vec<u16> {
         let mut charge_e = self.charge_e(shot);
+        if self.format.channels == 3 {
+            self.crosstalk
+                .leak(&mut charge_e, self.format.width_px, self.format.height_px);
+        }
         let mut offset_e = Vec::new();
         if let Some(maps) = &self.maps {
             maps.expose(&mut charge_e, shot.exposure_s);
@@ -346,21 +355,26 @@ impl Scene {
             .digitise(&charge_e, &offset_e, shot.exposure_s, noise, shot.seed)
     }
 
-    /// Electrons of light in every pixel, [row, column, channel].
+    /// Electrons of light in every pixel, [row, column, channel], before any of it leaks.
     fn charge_e(&self, shot: &Shot) -> Vec<f32> {
         let channels = self.format.channels;
         let mut charge_e = vec![0.0; self.format.len()];
-        let mut add = |pixel: &Pixel, scale: f64, mut f: [f64; 3]| {
+        let seen = |light: DVec3| -> [f64; 3] {
             if channels == 1 {
-                f[0] = (f[0] + f[1] + f[2]) / 3.0;
+                [light.element_sum() / 3.0; 3]
+            } else {
+                light.to_array()
             }
+        };
+        let mut add = |pixel: &Pixel, scale: f64, f: DVec3| {
             let out = &mut charge_e[pixel.index * channels..][..channels];
-            for (out, f) in out.iter_mut().zip(f) {
+            for (out, f) in out.iter_mut().zip(seen(f)) {
                 *out += (scale * f) as f32;
             }
         };
         let light_e = self.sensitivity * shot.lamp;
         for (glow, visible_s) in &shot.seen {
+            let colour = DVec3::from(glow.colour);
             match (&glow.at_sample, &self.held) {
                 (AtSample::Spots(spots), Held::Sample(sample)) => {
                     for spot in spots.iter() {
@@ -368,14 +382,14 @@ impl Scene {
                         let scale = light_e * spot.light.irradiance * visible_s;
                         for pixel in &self.pixels {
                             let f = self.f(spot, pixel.mean_f(&lobes), pixel);
-                            add(pixel, scale, f);
+                            add(pixel, scale, DVec3::from(f) * colour);
                         }
                     }
                 }
                 (AtSample::Image(image), _) => {
                     for pixel in &self.pixels {
                         let radiance = f64::from(image[pixel.index]) * pixel.throughput;
-                        add(pixel, light_e * visible_s, [radiance; 3]);
+                        add(pixel, light_e * visible_s, radiance * colour);
                     }
                 }
                 (AtSample::Spots(_), Held::Mirror(_)) => {}
@@ -383,20 +397,20 @@ impl Scene {
         }
         if let Some(black) = &self.black {
             for (pixel, f) in self.pixels.iter().zip(black) {
-                add(pixel, light_e * shot.exposure_s, *f);
+                add(pixel, light_e * shot.exposure_s, DVec3::from(*f));
             }
         }
         if let Some(stray) = &self.stray {
             stray.add(&mut charge_e);
-            let lit: f64 = shot
+            let lit: DVec3 = shot
                 .seen
                 .iter()
-                .map(|(glow, visible_s)| glow.direct * visible_s)
+                .map(|(glow, visible_s)| glow.direct * visible_s * DVec3::from(glow.colour))
                 .sum();
-            let all = light_e * (lit + self.black_direct * shot.exposure_s);
+            let all = seen(light_e * (lit + self.black_direct * shot.exposure_s));
             if let Some(direct) = stray.direct() {
                 for (out, share) in charge_e.chunks_exact_mut(channels).zip(direct) {
-                    for out in out {
+                    for (out, all) in out.iter_mut().zip(all) {
                         *out += (all * share) as f32;
                     }
                 }

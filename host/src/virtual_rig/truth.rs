@@ -18,18 +18,14 @@ use serde::{Deserialize, Serialize};
 use crate::brdf::sample::Sample;
 use crate::instrument::rig::{Lens, Rig, RigError, explain};
 
-use super::figure::Figure;
-use super::flaws::{
-    BLACK_FIELD, CONTRASTS, Direct, Field, Flaws, Focus, Ghost, Glare, Lamp, Pixels, Pupils, log_uniform,
-};
+use super::flaws::Flaws;
 use super::held::Off;
-use super::knee::Knee;
-use super::seating::Seating;
+use super::tolerances::Tolerances;
 
 /// Version of a truth's file; 1 does not say so.
-const VERSION: u32 = 6;
+const VERSION: u32 = 7;
 /// What came with each later version.
-const NEWS: [(u32, &str); 5] = [
+const NEWS: [(u32, &str); 6] = [
     (2, "glare, the splitter's ghost and direct light"),
     (
         3,
@@ -44,6 +40,7 @@ const NEWS: [(u32, &str); 5] = [
         6,
         "how well things are seated in the holder, how sharp the projector is and how the camera's offset wanders",
     ),
+    (7, "charge that leaks between the camera's colours"),
 ];
 
 /// A virtual rig as it really is.
@@ -58,155 +55,6 @@ pub struct Truth {
     /// What no rig file says.
     #[serde(default)]
     pub flaws: Flaws,
-}
-
-/// How far a drawn truth strays from the nominal rig, as standard deviations.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tolerances {
-    /// Each coordinate of the optical centres of camera and projector and of the sample's centre, metres.
-    pub position_m: f64,
-    /// Each rotation of camera, projector, sample and the mirror's edges, degrees.
-    pub angle_deg: f64,
-    /// Half the range of the fields of throughput and intensity, relative: not a deviation but what is reached.
-    pub field: f64,
-    /// Light of a lit projector pixel over that of a black one; `None` draws it from [`CONTRASTS`], log-uniformly.
-    pub contrast: Option<f64>,
-    /// Share of light that is thrown aside; `None` draws it from [`GLARES`](super::GLARES), log-uniformly.
-    pub glare: Option<f64>,
-    /// Light of the ghost over that of the image; `None` draws it from [`GHOSTS`](super::GHOSTS), log-uniformly.
-    pub ghost: Option<f64>,
-    /// Radiance of direct light over that of a white sample; `None` draws it between 10⁻⁴ and 3·10⁻³, log-uniformly.
-    pub direct: Option<f64>,
-    /// Drift of the light in an hour, relative, of either sign; `None` draws it from [`DRIFTS`](super::DRIFTS), log-uniformly.
-    pub drift: Option<f64>,
-    /// Standard deviation of the light from exposure to exposure, relative; `None` draws it from
-    /// [`FLICKERS`](super::FLICKERS), log-uniformly.
-    pub flicker: Option<f64>,
-    /// By which share the edge of the projector's pupil is dimmer than its middle; `None` draws it from
-    /// [`FALLOFFS`](super::FALLOFFS), log-uniformly.
-    pub falloff: Option<f64>,
-    /// Slope of the mirror's figure error, RMS, radians; `None` draws it from [`FIGURES_RAD`](super::FIGURES_RAD),
-    /// log-uniformly.
-    pub figure_rad: Option<f64>,
-    /// Share of a signal at the full well that the camera does not show; `None` draws it from [`KNEES`](super::KNEES),
-    /// log-uniformly.
-    pub knee: Option<f64>,
-    /// Standard deviation of the height at which things are seated in the holder, metres; `None` draws it from
-    /// [`SEATINGS_M`](super::SEATINGS_M), log-uniformly.
-    pub seating_m: Option<f64>,
-    /// Standard deviation of where the light of a projector pixel goes, pixels; `None` draws it from [`BLURS_PX`](super::BLURS_PX),
-    /// log-uniformly.
-    pub blur_px: Option<f64>,
-    /// Standard uncertainty of the reflectance of each standard, relative: a certificate of a pressed or sintered PTFE standard
-    /// says 0.25 to 0.5 %.
-    pub standard: f64,
-    /// How the camera's pixels differ.
-    pub pixels: PixelTolerances,
-}
-
-/// How far the camera's pixels differ; see [`Pixels`]. `None` draws each log-uniformly.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PixelTolerances {
-    /// As [`Pixels::prnu`], drawn from [`PRNUS`](super::PRNUS).
-    pub prnu: Option<f64>,
-    /// As [`Pixels::dsnu_e`], drawn between 0.3 and 3 electrons.
-    pub dsnu_e: Option<f64>,
-    /// As [`Pixels::hot`], drawn between 10⁻⁵ and 10⁻³.
-    pub hot: Option<f64>,
-    /// As [`Pixels::row_noise_e`], drawn from [`ROW_NOISES_E`](super::ROW_NOISES_E).
-    pub row_noise_e: Option<f64>,
-    /// As [`Pixels::wander_e`], drawn from [`WANDERS_E`](super::WANDERS_E).
-    pub wander_e: Option<f64>,
-}
-
-impl PixelTolerances {
-    /// All of it drawn.
-    pub const DRAWN: Self = Self {
-        prnu: None,
-        dsnu_e: None,
-        hot: None,
-        row_noise_e: None,
-        wander_e: None,
-    };
-
-    fn drawn(self, seed: u64) -> Pixels {
-        let drawn = Pixels::drawn(seed);
-        Pixels {
-            prnu: self.prnu.unwrap_or(drawn.prnu),
-            dsnu_e: self.dsnu_e.unwrap_or(drawn.dsnu_e),
-            hot: self.hot.unwrap_or(drawn.hot),
-            row_noise_e: self.row_noise_e.unwrap_or(drawn.row_noise_e),
-            wander_e: self.wander_e.unwrap_or(drawn.wander_e),
-            ..drawn
-        }
-    }
-}
-
-impl Tolerances {
-    /// What can be drawn is drawn; nothing else strays.
-    pub const DRAWN: Self = Self {
-        position_m: 0.0,
-        angle_deg: 0.0,
-        field: 0.0,
-        contrast: None,
-        glare: None,
-        ghost: None,
-        direct: None,
-        drift: None,
-        flicker: None,
-        falloff: None,
-        figure_rad: None,
-        knee: None,
-        seating_m: None,
-        blur_px: None,
-        standard: 0.0,
-        pixels: PixelTolerances::DRAWN,
-    };
-
-    /// Flaws of a rig that should be `nominal`, drawn from `rng`, those of its sensor from `seed`.
-    fn flaws(self, nominal: &Rig, seed: u64, rng: &mut Xoshiro256PlusPlus) -> Flaws {
-        let (throughput, intensity) = (Field::drawn(self.field, rng), Field::drawn(self.field, rng));
-        let drawn = log_uniform(CONTRASTS, rng);
-        let drawn = nominal.projector.contrast.unwrap_or(drawn);
-        let mut flaws = Flaws {
-            throughput,
-            intensity,
-            black_level: self.contrast.unwrap_or(drawn).recip(),
-            black: Field::drawn(BLACK_FIELD, rng),
-            gamma: 2.2,
-            nonlinearity: 0.01,
-            interreflection: 0.005,
-            standards: [0.0; 2],
-            glare: Glare::drawn(rng),
-            ghost: Ghost::drawn(rng),
-            direct: Direct::drawn(rng),
-            lamp: Lamp::default(),
-            pixels: self.pixels.drawn(seed),
-            pupils: Pupils::default(),
-            figure: Figure::drawn(seed),
-            knee: Knee::drawn(seed),
-            seating: Seating::drawn(seed),
-            focus: Focus::drawn(seed),
-        };
-        flaws.standards = std::array::from_fn(|_| {
-            let normal: f64 = rng.sample(StandardNormal);
-            self.standard * normal
-        });
-        flaws.glare.share = self.glare.unwrap_or(flaws.glare.share);
-        flaws.ghost.share = self.ghost.unwrap_or(flaws.ghost.share);
-        flaws.direct.share = self.direct.unwrap_or(flaws.direct.share);
-        flaws.lamp = Lamp::drawn(rng);
-        let sign = flaws.lamp.drift_per_h.signum();
-        flaws.lamp.drift_per_h = self.drift.map_or(flaws.lamp.drift_per_h, |drift| sign * drift);
-        flaws.lamp.flicker = self.flicker.unwrap_or(flaws.lamp.flicker);
-        flaws.pupils = Pupils::drawn([nominal.camera.lens.pupil_m, nominal.projector.lens.pupil_m], rng);
-        flaws.knee.loss = self.knee.unwrap_or(flaws.knee.loss);
-        flaws.seating.height_m = self.seating_m.unwrap_or(flaws.seating.height_m);
-        flaws.focus.blur_px = self.blur_px.unwrap_or(flaws.focus.blur_px);
-        flaws.figure.slope_rad = self.figure_rad.unwrap_or(flaws.figure.slope_rad);
-        flaws.pupils.falloff = self.falloff.unwrap_or(flaws.pupils.falloff);
-        flaws
-    }
 }
 
 impl Truth {
@@ -289,6 +137,25 @@ impl Truth {
         Ok(truth)
     }
 
+    /// What was expected and found, if this is no truth of this version.
+    fn other_version(&self) -> Option<(String, String)> {
+        if self.version == VERSION {
+            return None;
+        }
+        let news = NEWS.iter().filter(|(since, _)| *since > self.version);
+        let news: Vec<&str> = news.map(|(_, what)| *what).collect();
+        let also = if news.is_empty() {
+            String::new()
+        } else {
+            format!(", which also has {}", news.join(", and "))
+        };
+        let found = match self.version {
+            0 => "none".to_owned(),
+            version => version.to_string(),
+        };
+        Some((format!("{VERSION}{also}; `rcg truth` draws one"), found))
+    }
+
     /// Refuses another version, and flaws that nothing real has; `path` is where it was read.
     fn check(&self, path: &Path) -> Result<(), RigError> {
         let refuse = |field: &str, expected: String, found: String| RigError::Field {
@@ -297,20 +164,7 @@ impl Truth {
             expected,
             found,
         };
-        if self.version != VERSION {
-            let news = NEWS.iter().filter(|(since, _)| *since > self.version);
-            let news: Vec<&str> = news.map(|(_, what)| *what).collect();
-            let also = if news.is_empty() {
-                String::new()
-            } else {
-                format!(", which also has {}", news.join(", and "))
-            };
-            let expected = format!("{VERSION}{also}; `rcg truth` draws one");
-            let found = if self.version == 0 {
-                "none".to_owned()
-            } else {
-                self.version.to_string()
-            };
+        if let Some((expected, found)) = self.other_version() {
             return Err(refuse("version", expected, found));
         }
         self.rig.validate()?;
@@ -323,6 +177,7 @@ impl Truth {
             pupils,
             figure,
             knee,
+            crosstalk,
             seating,
             focus,
             ..
@@ -357,6 +212,10 @@ impl Truth {
             ("flaws.pupils.falloff", pupils.falloff, 0.0, 1.0),
             ("flaws.pupils.blades_deg", pupils.blades_deg, -360.0, 360.0),
             ("flaws.figure.slope_rad", figure.slope_rad, 0.0, 0.01),
+            ("flaws.crosstalk.share", crosstalk.share, 0.0, 0.2),
+            ("flaws.crosstalk.oblique", crosstalk.oblique, 0.0, 1.0),
+            ("flaws.crosstalk.straight[0]", crosstalk.straight[0], -1.0, 1.0),
+            ("flaws.crosstalk.straight[1]", crosstalk.straight[1], -1.0, 1.0),
             ("flaws.knee.start", knee.start, 0.0, 0.99),
             ("flaws.knee.loss", knee.loss, 0.0, 0.5),
             ("flaws.seating.height_m", seating.height_m, 0.0, 0.01),
@@ -397,7 +256,8 @@ impl Truth {
 mod tests {
     use glam::DVec3;
 
-    use super::super::flaws::{GHOSTS, GLARES, PRNUS, ROW_NOISES_E};
+    use super::super::crosstalk::CROSSTALKS;
+    use super::super::flaws::{CONTRASTS, GHOSTS, GLARES, PRNUS, ROW_NOISES_E};
     use super::*;
 
     #[test]
@@ -415,6 +275,7 @@ mod tests {
             let truth = Truth::drawn(&nominal, tolerances, seed).unwrap();
             squares += truth.rig.camera.lens.offset_m.map(|m| m * m).iter().sum::<f64>();
             assert!(CONTRASTS.contains(&truth.flaws.black_level.recip()));
+            assert!(CROSSTALKS.contains(&truth.flaws.crosstalk.share));
             assert!(GLARES.contains(&truth.flaws.glare.share) && GHOSTS.contains(&truth.flaws.ghost.share));
             let pixels = &truth.flaws.pixels;
             assert!(PRNUS.contains(&pixels.prnu) && ROW_NOISES_E.contains(&pixels.row_noise_e));
@@ -444,14 +305,14 @@ mod tests {
             std::fs::write(&path, text).unwrap();
             Truth::load(&path).unwrap_err().to_string()
         };
-        let older = refusal(truth.to_toml().replacen("version = 6\n", "", 1));
+        let older = refusal(truth.to_toml().replacen("version = 7\n", "", 1));
         assert!(
-            older.contains("version: expected 6, which also has glare") && older.ends_with("found none"),
+            older.contains("version: expected 7, which also has glare") && older.ends_with("found none"),
             "{older}"
         );
-        let before = refusal(truth.to_toml().replacen("version = 6\n", "version = 2\n", 1));
+        let before = refusal(truth.to_toml().replacen("version = 7\n", "version = 2\n", 1));
         assert!(
-            before.contains("version: expected 6, which also has the lamp's drift")
+            before.contains("version: expected 7, which also has the lamp's drift")
                 && before.ends_with("found 2"),
             "{before}"
         );
@@ -470,6 +331,7 @@ mod tests {
                 flaws.pixels.row_noise_e = f64::NAN;
             }),
             ("flaws.figure.slope_rad", |flaws| flaws.figure.slope_rad = 0.1),
+            ("flaws.crosstalk.share", |flaws| flaws.crosstalk.share = 0.3),
             ("flaws.knee.start", |flaws| flaws.knee.start = 1.0),
             ("flaws.seating.height_m", |flaws| flaws.seating.height_m = -1e-4),
             ("flaws.focus.blur_px", |flaws| flaws.focus.blur_px = 11.0),

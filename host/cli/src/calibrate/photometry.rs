@@ -217,6 +217,18 @@ fn pixels(camera: &CameraFound) -> String {
     )
 }
 
+fn crosstalk(found: &Photometry) -> String {
+    let Some(crosstalk) = &found.crosstalk else {
+        return "none: the camera has no colours".to_owned();
+    };
+    let uncertainty = crosstalk.standard_uncertainty.iter().flatten().copied();
+    format!(
+        "up to {:.2} % of a channel's light is of other primaries, known to {:.3} % (k = 1)",
+        100.0 * crosstalk.most(),
+        100.0 * uncertainty.fold(0.0, f64::max)
+    )
+}
+
 fn interreflection(found: &Photometry) -> String {
     let percent = |share: f64| format!("{:.3} %", 100.0 * share);
     found.interreflection.map_or_else(
@@ -259,6 +271,7 @@ fn text(summary: &Summary) -> String {
                 100.0 * camera.linear_to
             ),
         ),
+        ("colours", crosstalk(found)),
         (
             "contrast",
             found.contrast.map_or_else(

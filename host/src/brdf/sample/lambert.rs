@@ -13,27 +13,32 @@ const ALBEDO: Parameter = Parameter {
     max: 1.0,
 };
 
-/// Perfectly diffuse material, f = albedo/π in every channel.
+/// Perfectly diffuse material, f = albedo/π.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lambert {
-    /// Reflected fraction of the incident power, 0–1, for every incident direction.
-    pub albedo: f64,
+    /// Reflected fraction of the incident power of each channel, 0–1, for every incident direction.
+    pub albedo: [f64; 3],
 }
 
 impl Default for Lambert {
     fn default() -> Self {
-        Self { albedo: 0.5 }
+        Self { albedo: [0.5; 3] }
     }
 }
 
 impl Lambert {
-    /// From what follows the colon in `spec`: nothing, or the albedo.
+    /// From what follows the colon in `spec`: nothing, the albedo, or those of red, green and blue.
     pub(super) fn from_arguments(spec: &str, arguments: Option<&str>) -> Result<Self, SampleError> {
-        arguments.map_or(Ok(Self::default()), |text| {
-            Ok(Self {
-                albedo: spec::number(spec, &ALBEDO, text)?,
-            })
-        })
+        let Some(text) = arguments else {
+            return Ok(Self::default());
+        };
+        let each: Vec<&str> = text.split(',').collect();
+        let number = |text: &str| spec::number(spec, &ALBEDO, text);
+        let albedo = match *each.as_slice() {
+            [red, green, blue] => [number(red)?, number(green)?, number(blue)?],
+            _ => [number(text)?; 3],
+        };
+        Ok(Self { albedo })
     }
 }
 
@@ -43,7 +48,7 @@ impl Sample for Lambert {
             Box::new(Unlit)
         } else {
             Box::new(Lit {
-                f: self.albedo * FRAC_1_PI,
+                f: self.albedo.map(|albedo| albedo * FRAC_1_PI),
             })
         }
     }
@@ -55,12 +60,12 @@ impl Sample for Lambert {
 
 /// A Lambert surface under an incident direction above the horizon.
 struct Lit {
-    f: f64,
+    f: [f64; 3],
 }
 
 impl Outgoing for Lit {
     fn f(&self, wo: DVec3) -> [f64; 3] {
-        if below_horizon(wo) { [0.0; 3] } else { [self.f; 3] }
+        if below_horizon(wo) { [0.0; 3] } else { self.f }
     }
 }
 
@@ -71,12 +76,13 @@ mod tests {
 
     #[test]
     fn is_constant_above_the_horizon_and_zero_below() {
-        let sample = Lambert { albedo: 0.8 };
+        let albedo = [0.8, 0.4, 0.1];
+        let sample = Lambert { albedo };
         let up = from_degrees(20.0, 70.0);
         for (theta_deg, lit) in [(0.0, true), (89.9, true), (90.0, false), (120.0, false)] {
             let w = from_degrees(theta_deg, 200.0);
-            let expected = if lit { 0.8 * FRAC_1_PI } else { 0.0 };
-            let is_expected = |f: [f64; 3]| f.iter().all(|value| (value - expected).abs() < 1e-15);
+            let expected = albedo.map(|albedo| if lit { albedo * FRAC_1_PI } else { 0.0 });
+            let is_expected = |f: [f64; 3]| f.iter().zip(expected).all(|(f, e)| (f - e).abs() < 1e-15);
             assert!(is_expected(sample.f(up, w)), "outgoing at {theta_deg}");
             assert!(is_expected(sample.f(w, up)), "incident at {theta_deg}");
         }

@@ -99,7 +99,7 @@ fn albedo(sample: &dyn Sample, wi: DVec3) -> f64 {
 
 #[test]
 fn lambert_reflects_its_albedo() {
-    let found = albedo(&Lambert { albedo: 0.7 }, from_degrees(60.0, 10.0));
+    let found = albedo(&Lambert { albedo: [0.7; 3] }, from_degrees(60.0, 10.0));
     assert!((found - 0.7).abs() < 1e-6, "{found}");
 }
 

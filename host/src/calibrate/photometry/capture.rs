@@ -7,6 +7,7 @@
 //! |---|---|---|
 //! | standard | one per exposure time of the series | half of one spot, half black |
 //! | | one | a spot as wide as the shortest time allows at all levels of grey, of that time |
+//! | | one, if the camera has colours | the same spot in one primary after the other, of that time |
 //! | | one | black |
 //! | | one per 16 incident directions | one of each direction |
 //! | standard, at each tilt that is asked for | one | black |
@@ -32,7 +33,7 @@ use crate::base::progress::Progress;
 use crate::calibrate::{CalibrateError, RIG, create_raw, file, open_raw, segment_of};
 use crate::capture::{Instrument, Tally};
 use crate::instrument::calibration::photometry::COMMAND;
-use crate::instrument::calibration::{CalibrationError, lights};
+use crate::instrument::calibration::{COLOURS, CalibrationError, lights};
 use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::monitor::watching;
 use crate::instrument::optics::View;
@@ -124,6 +125,8 @@ pub(super) enum Shows {
     /// Half of one spot, half black, of the exposure time of this index.
     Series(usize),
     Levels,
+    /// One primary after the other.
+    Colours,
     /// Darkness, of the stand of this index.
     Black(usize),
     /// Incident directions of the stand of this index, from this place in [`Stand::directions`] on.
@@ -214,6 +217,9 @@ impl Views {
             |stand: usize| (0..self.stands[stand].directions.len() / SEGMENT).map(|chunk| chunk * SEGMENT);
         let mut all: Vec<Shows> = (0..self.times_s.len()).map(Shows::Series).collect();
         all.push(Shows::Levels);
+        if usize::from(self.rig.camera.channels) == COLOURS {
+            all.push(Shows::Colours);
+        }
         for stand in 0..self.stands.len() {
             all.push(Shows::Black(stand));
             all.extend(chunks(stand).map(|first| Shows::Directions(stand, first)));
@@ -231,7 +237,7 @@ impl Views {
     fn exposure_of(&self, shows: Shows) -> f64 {
         match shows {
             Shows::Series(index) | Shows::Dark(index) => self.times_s[index],
-            Shows::Levels => self.times_s[0],
+            Shows::Levels | Shows::Colours => self.times_s[0],
             _ => self.exposure_s,
         }
     }
@@ -346,9 +352,9 @@ pub(super) fn layout(segments: usize, format: FrameFormat) -> RawLayout {
 }
 
 impl Shows {
-    /// Whether the lamp is watched: not where all that is lit is grey, or nothing is.
+    /// Whether the lamp is watched: not where all that is lit is grey or coloured, or nothing is.
     const fn is_watched(self) -> bool {
-        !matches!(self, Self::Levels | Self::Dark(_))
+        !matches!(self, Self::Levels | Self::Colours | Self::Dark(_))
     }
 
     /// Draws the `exposure` of this number of the segment into the black `image`.
@@ -359,6 +365,12 @@ impl Shows {
                 image.light(&series.wide);
                 image.set_level(super::level(exposure));
             }
+            Self::Colours => {
+                if let Some(primary) = primary(exposure) {
+                    image.light(&series.wide);
+                    image.set_primary(Some(primary as u8));
+                }
+            }
             Self::Directions(_, first) | Self::SecondDirections(first) => {
                 image.light(&holder.lit(holder.directions[first + exposure]));
             }
@@ -368,6 +380,12 @@ impl Shows {
             Self::Series(_) | Self::Black(_) | Self::SecondBlack | Self::Dark(_) => {}
         }
     }
+}
+
+/// The primary that is lit in the exposure of this number of a segment of colours; `None` for a black one.
+pub(super) const fn primary(exposure: usize) -> Option<usize> {
+    let primary = exposure % (COLOURS + 1);
+    if primary < COLOURS { Some(primary) } else { None }
 }
 
 /// What the series lights.

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use super::camera::Times;
-use super::capture::{SEGMENT, Shows, VIEWS, Views};
+use super::capture::{SEGMENT, Shows, VIEWS, Views, primary};
+use super::crosstalk::Colours;
 use super::interreflection::{interreflected, interreflection};
 use super::linear::Linear;
 use super::pixels::{self, Layout, every_second};
@@ -13,7 +14,7 @@ use super::{CalibrateError, capture};
 use crate::base::text::by;
 use crate::brdf::sample::Sample;
 use crate::instrument::calibration::stray::Removal;
-use crate::instrument::calibration::{CalibrationError, Interreflection, LampFound, Stray};
+use crate::instrument::calibration::{CalibrationError, Crosstalk, Interreflection, LampFound, Stray};
 use crate::instrument::rig::Rig;
 use crate::plan::Exposure;
 use crate::store::{RawStore, Segment};
@@ -142,6 +143,41 @@ impl<'a> Captured<'a> {
         (linear.levels(&levels, &black), light.collect())
     }
 
+    /// What the camera's colours show of each other, by the `standard` and a lamp with this `flicker`; `None` if it has none.
+    ///
+    /// # Errors
+    /// [`CalibrateError::Views`] if there is too little light to tell.
+    pub(super) fn crosstalk(
+        &self,
+        linear: &Linear,
+        standard: &dyn Sample,
+        flicker: f64,
+    ) -> Result<Option<Crosstalk>, CalibrateError> {
+        let frames = self.frames(Shows::Colours);
+        if frames.is_empty() {
+            return Ok(None);
+        }
+        let of = |wanted: Option<usize>| -> Vec<&[u16]> {
+            let numbered = frames.iter().enumerate();
+            let wanted = numbered.filter(|(exposure, _)| primary(*exposure) == wanted);
+            wanted.map(|(_, frame)| *frame).collect()
+        };
+        let format = self.views.rig_of(0)?.frame_format();
+        let colours = Colours {
+            of_primary: std::array::from_fn(|primary| of(Some(primary))),
+            black: of(None),
+            size_px: [format.width_px, format.height_px],
+            standard,
+            flicker,
+        };
+        let found = colours.crosstalk(linear);
+        found.map(Some).ok_or_else(|| CalibrateError::Views {
+            expected: "frames of the standard in red, green and blue light".to_owned(),
+            found: "too little light to tell what the camera's colours show of each other".to_owned(),
+            advice: "is the standard in place, and lit?",
+        })
+    }
+
     /// What was seen of the `standard` at the stand of this index, and the frames of it; `black` is its black frame, linear.
     pub(super) fn standard_at<'b>(
         &'b self,
@@ -244,17 +280,16 @@ impl<'a> Captured<'a> {
         ))
     }
 
-    /// The interreflection from the second standard, named `spec`, beside the `first`, which has its `own` (see
+    /// The interreflection from the `second` standard, with its name, beside the `first`, which has its `own` (see
     /// [`interreflected`]); both are known to a relative standard uncertainty.
     pub(super) fn interreflection(
         &self,
-        spec: &str,
+        (second, spec): (&dyn Sample, &str),
         linear: &Linear,
         other: OtherLight,
         first: &Seen,
         (own, standard_uncertainty): (f64, f64),
     ) -> Result<Interreflection, CalibrateError> {
-        let second = crate::brdf::sample::parse(spec).map_err(crate::virtual_rig::setup::SetupError::from)?;
         let black = self.black(Shows::SecondBlack, linear);
         let removal = self.removal(0, other)?;
         let mut other = Seen::new(self.views, 0)?;
@@ -264,19 +299,7 @@ impl<'a> Captured<'a> {
             Shows::SecondDirections(first) => Some(first),
             _ => None,
         };
-        self.lit(
-            &mut other,
-            is_of_it,
-            linear,
-            &black,
-            &removal,
-            (second.as_ref(), spec),
-        )?;
-        interreflection(
-            first,
-            &other,
-            (own, interreflected(second.as_ref())),
-            standard_uncertainty,
-        )
+        self.lit(&mut other, is_of_it, linear, &black, &removal, (second, spec))?;
+        interreflection(first, &other, (own, interreflected(second)), standard_uncertainty)
     }
 }

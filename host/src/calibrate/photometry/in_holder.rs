@@ -23,7 +23,7 @@ impl Shows {
     /// The stand, and what stands there.
     pub(super) fn in_holder(self) -> (usize, InHolder) {
         match self {
-            Self::Series(_) | Self::Levels => (0, InHolder::Standard),
+            Self::Series(_) | Self::Levels | Self::Colours => (0, InHolder::Standard),
             Self::Black(stand) | Self::Directions(stand, _) => (stand, InHolder::Standard),
             Self::SecondBlack | Self::SecondDirections(_) => (0, InHolder::Second),
             Self::Dark(_) => (0, InHolder::Trap),

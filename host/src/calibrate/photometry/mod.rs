@@ -14,6 +14,7 @@
 //! | `field` | smooth fields over an image |
 //! | `rank_one` | light and throughput from the standard |
 //! | `interreflection` | what returns onto the sample, from two standards |
+//! | `crosstalk` | what the camera's colours show of each other |
 //! | `contrast` | light of black projector pixels |
 //! | `stray` | glare, ghost and direct light |
 //! | `share` | what of both images the standard truly filled |
@@ -31,6 +32,7 @@ mod camera;
 mod capture;
 mod captured;
 mod contrast;
+mod crosstalk;
 mod exposure;
 mod in_holder;
 mod interreflection;
@@ -53,6 +55,7 @@ pub use weakness::{Height, Weakness, height, weaknesses};
 use camera::{Times, camera, flicker, set_linearity};
 use capture::Shows;
 use captured::{Black, Captured, OtherLight};
+use crosstalk::AsSeen;
 use interreflection::interreflected;
 use linear::Linear;
 use pixels::Layout;
@@ -88,12 +91,8 @@ fn level(index: usize) -> u8 {
 /// [`CalibrateError`].
 pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, CalibrateError> {
     let (views, raw) = Views::read(dir)?;
-    let rig_path = dir.join(RIG);
-    check_rig(
-        &dir.join(capture::RAW),
-        &Rig::load(&rig_path.display().to_string())?,
-        &rig_hash(&views.rig),
-    )?;
+    let calibrated = Rig::load(&dir.join(RIG).display().to_string())?;
+    check_rig(&dir.join(capture::RAW), &calibrated, &rig_hash(&views.rig))?;
     let rig = views.rig_of(0)?;
     let captured = Captured::read(dir, &views, &raw, &rig)?;
     let mut series = captured.series();
@@ -106,14 +105,15 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     };
     let (projector_response, black_light) = captured.levels(&linear, &series);
 
-    let standard =
-        crate::brdf::sample::parse(&views.standard).map_err(crate::virtual_rig::setup::SetupError::from)?;
+    let mut standard = AsSeen::new(&views.standard, None)?;
+    let crosstalk = captured.crosstalk(&linear, &standard, flicker)?;
+    standard.crosstalk = crosstalk;
     let (mut all, mut frames) = (Vec::new(), Vec::new());
     let blacks: Vec<Black> = (0..views.stands.len())
         .map(|stand| captured.black(Shows::Black(stand), &linear))
         .collect();
     for (stand, black) in blacks.iter().enumerate() {
-        let (seen, shown) = captured.standard_at(stand, &linear, black, other, standard.as_ref())?;
+        let (seen, shown) = captured.standard_at(stand, &linear, black, other, &standard)?;
         all.push(seen);
         frames.push(shown);
     }
@@ -122,13 +122,17 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     let prnu = captured.prnu(&all, &linear, &Layout::of(&rig));
     let mut camera = linear.sensor;
     (camera.prnu, camera.prnu_is_assumed) = (prnu.unwrap_or(MOST_PRNU), prnu.is_none());
-    let own = interreflected(standard.as_ref());
+    let own = interreflected(&standard);
     let interreflection = match &views.second_standard {
         None => None,
         Some(spec) => {
-            Some(captured.interreflection(spec, &linear, other, &all[0], (own, standard_uncertainty))?)
+            let second = AsSeen::new(spec, crosstalk)?;
+            let known = (own, standard_uncertainty);
+            Some(captured.interreflection((&second, spec), &linear, other, &all[0], known)?)
         }
     };
+    // The standard's own interreflection is no property of the instrument.
+    let without = 1.0 + own * interreflection.map_or(0.0, |found| found.share);
     let photometry = Photometry {
         version: PHOTOMETRY_VERSION,
         sights: all.iter().map(Seen::sight).collect(),
@@ -136,22 +140,18 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
         standard: views.standard.clone(),
         standard_uncertainty,
         camera,
+        crosstalk,
         contrast: contrast::contrast(
             &all[0],
             (&rig, views.times_s[0]),
             &fields,
-            standard.as_ref(),
+            &standard,
             &black_light,
         ),
         gamma: gamma(&projector_response),
         projector_response,
         field_residual: fields.residual_beside(&camera.of_image(&rig.camera.binned)),
-        // The standard's own interreflection is no property of the instrument.
-        sensitivity: fields
-            .sensitivity
-            .into_iter()
-            .map(|k| k / (1.0 + own * interreflection.map_or(0.0, |found| found.share)))
-            .collect(),
+        sensitivity: fields.sensitivity.into_iter().map(|k| k / without).collect(),
         throughput: fields.throughput,
         intensity: fields.intensity,
         lamp_uncertainty: fields.by_lamp,

@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::base::progress::Silent;
-use crate::instrument::calibration::CameraFound;
+use crate::instrument::calibration::{CameraFound, Crosstalk};
+use crate::instrument::frame_format::place_of_pixel;
 use crate::instrument::optics::{DirectionMap, View};
 use crate::instrument::rig::{ROUNDING_DN2, Tilt};
 use crate::plan::Virtual;
@@ -102,12 +103,57 @@ fn assert_camera(found: &CameraFound, truth: &Truth, rig: &Rig) {
     assert!(sensor.hot < 1.2 * pixels.hot, "{sensor:?} {pixels:?}");
 }
 
+/// What channels show of each other was `found` as it truly is; returns what each shows of white light in the middle of the image.
+fn assert_crosstalk(found: &Crosstalk, truth: &Truth) -> [f64; 3] {
+    let size = SIZE as usize;
+    let of_primary = [0, 1, 2].map(|primary| {
+        let mut image = vec![0.0; size * size * 3];
+        for pixel in image.as_chunks_mut::<3>().0 {
+            pixel[primary] = 1.0;
+        }
+        truth.flaws.crosstalk.leak(&mut image, size, size);
+        image
+    });
+    let shown = |pixel: usize, channel: usize| {
+        of_primary
+            .each_ref()
+            .map(|image| f64::from(image[pixel * 3 + channel]))
+    };
+    for pixel in [
+        size / 2 * size + size / 2,
+        size / 2 * size + size / 5,
+        size / 5 * size + size / 2,
+    ] {
+        let [x, y] = place_of_pixel(pixel, size, size);
+        let shares = found.at(x, y);
+        for channel in 0..3 {
+            let shown = shown(pixel, channel);
+            let white: f64 = shown.iter().sum();
+            for (primary, shown) in shown.iter().enumerate() {
+                let true_share = shown / white;
+                let uncertainty = found.standard_uncertainty[channel][primary];
+                let error = shares.col(primary)[channel] - true_share;
+                assert!(
+                    error.abs() < 3.0 * uncertainty + 2e-5,
+                    "{channel} {primary}: {error} {found:?}"
+                );
+                assert!(uncertainty < 2e-3, "{found:?}");
+            }
+        }
+    }
+    [0, 1, 2].map(|channel| shown(size / 2 * size + size / 2, channel).iter().sum())
+}
+
 #[test]
 fn fields_camera_response_and_interreflection_are_found() {
-    let (truth, found) = calibrated(Some("lambert:0.2"), |_| {});
+    // Not white: what channels show of each other has to be known of the standard too.
+    let (truth, found) = calibrated(Some("lambert:0.2"), |request| {
+        request.standard = "lambert:0.98,0.9,0.8".to_owned();
+    });
     let found = found.unwrap();
     let rig = truth.rig.with_image_size(SIZE).unwrap();
     println!("{:?} {:?}", found.camera, found.interreflection);
+    let white = assert_crosstalk(&found.crosstalk.unwrap(), &truth);
     assert_camera(&found.camera, &truth, &rig);
     assert!((found.gamma - truth.flaws.gamma).abs() < 0.02, "{}", found.gamma);
     let contrast = found.contrast.unwrap() * truth.flaws.black_level;
@@ -145,7 +191,7 @@ fn fields_camera_response_and_interreflection_are_found() {
             let product = truth.flaws.throughput.at(*x, *y) * truth.flaws.intensity.at(*u, *v);
             (lowest, highest) = (lowest.min(product), highest.max(product));
             let fitted = found.sensitivity[0] * found.throughput.at(*x, *y) * found.intensity.at(*u, *v);
-            errors.push(fitted / (scale * product));
+            errors.push(fitted / (scale * product * white[0]));
         }
     }
     errors.sort_by(f64::total_cmp);

@@ -10,12 +10,14 @@
 //! | `geometry` | directions and edges |
 //! | `photometry` | light, throughput and camera |
 //! | `field` | smooth fields over an image |
+//! | `crosstalk` | what the camera's colours show of each other |
 //! | `sight` | where the standard was seen and lit |
 //! | `stray` | glare, ghost and direct light, and how images lose them |
 //! | `lamp` | how steady the light is |
 //! | `lights` | the incident directions with which it is lit |
 //! | `file` | JSON of finite numbers |
 
+mod crosstalk;
 mod field;
 pub(crate) mod file;
 pub(crate) mod geometry;
@@ -35,6 +37,8 @@ use crate::instrument::rig::{Rig, RigError, Tilt};
 use crate::store::checksum::sum;
 use crate::store::whole_file::FileError;
 
+pub(crate) use crosstalk::COLOURS;
+pub use crosstalk::Crosstalk;
 pub use field::SmoothField;
 pub(crate) use field::{HIGHEST, TERMS, degree, terms};
 pub use geometry::{Found, GEOMETRY, Geometry, WORST_DEG};

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use super::crosstalk::{COLOURS, Crosstalk};
 use super::field::{self, SmoothField};
 use super::lamp::LampFound;
 use super::seen_part::SeenPart;
@@ -19,8 +20,8 @@ pub(crate) const COMMAND: &str = "rcg calibrate photometry --out DIR";
 /// Version of `photometry.json`: 2 says where the standard was seen, 3 what the end of a field's series leaves; 4
 /// describes pixels of the sensor, not of the image; 5 has stray light, 6 the lamp and what pixels and rows differ by, 7 what
 /// part of the sample is seen, 8 up to where the camera is linear, 9 has of what watches the lamp its own light only,
-/// 10 states what the lamp of the standard makes of all.
-pub(crate) const PHOTOMETRY_VERSION: u32 = 10;
+/// 10 states what the lamp of the standard makes of all, 11 has what the camera's colours show of each other.
+pub(crate) const PHOTOMETRY_VERSION: u32 = 11;
 
 /// What calibration found, as `photometry.json` has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -37,6 +38,9 @@ pub struct Photometry {
     pub standard_uncertainty: f64,
     /// The camera.
     pub camera: CameraFound,
+    /// What its colours show of each other, if it has any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub crosstalk: Option<Crosstalk>,
     /// Light of the projector with all pixels lit over that with all black; none if black is black.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contrast: Option<f64>,
@@ -176,6 +180,21 @@ impl Photometry {
         }
         if let Some((field, expected)) = self.lamp.flaw(self.sensitivity.len()) {
             return content(&format!("lamp.{field}"), expected, "another".to_owned());
+        }
+        if self.crosstalk.is_some() != (self.sensitivity.len() == COLOURS) {
+            let expected = format!("one where there are {COLOURS} channels, none else");
+            return content(
+                "crosstalk",
+                expected,
+                format!("{} channels", self.sensitivity.len()),
+            );
+        }
+        if let Some((field, expected)) = self.crosstalk.as_ref().and_then(Crosstalk::flaw) {
+            return content(
+                &format!("crosstalk.{field}"),
+                expected.to_owned(),
+                "others".to_owned(),
+            );
         }
         if let Some((field, expected)) = self.seen_part.as_ref().and_then(SeenPart::flaw) {
             return content(

@@ -30,7 +30,7 @@ pub struct Flaw {
 }
 
 /// All flaws that are drawn.
-pub const FLAWS: [Flaw; 16] = [
+pub const FLAWS: [Flaw; 17] = [
     flaw("--position-mm", 0, [0.1, 3.0], 1.0),
     flaw("--angle-deg", 0, [0.05, 2.0], 0.5),
     flaw("--field-percent", 1, [5.0, 30.0], 30.0),
@@ -47,6 +47,7 @@ pub const FLAWS: [Flaw; 16] = [
     flaw("--seating-mm", 0, [0.02, 0.1], 0.05),
     flaw("--blur-px", 1, [0.3, 0.8], 0.4),
     flaw("--wander-e", 6, [0.1, 1.0], 0.3),
+    flaw("--crosstalk-percent", 8, [0.5, 3.0], 1.0),
 ];
 
 const fn flaw(option: &'static str, group: usize, [good, bad]: [f64; 2], careful: f64) -> Flaw {
@@ -160,9 +161,10 @@ const TILTS: [&str; 3] = ["51:84:40", "52:100:-44", "54:45:60"];
 /// Share of the rigs whose standard is captured at a tilt too.
 const TILTED: f64 = 0.5;
 /// Samples that are drawn beside lobes by chance.
-const SAMPLES: [&str; 8] = [
+const SAMPLES: [&str; 9] = [
     "lambert:0.5",
     "lambert:0.18",
+    "lambert:0.6,0.3,0.06",
     "ward:brass",
     "ggx:metal",
     "ggx:satin",

@@ -110,11 +110,14 @@ impl Stage {
         self.timeline = VecDeque::from([(Ticks::ZERO, Glow::default())]);
     }
 
-    /// Shows the pixels `lit` at `level` of 255, which do `light`.
-    pub(super) fn load_pattern(&mut self, lit: &[u32], level: u8, light: Glow) {
+    /// Shows the pixels `lit` at `level` of 255, in one primary or white, which do `light`.
+    pub(super) fn load_pattern(&mut self, lit: &[u32], (level, primary): (u8, Option<u8>), light: Glow) {
         self.patterns.push(light);
         if level != u8::MAX {
             self.fingerprint = mix(self.fingerprint, !u64::from(level));
+        }
+        if let Some(primary) = primary {
+            self.fingerprint = mix(self.fingerprint, !(u64::from(primary) << 8));
         }
         for &pixel in lit {
             self.fingerprint = mix(self.fingerprint, u64::from(pixel));

@@ -19,6 +19,7 @@ fn light(irradiance: f64) -> Glow {
             .into(),
         ),
         direct: 0.0,
+        colour: [1.0; 3],
     }
 }
 
@@ -43,7 +44,7 @@ fn stage() -> Stage {
         CLOCK_HZ,
     );
     for index in 1..=4 {
-        stage.load_pattern(&[index], u8::MAX, light(f64::from(index)));
+        stage.load_pattern(&[index], (u8::MAX, None), light(f64::from(index)));
     }
     stage.arm_camera();
     stage
