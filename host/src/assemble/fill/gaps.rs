@@ -1,16 +1,17 @@
-//! What no capture has: from the exchanged pair, from the sides of the wire, from a model.
+//! What no capture has: from the exchanged pair, from the sides of the wire, from a model where something near was measured.
 
 use std::path::Path;
 
 use glam::DVec3;
 
+use super::model::Modelled;
+use super::near::Near;
 use super::{FillError, facts, finish, writer_like};
 use crate::base::progress::Progress;
 use crate::brdf::Brdf;
-use crate::brdf::sample::Sample;
 use crate::hemisphere::direction::is_above_horizon;
 use crate::instrument::optics::Unmeasurable;
-use crate::judge::fit::{Fit, FitError, Model};
+use crate::judge::fit::Fit;
 use crate::store::provenance::Provenance;
 use crate::store::{BrdfRows, StoreError, stored_sigma};
 
@@ -18,12 +19,6 @@ use crate::store::{BrdfRows, StoreError, stored_sigma};
 const REACH: usize = 8;
 /// Incident directions beyond an occluded one, degrees, where its neighbours are looked for.
 const REACH_DEG: f64 = 12.0;
-/// Relative uncertainty of the model where the fit says nothing or is not acceptable, and at least.
-const MODEL: f32 = 0.3;
-const LEAST_MODEL: f32 = 0.1;
-/// Half vectors so near tell how well the model holds, degrees.
-const NEAR_DEG: f64 = 15.0;
-
 /// Fills what `brdf`, which holds these `captures`, lacks into the file at `path`; the model, if one was needed and found.
 pub(super) fn fill(
     brdf: &Brdf,
@@ -32,6 +27,7 @@ pub(super) fn fill(
     progress: &dyn Progress,
 ) -> Result<Option<Fit>, FillError> {
     let modelled = Modelled::of(brdf)?;
+    let near = Near::of(brdf, &|wi, wo| modelled.f(wi, wo))?;
     let above = |w: Option<DVec3>| w.is_some_and(is_above_horizon);
     let incident = vec![None; brdf.grid().len()];
     let outgoing: Vec<Option<Unmeasurable>> = (0..brdf.disk().len())
@@ -52,7 +48,7 @@ pub(super) fn fill(
         image.exchange(brdf)?;
         image.bridge_cells(brdf, &modelled);
         image.bridge_rows(brdf, &modelled)?;
-        image.model(brdf, &modelled);
+        image.model(brdf, &modelled, &near);
         writer.write_chunk(chunk, &image.rows)?;
         progress.reach(chunk + 1);
     }
@@ -250,12 +246,13 @@ impl Chunk {
         Ok(())
     }
 
-    /// What is left from the model.
-    fn model(&mut self, brdf: &Brdf, modelled: &Modelled) {
+    /// What is left from the model, as far as something near was measured.
+    fn model(&mut self, brdf: &Brdf, modelled: &Modelled, near: &Near) {
         for (sample, wi, wo) in self.missing(brdf) {
             let f = modelled.f(wi, wo);
-            let sigma = modelled.sigma(wi, wo, f);
-            self.put(sample, f, sigma, Provenance::Modelled);
+            if let Some(sigma) = near.sigma((wi, wo), f, modelled.least()) {
+                self.put(sample, f, sigma, Provenance::Modelled);
+            }
         }
     }
 }
@@ -313,132 +310,6 @@ fn sides(brdf: &Brdf, w: DVec3) -> Option<[(DVec3, f64); 2]> {
     Some([nearest[0]?, nearest[1]?])
 }
 
-/// The model for what nobody saw.
-struct Modelled {
-    fit: Option<Fit>,
-    /// Of each channel; a single one stands for all.
-    samples: Vec<Box<dyn Sample>>,
-    /// f in sr⁻¹ of each channel where there is no lobe, and how much the samples scatter about it.
-    lambert: [f32; 3],
-    scatter: [f32; 3],
-}
-
-impl Modelled {
-    fn of(brdf: &Brdf) -> Result<Self, FillError> {
-        match Fit::of_brdf(Model::Ggx, brdf) {
-            Ok(fit) => {
-                let value = |name: &str| {
-                    fit.parameters
-                        .iter()
-                        .find(|p| p.name == name)
-                        .map_or(0.0, |p| p.value)
-                };
-                let alpha = [value("ax"), value("ay")];
-                let endings: &[&str] = if brdf.channels() == 1 {
-                    &[""]
-                } else {
-                    &["_r", "_g", "_b"]
-                };
-                let samples = endings
-                    .iter()
-                    .map(|end| {
-                        let (diffuse, strength) = (value(&format!("rd{end}")), value(&format!("f0{end}")));
-                        Model::Ggx.sample(alpha, diffuse.max(0.0), strength.clamp(0.0, 1.0))
-                    })
-                    .collect();
-                Ok(Self {
-                    fit: Some(fit),
-                    samples,
-                    lambert: [0.0; 3],
-                    scatter: [0.0; 3],
-                })
-            }
-            // A diffuse material has no lobe, and samples on one side say no more than their mean.
-            Err(FitError::NoLobe { .. } | FitError::OneSided { .. }) => {
-                let (lambert, scatter) = mean(brdf)?;
-                Ok(Self {
-                    fit: None,
-                    samples: Vec::new(),
-                    lambert: lambert.map(|f| f.max(0.0)),
-                    scatter,
-                })
-            }
-            // A whole hemisphere from a handful of samples would be made up.
-            Err(FitError::TooFew { expected, found }) => Err(FillError::Nothing {
-                path: brdf.path().display().to_string(),
-                expected,
-                found,
-            }),
-            Err(error) => Err(error.into()),
-        }
-    }
-
-    fn f(&self, wi: DVec3, wo: DVec3) -> [f32; 3] {
-        if self.samples.is_empty() {
-            return self.lambert;
-        }
-        std::array::from_fn(|channel| {
-            let sample = &self.samples[channel.min(self.samples.len() - 1)];
-            sample.f(wi, wo)[channel] as f32
-        })
-    }
-
-    /// By how much f at a pair of directions is more than what lies between two other pairs, of the second of which it has
-    /// this `share`.
-    fn hump(&self, at: (DVec3, DVec3), sides: [(DVec3, DVec3); 2], share: f32) -> [f32; 3] {
-        let [f, a, b] = [at, sides[0], sides[1]].map(|(wi, wo)| self.f(wi, wo));
-        std::array::from_fn(|c| f[c] - (a[c] + share * (b[c] - a[c])))
-    }
-
-    /// Standard uncertainty of the value `f`: the most that the residuals of the fit are within [`NEAR_DEG`] of that half vector,
-    /// a tenth at least, because nobody saw whether the model goes on, and more of a fit that does not describe what was seen;
-    /// without a lobe the scatter of the samples too.
-    fn sigma(&self, wi: DVec3, wo: DVec3, f: [f32; 3]) -> [f32; 3] {
-        let theta_deg = (wi + wo).normalize().z.clamp(-1.0, 1.0).acos().to_degrees();
-        let residuals = self.fit.as_ref().map_or(&[][..], |fit| &fit.residuals);
-        let near = residuals
-            .iter()
-            .filter(|residual| (residual.half_theta_deg - theta_deg).abs() <= NEAR_DEG)
-            .map(|residual| (residual.rms_percent / 100.0) as f32);
-        let least = match &self.fit {
-            Some(fit) if !fit.acceptable => MODEL,
-            _ => LEAST_MODEL,
-        };
-        let relative = near.reduce(f32::max).unwrap_or(MODEL).max(least);
-        std::array::from_fn(|channel| (relative * f[channel]).hypot(self.scatter[channel]))
-    }
-}
-
-/// Mean f of each channel over all measured samples, and their standard deviation from it.
-fn mean(brdf: &Brdf) -> Result<([f32; 3], [f32; 3]), FillError> {
-    let channels = brdf.channels();
-    let (mut sums, mut squares, mut count) = ([0.0_f64; 3], [0.0_f64; 3], 0_u64);
-    for chunk in 0..brdf.chunks() {
-        let Some(rows) = brdf.chunk(chunk)? else { continue };
-        for (sample, code) in rows.provenance.iter().enumerate() {
-            if Provenance::from_code(*code).is_some_and(Provenance::is_seen) {
-                count += 1;
-                for channel in 0..3 {
-                    let f = f64::from(rows.f[sample * channels + channel.min(channels - 1)]);
-                    sums[channel] += f;
-                    squares[channel] += f * f;
-                }
-            }
-        }
-    }
-    if count == 0 {
-        return Err(FillError::Nothing {
-            path: brdf.path().display().to_string(),
-            expected: 1,
-            found: 0,
-        });
-    }
-    let mean = sums.map(|sum| sum / count as f64);
-    let scatter =
-        std::array::from_fn(|c| (squares[c] / count as f64 - mean[c] * mean[c]).max(0.0).sqrt() as f32);
-    Ok((mean.map(|f| f as f32), scatter))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -480,12 +351,7 @@ mod tests {
         let (_, sigma) = between(&alone(None), &alone(None), [0.0; 3]);
         assert!(sigma[0] > 0.3, "{sigma:?}");
         // A lobe that is in the gap with all of it is what a model says.
-        let modelled = Modelled {
-            fit: None,
-            samples: vec![Model::Ggx.sample([0.02, 0.02], 0.1, 0.5)],
-            lambert: [0.0; 3],
-            scatter: [0.0; 3],
-        };
+        let modelled = Modelled::of_lobe(0.02);
         let [light, view, left, right] =
             [(40.0, 0.0), (40.0, 180.0), (40.0, 170.0), (40.0, 190.0)].map(|(t, p)| from_degrees(t, p));
         let hump = modelled.hump((light, view), [(light, left), (light, right)], 0.5);

@@ -6,7 +6,7 @@
 //! | merge of captures with the sample tilted otherwise | `merge` | merged |
 //! | the exchanged pair of directions (Helmholtz reciprocity) | `gaps` | reciprocal |
 //! | what the wire hides, from both sides of it | `gaps` | interpolated |
-//! | a fitted GGX with a Lambert base | `gaps` | modelled |
+//! | a fitted GGX with a Lambert base (`model`), where something near was measured (`near`) | `gaps` | modelled |
 //!
 //! Each step takes what those before have left. Merging comes first, because what was measured is better than what follows
 //! from a law. Where camera and projector share one hole, as in RCG-1, the exchange of directions cannot fill it: it brings
@@ -24,6 +24,8 @@
 mod gaps;
 mod mean;
 mod merge;
+mod model;
+mod near;
 mod union;
 
 use std::path::{Path, PathBuf};
@@ -47,6 +49,9 @@ use crate::store::{BrdfLayout, BrdfWriter, StoreError};
 
 /// Coverage counts pairs of directions up to this polar angle, degrees.
 pub const COVERED_THETA_DEG: f64 = 85.0;
+
+/// Share of the pairs without a value that is worth a sentence.
+const WORTH_SAYING: f64 = 1e-3;
 
 /// Directions by which the solid angles of a list are found.
 const SPIRAL: u32 = 20_000;
@@ -191,6 +196,16 @@ pub fn fill(
     let mut warnings = model
         .as_ref()
         .map_or_else(Vec::new, |model| model.warnings.clone());
+    let missing = shares
+        .iter()
+        .find(|share| share.provenance == Provenance::Missing.name());
+    if let Some(missing) = missing.filter(|missing| missing.share > WORTH_SAYING) {
+        warnings.push(format!(
+            "coverage: {:.1} % of the pairs of directions stay without a value, because nothing was measured with half vectors and \
+             difference angles near theirs, where a lobe may be; measure at further --tilt",
+            100.0 * missing.share
+        ));
+    }
     if shares.is_empty() {
         warnings.push(format!(
             "coverage: none, the file has no pair of directions with θ ≤ {COVERED_THETA_DEG}° both ways"
