@@ -3,15 +3,18 @@
 use super::camera::{Times, moments};
 use crate::instrument::calibration::CameraFound;
 use crate::instrument::calibration::lamp::SLOW;
+use crate::instrument::calibration::stray::offset_dn;
 use crate::instrument::rig::Rig;
 
 /// Digital numbers → what they would be if the camera were linear, above the dark level.
 pub(super) struct Linear {
     pub(super) camera: CameraFound,
-    /// What dim pixels that are alike all fall short by at most, in every frame: what noise leaves of the converter's steps, DN (k = 1).
-    steps_dn: f64,
     /// The same of a pixel of the sensor.
     pub(super) sensor: CameraFound,
+    /// What dim pixels that are alike all fall short by at most, in every frame: what noise leaves of the converter's steps, DN (k = 1).
+    steps_dn: f64,
+    /// What the camera's offset is another by in frames that were taken at another time, DN (k = 1).
+    offset_dn: f64,
     /// Of numbers above the dark level.
     pub(super) range: f64,
 }
@@ -25,6 +28,7 @@ impl Linear {
         Self {
             camera,
             steps_dn: binned.common_e() / camera.gain_e_per_dn,
+            offset_dn: offset_dn(rig),
             sensor,
             range: f64::from(rig.saturation_dn()) - found.dark_dn,
         }
@@ -70,7 +74,9 @@ impl Linear {
                 let light = each(&times.lit) - each(&times.dark);
                 let noise =
                     self.camera.read_variance_dn2() * count + light.max(0.0) / self.camera.gain_e_per_dn;
-                let variance = noise / times.lit.len() as f64 + (self.steps_dn * count).powi(2);
+                // Darkness is another segment, long after.
+                let common_dn = self.steps_dn.hypot(self.offset_dn) * count;
+                let variance = noise / times.lit.len() as f64 + common_dn.powi(2);
                 let relative = variance / light.powi(2).max(f64::MIN_POSITIVE);
                 (light / times.exposure_s, relative)
             })
