@@ -147,8 +147,8 @@ fn a_calibration_of_something_else_than_numbers_is_refused_by_its_field() {
         ("dsnu_e", json!(-1.0)),
         ("hot", json!(1.5)),
         ("version", json!(5)),
-        ("version", json!(9)),
-        ("version", json!(11)),
+        ("version", json!(10)),
+        ("version", json!(12)),
     ] {
         let mut tried = 0;
         spoiled(&whole, &bad, &mut |spoiled, name| {
@@ -169,7 +169,7 @@ fn a_calibration_of_something_else_than_numbers_is_refused_by_its_field() {
         "",
         2,
         &[
-            "photometry.json: version: expected 10",
+            "photometry.json: version: expected 11",
             "rcg calibrate photometry --out DIR",
             "found 0",
         ],

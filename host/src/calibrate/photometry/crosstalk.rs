@@ -3,7 +3,8 @@
 //! # Design
 //! The image is looked at in blocks, over whose pixels light is summed. In each the light of a primary over that of all is a number
 //! with a variance by noise, and two terms over the image explain all blocks (see [`Crosstalk`]). By what they do not explain
-//! beyond noise all are uncertain, and by what the lamp flickers from primary to primary.
+//! beyond noise all are uncertain, and by what the lamp, and with it the light of black pixels, flickers from primary to primary, and
+//! by the noise of rows, which all blocks beside each other have in common.
 
 use glam::DVec3;
 
@@ -23,6 +24,9 @@ const LEAST: f64 = 0.05;
 /// Fewest blocks that tell two terms, and how well.
 const FEWEST: usize = 4;
 
+/// What two terms do not have is more at the middle and the edges than in the mean, by this factor.
+const EDGES: f64 = 1.5;
+
 /// Frames of the `standard` in each primary and black ones, of an image `size_px` (width, height).
 pub(super) struct Colours<'a> {
     pub(super) of_primary: [Vec<&'a [u16]>; COLOURS],
@@ -39,6 +43,9 @@ struct Block {
     /// Light of each primary, and its variance.
     light: [f64; COLOURS],
     variance: [f64; COLOURS],
+    pixels: usize,
+    /// Light of black pixels.
+    black: f64,
     /// Σ light·ρ².
     squares: f64,
 }
@@ -76,12 +83,19 @@ impl Colours<'_> {
             if bright.len() < FEWEST {
                 return None;
             }
+            let sum = |of: fn(&Block) -> f64| bright.iter().map(|block| of(block)).sum::<f64>();
+            let all = sum(Block::all);
+            let black = sum(|block| block.black.abs()) / all;
+            let row_dn = linear.camera.row_noise_e / linear.camera.gain_e_per_dn;
+            let rows = row_dn / (self.size_px[1] as f64).sqrt() * sum(|block| block.pixels as f64) / all;
             for primary in 0..COLOURS {
                 let (terms, uncertainty) = explain(&bright, primary)?;
                 found.shares[channel][primary] = terms;
                 let frames = self.of_primary[primary].len() as f64;
-                let by_lamp = terms[0] * (1.0 - terms[0]) * self.flicker * (2.0 / frames).sqrt();
-                found.standard_uncertainty[channel][primary] = uncertainty.hypot(by_lamp);
+                // Of two means of so many frames.
+                let by_lamp = (terms[0] * (1.0 - terms[0])).hypot(black) * self.flicker;
+                let by_frame = by_lamp.hypot(rows) * (2.0 / frames).sqrt();
+                found.standard_uncertainty[channel][primary] = uncertainty.hypot(by_frame);
             }
             // Each was fitted by itself; together they are all of the light.
             for term in 0..2 {
@@ -95,7 +109,9 @@ impl Colours<'_> {
     /// [channel][block].
     fn blocks(&self, linear: &Linear) -> [Vec<Block>; COLOURS] {
         let [width_px, height_px] = self.size_px;
+        // How bright the standard is in each, over the mean.
         let f = self.standard.f(from_degrees(45.0, 0.0), DVec3::Z);
+        let f = f.map(|of_one| of_one * COLOURS as f64 / f.iter().sum::<f64>());
         let lit = self.of_primary.each_ref().map(|frames| linear.mean(frames));
         let black = linear.mean(&self.black);
         let read = linear.camera.read_variance_dn2();
@@ -121,6 +137,8 @@ impl Colours<'_> {
                     block.variance[primary] += variance / f[primary].powi(2);
                     block.squares += light * (x * x + y * y);
                 }
+                block.pixels += 1;
+                block.black += black[at];
             }
         }
         blocks
@@ -139,7 +157,10 @@ fn explain(blocks: &[&Block], primary: usize) -> Option<([f64; 2], f64)> {
         weights += variance.recip();
     }
     let more = (squares - (blocks.len() as f64 - 2.0)).max(0.0) / weights;
-    Some(([terms[0], terms[1]], (covariance[(0, 0)] + more).sqrt()))
+    Some((
+        [terms[0], terms[1]],
+        (covariance[(0, 0)] + EDGES * EDGES * more).sqrt(),
+    ))
 }
 
 /// A standard as a camera with `crosstalk` sees it.

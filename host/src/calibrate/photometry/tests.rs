@@ -80,11 +80,12 @@ fn assert_camera(found: &CameraFound, truth: &Truth, rig: &Rig) {
         "{camera:?}"
     );
     assert!((camera.dark_dn - rig.camera.dark_dn).abs() < 0.2, "{camera:?}");
+    // A lamp that flickers by 0.2 % makes so much of it.
     assert!(
-        (camera.nonlinearity - truth.flaws.nonlinearity).abs() < 1e-3,
+        (camera.nonlinearity - truth.flaws.nonlinearity).abs() < 2.0 * camera.linearity_residual,
         "{camera:?}"
     );
-    assert!(camera.linearity_residual < 5e-3, "{camera:?}");
+    assert!(camera.linearity_residual < 1e-3, "{camera:?}");
     let (sensor, pixels) = (found, &truth.flaws.pixels);
     assert!(!sensor.prnu_is_assumed, "{sensor:?}");
     assert!(
