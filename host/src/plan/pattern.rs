@@ -81,9 +81,17 @@ impl BitPattern {
 
     /// Lights the pixels with these row-major indices.
     pub fn light(&mut self, pixels: &[u32]) {
+        // Most lie side by side.
+        let (mut row, mut first) = (0..0, 0);
         for &pixel in pixels {
-            let (x, y) = (pixel as usize % self.width_px, pixel as usize / self.width_px);
-            self.bytes[y * self.stride + x / 8] |= 0x80 >> (x % 8);
+            let pixel = pixel as usize;
+            if !row.contains(&pixel) {
+                let y = pixel / self.width_px;
+                row = y * self.width_px..(y + 1) * self.width_px;
+                first = y * self.stride;
+            }
+            let x = pixel - row.start;
+            self.bytes[first + x / 8] |= 0x80 >> (x % 8);
         }
     }
 

@@ -115,10 +115,11 @@ impl Stripes {
                 Pattern::Shift { axis, by_px } => (along(axis) + by_px) % PERIOD_PX < STRIPE_PX,
             }
         };
-        let lit: Vec<u32> = (0..self.width_px * self.height_px)
-            .filter(|pixel| is_lit(pixel % self.width_px, pixel / self.width_px))
-            .map(|pixel| pixel as u32)
-            .collect();
+        let mut lit = Vec::with_capacity(self.width_px * self.height_px);
+        for v in 0..self.height_px {
+            let of_row = (0..self.width_px).filter(|u| is_lit(*u, v));
+            lit.extend(of_row.map(|u| (v * self.width_px + u) as u32));
+        }
         image.light(&lit);
     }
 

@@ -91,6 +91,16 @@ impl SeenArea {
 
     /// Mean of what `lit` lights of it, of a sample of `radius_m`.
     pub(super) fn share(&self, lit: &LitArea, radius_m: f64) -> f64 {
+        self.share_at(&PLACES, lit, radius_m)
+    }
+
+    /// The same by a few places: of one light among many, whose edges come to the same together.
+    pub(super) fn share_of_many(&self, lit: &LitArea, radius_m: f64) -> f64 {
+        self.share_at(&FEW, lit, radius_m)
+    }
+
+    /// The same by these `places` where something changes.
+    fn share_at(&self, places: &[DVec2], lit: &LitArea, radius_m: f64) -> f64 {
         let rim = |axes: DMat2| axes.x_axis.length() + axes.y_axis.length();
         let at = |place: DVec2| self.centre_m + self.axes_m * place;
         let middle = lit.in_pupil(self.centre_m).length();
@@ -102,7 +112,7 @@ impl SeenArea {
         }
         let is_inner = middle + 1.5 * reach < 1.0 - SOFT
             && self.centre_m.length() + rim(self.axes_m) * HEXAGON < radius_m - CHAMFER_M;
-        let places = if is_inner { &*FEW } else { &*PLACES };
+        let places = if is_inner { FEW.as_slice() } else { places };
         let light = |place: &DVec2| {
             let at_m = at(*place);
             let on = ((radius_m - at_m.length()) / CHAMFER_M + 0.5).clamp(0.0, 1.0);

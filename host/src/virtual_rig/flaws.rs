@@ -4,6 +4,7 @@ use std::ops::RangeInclusive;
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_xoshiro::Xoshiro256PlusPlus;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::crosstalk::Crosstalk;
@@ -297,6 +298,7 @@ impl Field {
     /// The field at every pixel centre of an image, row by row.
     pub(super) fn over(&self, width_px: usize, height_px: usize) -> Vec<f64> {
         (0..width_px * height_px)
+            .into_par_iter()
             .map(|index| {
                 let [x, y] = place_of_pixel(index, width_px, height_px);
                 self.at(x, y)

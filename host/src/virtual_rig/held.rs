@@ -23,6 +23,16 @@ pub enum Held {
     Mirror(FlatMirror),
 }
 
+impl Held {
+    /// Whether it is the very sample that the `other` is.
+    pub(super) fn is_same(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Sample(one), Self::Sample(other)) => Arc::ptr_eq(one, other),
+            _ => false,
+        }
+    }
+}
+
 /// A flat first-surface mirror in the holder.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FlatMirror {

@@ -80,11 +80,7 @@ impl Light {
         blur_px: f64,
         intensity: &dyn Fn(usize) -> f64,
     ) -> Vec<Self> {
-        let reach = lit
-            .iter()
-            .copied()
-            .filter(|pixel| projector.pixel(*pixel as usize).is_some());
-        connected(&reach.collect::<Vec<_>>(), projector.view().size_px().0)
+        connected(&projector.seeing(lit), projector.view().size_px().0)
             .iter()
             .filter_map(|spot| Self::of(spot, projector, blur_px, intensity))
             .collect()

@@ -9,11 +9,13 @@
 //! - `stage`: edges → which pattern was lit for how long in which exposure
 //! - `light`: lit pixels → light at the sample
 //! - `scene`: light and sample → charge of every camera pixel
+//! - `scenes`: those that were shown before
 //! - `areas`: what part of the sample a pixel sees and a spot lights
 //! - `stray`: light that goes other ways: glare, ghost and direct light
 //! - `crosstalk`: charge that leaks between colours
 //! - `knee`: how the camera's response bends near its full well
 //! - `held`: what stands in the holder: a sample or, for calibration, a flat mirror
+//! - `interreflection`: light that leaves the sample and comes back onto it
 //! - `seating`: where what is put into the holder comes to lie
 //! - `figure`: where the mirror is not the ellipsoid
 //! - `flaws`: imperfections that no rig file has
@@ -33,10 +35,12 @@ mod crosstalk;
 mod figure;
 mod flaws;
 mod held;
+mod interreflection;
 mod knee;
 mod light;
 mod pixels;
 mod scene;
+mod scenes;
 mod seating;
 mod sensor;
 pub mod setup;
@@ -105,8 +109,13 @@ impl VirtualRig {
     /// The rig that `truth` describes, with `held` in it.
     #[must_use]
     pub fn new(truth: &Truth, held: Held, behaviour: Behaviour) -> Self {
+        Self::of(Arc::new(Scene::new(truth, held)), truth, behaviour)
+    }
+
+    /// The rig that `truth` describes, which shows this `scene`.
+    fn of(scene: Arc<Scene>, truth: &Truth, behaviour: Behaviour) -> Self {
         let stage = SharedStage::new(truth, behaviour, CLOCK_HZ);
-        let (camera, projector) = optics_of(truth, held, behaviour, &stage);
+        let (camera, projector) = optics_of(scene, behaviour, &stage);
         Self {
             controller: VirtualController::new(stage, behaviour.seed as u32),
             camera,
@@ -118,14 +127,14 @@ impl VirtualRig {
     ///
     /// # Errors
     /// [`WiresError`].
-    pub fn wired(
+    fn wired(
+        scene: Arc<Scene>,
         truth: &Truth,
-        held: Held,
         behaviour: Behaviour,
         wires: Wires,
     ) -> Result<(VirtualCamera, VirtualProjector), WiresError> {
         let stage = SharedStage::new(truth, behaviour, wires.clock_hz());
-        let (mut camera, projector) = optics_of(truth, held, behaviour, &stage);
+        let (mut camera, projector) = optics_of(scene, behaviour, &stage);
         camera.wires = Some(wires.attach(stage)?);
         Ok((camera, projector))
     }
@@ -138,12 +147,10 @@ pub fn sense(rig: &Rig, signal_e: &[f32], exposure_s: f64, noise: Noise, seed: u
 }
 
 fn optics_of(
-    truth: &Truth,
-    held: Held,
+    scene: Arc<Scene>,
     behaviour: Behaviour,
     stage: &SharedStage,
 ) -> (VirtualCamera, VirtualProjector) {
-    let scene = Arc::new(Scene::new(truth, held));
     let camera = VirtualCamera {
         stage: stage.clone(),
         scene: scene.clone(),

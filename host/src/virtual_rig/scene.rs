@@ -18,6 +18,7 @@ use super::areas::{LitArea, SeenArea};
 use super::crosstalk::Crosstalk;
 use super::flaws::{Flaws, Pupils};
 use super::held::{Held, Reflections};
+use super::interreflection::Interreflection;
 use super::light::{AtSample, Glow, Light, Spot};
 use super::pixels::PixelMaps;
 use super::sensor::{Noise, Sensor};
@@ -25,8 +26,7 @@ use super::stage::Shot;
 use super::stray::Stray;
 use super::truth::Truth;
 use crate::brdf::quadrature::mean_f;
-use crate::brdf::sample::{Outgoing, Sample, albedo};
-use crate::hemisphere::direction::from_angles;
+use crate::brdf::sample::Outgoing;
 use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::optics::{DirectionTiles, View};
 use crate::instrument::rig::Rig;
@@ -40,8 +40,9 @@ const PART_DEG: f64 = 2.5;
 const MOST_PARTS: f64 = 4.0;
 /// Beams reach so far beyond the sample at most, metres: half the mirror.
 const BEAM_M: f64 = 0.1;
-/// Side of the blocks of black pixels that count as one light.
+/// Side of the blocks of black pixels that count as one light, and of the squares of pixels that are traced as one.
 const BLOCK_PX: usize = 64;
+const COARSE_PX: u32 = 4;
 
 /// A camera pixel that sees the sample.
 struct Pixel {
@@ -127,6 +128,23 @@ fn rays(rig: &Rig, is_wide: bool) -> Rig {
         rays.sample.radius_m += BEAM_M;
     }
     rays
+}
+
+/// The rig with a projector that has one pixel for each square of [`COARSE_PX`], if it comes out even.
+fn coarse(rig: &Rig) -> Rig {
+    let mut coarse = rig.clone();
+    let lens = &mut coarse.projector.lens;
+    if [lens.width_px, lens.height_px]
+        .iter()
+        .all(|size| size.is_multiple_of(COARSE_PX))
+    {
+        let times = f64::from(COARSE_PX);
+        lens.width_px /= COARSE_PX;
+        lens.height_px /= COARSE_PX;
+        lens.focal_px /= times;
+        lens.centre_px = lens.centre_px.map(|at| at / times);
+    }
+    coarse
 }
 
 /// What is held in the rig.
@@ -219,7 +237,9 @@ impl Scene {
                 .zip(&scene.intensity)
                 .map(|(black, lit)| flaws.black_level * black * lit)
                 .collect();
-            scene.black = Some(scene.black_pixels());
+            let coarse = coarse(&rays);
+            let [_, projector] = views(&coarse);
+            scene.black = Some(scene.black_pixels(&DirectionTiles::of(projector)));
         }
         if flaws.direct.share > 0.0 {
             // Of a white sample, 1/π of it; the hemisphere is all that the projector's pixels light.
@@ -230,6 +250,11 @@ impl Scene {
             scene.black_direct = black.map(|(direct, intensity)| direct * intensity).sum();
         }
         scene
+    }
+
+    /// Whether it shows the very sample that is `held`.
+    pub(super) fn is_of(&self, held: &Held) -> bool {
+        self.held.is_same(held)
     }
 
     pub(super) const fn format(&self) -> FrameFormat {
@@ -287,25 +312,32 @@ impl Scene {
         Some(Spot { light, area })
     }
 
-    /// f × irradiance of all projector pixels as black ones.
-    fn black_pixels(&self) -> Vec<[f64; 3]> {
+    /// f × irradiance of all projector pixels as black ones, by the `coarse` pixels of the same projector.
+    fn black_pixels(&self, coarse: &DirectionTiles) -> Vec<[f64; 3]> {
         let Held::Sample(sample) = &self.held else {
             return vec![[0.0; 3]; self.pixels.len()];
         };
-        self.projector.trace_all();
-        let (width_px, height_px) = self.projector_size_px();
+        coarse.trace_all();
+        let (full_px, _) = self.projector_size_px();
+        let (width_px, height_px) = coarse.view().size_px();
+        let times = full_px / width_px;
+        let intensity = |pixel: usize| {
+            let at = |at: usize| at * times + times / 2;
+            // A coarse pixel's solid angle is that of all.
+            self.black_intensity[at(pixel / width_px) * full_px + at(pixel % width_px)]
+        };
+        let block_px = BLOCK_PX / times;
         let blocks = (0..height_px)
-            .step_by(BLOCK_PX)
-            .flat_map(|top| (0..width_px).step_by(BLOCK_PX).map(move |left| (top, left)));
+            .step_by(block_px)
+            .flat_map(|top| (0..width_px).step_by(block_px).map(move |left| (top, left)));
         let spots: Vec<Spot> = blocks
             .filter_map(|(top, left)| {
-                let rows = top..(top + BLOCK_PX).min(height_px);
-                let columns = left..(left + BLOCK_PX).min(width_px);
+                let rows = top..(top + block_px).min(height_px);
+                let columns = left..(left + block_px).min(width_px);
                 let block: Vec<u32> = rows
                     .flat_map(|y| columns.clone().map(move |x| (y * width_px + x) as u32))
                     .collect();
-                let light = Light::of(&block, &self.projector, 0.0, &|pixel| self.black_intensity[pixel])?;
-                self.spot(light)
+                self.spot(Light::of(&block, coarse, 0.0, &intensity)?)
             })
             .collect();
         let lobes: Vec<_> = spots
@@ -315,7 +347,7 @@ impl Scene {
         let of = |pixel: &Pixel| {
             let mut sum = [0.0; 3];
             for (spot, lobes) in spots.iter().zip(&lobes) {
-                let f = self.f(spot, pixel.mean_f(lobes), pixel);
+                let f = self.f(spot, lobes, pixel, SeenArea::share_of_many);
                 for (sum, f) in sum.iter_mut().zip(f) {
                     *sum += spot.light.irradiance * f;
                 }
@@ -325,11 +357,21 @@ impl Scene {
         self.pixels.par_iter().map(of).collect()
     }
 
-    /// f of what is both seen and lit, with what interreflection adds to it, in sr⁻¹ × throughput.
-    fn f(&self, spot: &Spot, mean: [f64; 3], pixel: &Pixel) -> [f64; 3] {
+    /// f of what is both seen and lit, which is a share as `share_of` has it, with what interreflection adds to it, in sr⁻¹ × throughput;
+    /// from the lobes of the directions of light.
+    fn f(
+        &self,
+        spot: &Spot,
+        lobes: &[Box<dyn Outgoing + '_>; 4],
+        pixel: &Pixel,
+        share_of: impl Fn(&SeenArea, &LitArea, f64) -> f64,
+    ) -> [f64; 3] {
         let areas = pixel.area.as_ref().zip(spot.area.as_ref());
-        let share = areas.map_or(1.0, |(seen, lit)| seen.share(lit, self.sample_radius_m));
-        let mut f = mean;
+        let share = areas.map_or(1.0, |(seen, lit)| share_of(seen, lit, self.sample_radius_m));
+        if share <= 0.0 {
+            return [0.0; 3];
+        }
+        let mut f = pixel.mean_f(lobes);
         if let Some(interreflection) = &self.interreflection {
             let back = interreflection.f(spot.light.nodes[0], pixel.one);
             for (f, back) in f.iter_mut().zip(back) {
@@ -381,7 +423,7 @@ impl Scene {
                         let lobes = spot.light.nodes.map(|node| sample.incident(node));
                         let scale = light_e * spot.light.irradiance * visible_s;
                         for pixel in &self.pixels {
-                            let f = self.f(spot, pixel.mean_f(&lobes), pixel);
+                            let f = self.f(spot, &lobes, pixel, SeenArea::share);
                             add(pixel, scale, DVec3::from(f) * colour);
                         }
                     }
@@ -420,40 +462,32 @@ impl Scene {
     }
 }
 
-/// Light that comes back onto the sample from everywhere.
-struct Interreflection {
-    /// Directional albedo by θ, [step, channel].
-    albedo: Vec<[f64; 3]>,
-    share: f64,
-}
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
 
-impl Interreflection {
-    /// Steps of θ from 0 to 90°.
-    const STEPS: usize = 18;
+    use super::*;
+    use crate::virtual_rig::Tolerances;
 
-    fn of(sample: &dyn Sample, share: f64) -> Self {
-        let step_rad = std::f64::consts::FRAC_PI_2 / Self::STEPS as f64;
-        let albedo = (0..=Self::STEPS)
-            .map(|step| {
-                let theta_rad = (step as f64 * step_rad).min(89.5_f64.to_radians());
-                albedo(sample, from_angles(theta_rad, 0.0))
-            })
-            .collect();
-        Self { albedo, share }
-    }
-
-    fn albedo(&self, w: DVec3) -> [f64; 3] {
-        let at = w.z.clamp(0.0, 1.0).acos() / std::f64::consts::FRAC_PI_2 * Self::STEPS as f64;
-        let step = (at as usize).min(Self::STEPS - 1);
-        std::array::from_fn(|channel| {
-            let (a, b) = (self.albedo[step][channel], self.albedo[step + 1][channel]);
-            a + (b - a) * (at - step as f64)
-        })
-    }
-
-    /// What it adds to f, in sr⁻¹.
-    fn f(&self, wi: DVec3, wo: DVec3) -> [f64; 3] {
-        let (to, from) = (self.albedo(wi), self.albedo(wo));
-        std::array::from_fn(|channel| self.share * to[channel] * from[channel] / std::f64::consts::PI)
+    #[test]
+    fn coarse_pixels_make_as_much_black_light_as_all_of_them() {
+        let rig = Rig::load("rcg-2").unwrap().with_image_size(16).unwrap();
+        let truth = Truth::drawn(&rig, Tolerances::DRAWN, 5).unwrap();
+        let sample = Arc::from(crate::brdf::sample::parse("ggx:satin").unwrap());
+        let scene = Scene::new(&truth, Held::Sample(sample));
+        let all = scene.black_pixels(&scene.projector);
+        let found = scene.black.as_ref().expect("black is not black");
+        assert!(found.len() > 100);
+        let sum = |light: &[[f64; 3]]| light.iter().map(|f| f[0]).sum::<f64>();
+        // Edges of mirror and sample are coarser.
+        let far = |(found, all): &(&[f64; 3], &[f64; 3])| (found[0] - all[0]).abs() > 0.05 * all[0];
+        let far = found.iter().zip(&all).filter(far).count();
+        assert!(far < found.len() / 20, "{far} of {}", found.len());
+        assert!(
+            (sum(found) / sum(&all) - 1.0).abs() < 0.02,
+            "{} {}",
+            sum(found),
+            sum(&all)
+        );
     }
 }

@@ -17,6 +17,7 @@ use crate::instrument::calibration::Calibration;
 use crate::instrument::rig::{Rig, RigError, Tilt};
 use crate::plan::Virtual;
 use crate::store::whole_file::FileError;
+use crate::virtual_rig::scenes::Scenes;
 use crate::virtual_rig::{Behaviour, Held, Noise, Truth, VirtualRig, Wires, WiresError};
 
 /// Why there is no instrument.
@@ -116,6 +117,7 @@ pub struct World {
     behaviour: Behaviour,
     /// How often the instrument was opened: each time takes some minutes of the lamp's life.
     opened: Arc<AtomicU32>,
+    scenes: Scenes,
     trigger_box: Option<TriggerBox>,
 }
 
@@ -155,6 +157,7 @@ impl World {
                 lamp_h: Xoshiro256PlusPlus::seed_from_u64(!spec.seed).random_range(0.0..1.0),
             },
             opened: Arc::default(),
+            scenes: Scenes::default(),
             trigger_box,
         })
     }
@@ -201,13 +204,14 @@ impl World {
             lamp_h: self.behaviour.lamp_h + f64::from(opened) * OPENING_H,
             ..self.behaviour
         };
+        let scene = self.scenes.of(&truth, held);
         let Some(TriggerBox { port, wires }) = &self.trigger_box else {
-            return Ok(Instrument::simulated(&truth, held, behaviour)?);
+            return Ok(Instrument::of(VirtualRig::of(scene, &truth, behaviour))?);
         };
         let link = link::open(port).map_err(DeviceError::from)?;
         let mut device = Device::connect(link, link::nonce(), Patience::default())?;
         device.abort()?;
-        let (camera, projector) = VirtualRig::wired(&truth, held, behaviour, Wires::connect(wires)?)?;
+        let (camera, projector) = VirtualRig::wired(scene, &truth, behaviour, Wires::connect(wires)?)?;
         Ok(Instrument {
             device,
             camera: Box::new(camera),
@@ -223,11 +227,15 @@ impl Instrument {
     /// # Errors
     /// [`DeviceError`].
     pub fn simulated(truth: &Truth, held: Held, behaviour: Behaviour) -> Result<Self, DeviceError> {
+        Self::of(VirtualRig::new(truth, held, behaviour))
+    }
+
+    fn of(rig: VirtualRig) -> Result<Self, DeviceError> {
         let VirtualRig {
             controller,
             camera,
             projector,
-        } = VirtualRig::new(truth, held, behaviour);
+        } = rig;
         let link: Box<dyn Link> = Box::new(controller);
         let device = Device::connect(link, 1, Patience::default())?;
         Ok(Self {

@@ -53,10 +53,41 @@ impl DirectionTiles {
         if row >= height_px {
             return None;
         }
-        let tile = row / TILE_PX * width_px.div_ceil(TILE_PX) + column / TILE_PX;
-        let [columns, _] = self.span(tile);
-        let (direction, sr) = self.tile(tile)[(row % TILE_PX) * columns.len() + column % TILE_PX];
+        let across = column / TILE_PX;
+        let tile = row / TILE_PX * width_px.div_ceil(TILE_PX) + across;
+        // The last one of a row may be narrower.
+        let columns = TILE_PX.min(width_px - across * TILE_PX);
+        let (direction, sr) = self.tile(tile)[(row % TILE_PX) * columns + column % TILE_PX];
         Some((direction.ok()?, sr))
+    }
+
+    /// Those of the pixels with the row-major indices `of` that see a direction. What lies side by side, ascending, is looked up
+    /// together.
+    #[must_use]
+    pub fn seeing(&self, of: &[u32]) -> Vec<u32> {
+        let (width_px, height_px) = self.view.size_px();
+        let (mut row, mut from) = (0..0, 0);
+        let (mut tile, mut values): (Range<usize>, &[Traced]) = (0..0, &[]);
+        let sees = |pixel: &u32| {
+            let index = *pixel as usize;
+            if !row.contains(&index) {
+                from = index / width_px;
+                row = from * width_px..(from + 1) * width_px;
+                tile = 0..0;
+            }
+            if from >= height_px {
+                return false;
+            }
+            let column = index - row.start;
+            if !tile.contains(&column) {
+                let across = column / TILE_PX;
+                tile = across * TILE_PX..((across + 1) * TILE_PX).min(width_px);
+                let all = self.tile(from / TILE_PX * width_px.div_ceil(TILE_PX) + across);
+                values = &all[(from % TILE_PX) * tile.len()..][..tile.len()];
+            }
+            values[column - tile.start].0.is_ok()
+        };
+        of.iter().copied().filter(sees).collect()
     }
 
     /// Traces all that is not yet, on all cores: for who will ask for every pixel.
@@ -101,7 +132,20 @@ mod tests {
                     tiles.pixel(index),
                     direction.ok().map(|direction| (direction, sr))
                 );
+                let index = index as u32;
+                let seeing = if direction.is_ok() {
+                    vec![index]
+                } else {
+                    Vec::new()
+                };
+                assert_eq!(tiles.seeing(&[index]), seeing);
             }
+            let all: Vec<u32> = (0..=map.directions.len() as u32).collect();
+            let seeing = all
+                .iter()
+                .copied()
+                .filter(|pixel| tiles.pixel(*pixel as usize).is_some());
+            assert_eq!(tiles.seeing(&all), seeing.collect::<Vec<_>>());
             assert_eq!(tiles.pixel(map.directions.len()), None);
         }
     }

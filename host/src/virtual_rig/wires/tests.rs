@@ -10,6 +10,7 @@ use crate::capture::camera::{Camera as _, CameraError};
 use crate::capture::projector::Projector as _;
 use crate::instrument::rig::Rig;
 use crate::plan::Faults;
+use crate::virtual_rig::scene::Scene;
 use crate::virtual_rig::{Behaviour, Held, Noise, Truth, VirtualCamera, VirtualProjector, VirtualRig};
 
 fn rig() -> Rig {
@@ -24,12 +25,9 @@ fn wired(address: &str) -> Result<(VirtualCamera, VirtualProjector), WiresError>
         lamp_h: 0.0,
     };
     let sample = Arc::from(crate::brdf::sample::parse("lambert:0.5").unwrap());
-    VirtualRig::wired(
-        &Truth::of(&rig()),
-        Held::Sample(sample),
-        behaviour,
-        Wires::connect(address)?,
-    )
+    let truth = Truth::of(&rig());
+    let scene = Arc::new(Scene::new(&truth, Held::Sample(sample)));
+    VirtualRig::wired(scene, &truth, behaviour, Wires::connect(address)?)
 }
 
 /// Lets `bridge` serve one connection, while `test` has its address.

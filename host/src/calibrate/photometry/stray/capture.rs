@@ -90,7 +90,9 @@ pub(super) fn disc(number: usize, (width, height): (usize, usize)) -> Vec<u32> {
         width as f64 / 2.0 + distance * turn.cos(),
         half + distance * turn.sin(),
     );
-    within(width, height, |u, v| (u - x).hypot(v - y) <= radius)
+    within(width, height, |u, v| {
+        (u - x).powi(2) + (v - y).powi(2) <= radius * radius
+    })
 }
 
 /// The same with the trap.
@@ -105,10 +107,12 @@ pub(super) fn part(number: usize, (width, height): (usize, usize)) -> Vec<u32> {
 
 /// Row-major indices of the pixels whose centres are within something.
 fn within(width: usize, height: usize, is_within: impl Fn(f64, f64) -> bool) -> Vec<u32> {
-    (0..width * height)
-        .filter(|pixel| is_within((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5))
-        .map(|pixel| pixel as u32)
-        .collect()
+    let mut pixels = Vec::new();
+    for row in 0..height {
+        let of_row = (0..width).filter(|column| is_within(*column as f64 + 0.5, row as f64 + 0.5));
+        pixels.extend(of_row.map(|column| (row * width + column) as u32));
+    }
+    pixels
 }
 
 impl StrayViews {
