@@ -27,7 +27,6 @@ const SAMPLES: usize = 4_000_000;
 const FARTHEST: f32 = 3.0;
 /// How much more a model may be off where only its neighbours were seen.
 const BEYOND: f32 = 2.0;
-
 /// Share of the way to the brightest and the darkest sample of a bin that is one standard uncertainty.
 const SPREAD: f32 = 0.5;
 

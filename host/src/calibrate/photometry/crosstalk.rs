@@ -4,7 +4,7 @@
 //! The image is looked at in blocks, over whose pixels light is summed. In each the light of a primary over that of all is a number
 //! with a variance by noise, and two terms over the image explain all blocks (see [`Crosstalk`]). By what they do not explain
 //! beyond noise all are uncertain, and by what the lamp, and with it the light of black pixels, flickers from primary to primary, and
-//! by the noise of rows, which all blocks beside each other have in common.
+//! by the noise of rows, which all blocks beside each other have in common, and by the steps of a converter that noise does not dither.
 
 use glam::DVec3;
 
@@ -23,7 +23,6 @@ const BLOCKS: usize = 6;
 const LEAST: f64 = 0.05;
 /// Fewest blocks that tell two terms, and how well.
 const FEWEST: usize = 4;
-
 /// What two terms do not have is more at the middle and the edges than in the mean, by this factor.
 const EDGES: f64 = 1.5;
 
@@ -87,7 +86,9 @@ impl Colours<'_> {
             let all = sum(Block::all);
             let black = sum(|block| block.black.abs()) / all;
             let row_dn = linear.camera.row_noise_e / linear.camera.gain_e_per_dn;
-            let rows = row_dn / (self.size_px[1] as f64).sqrt() * sum(|block| block.pixels as f64) / all;
+            let per_dn = sum(|block| block.pixels as f64) / all;
+            let rows = row_dn / (self.size_px[1] as f64).sqrt() * per_dn;
+            let steps = linear.steps_dn * per_dn;
             for primary in 0..COLOURS {
                 let (terms, uncertainty) = explain(&bright, primary)?;
                 found.shares[channel][primary] = terms;
@@ -95,7 +96,7 @@ impl Colours<'_> {
                 // Of two means of so many frames.
                 let by_lamp = (terms[0] * (1.0 - terms[0])).hypot(black) * self.flicker;
                 let by_frame = by_lamp.hypot(rows) * (2.0 / frames).sqrt();
-                found.standard_uncertainty[channel][primary] = uncertainty.hypot(by_frame);
+                found.standard_uncertainty[channel][primary] = uncertainty.hypot(by_frame).hypot(steps);
             }
             // Each was fitted by itself; together they are all of the light.
             for term in 0..2 {

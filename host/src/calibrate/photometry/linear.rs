@@ -12,7 +12,7 @@ pub(super) struct Linear {
     /// The same of a pixel of the sensor.
     pub(super) sensor: CameraFound,
     /// What dim pixels that are alike all fall short by at most, in every frame: what noise leaves of the converter's steps, DN (k = 1).
-    steps_dn: f64,
+    pub(super) steps_dn: f64,
     /// What the camera's offset is another by in frames that were taken at another time, DN (k = 1).
     offset_dn: f64,
     /// Of numbers above the dark level.
