@@ -6,10 +6,9 @@ use glam::DVec3;
 
 use super::model::Modelled;
 use super::near::Near;
-use super::{FillError, facts, finish, writer_like};
+use super::{FillError, directions, facts, finish, writer_like};
 use crate::base::progress::Progress;
 use crate::brdf::Brdf;
-use crate::hemisphere::direction::is_above_horizon;
 use crate::instrument::optics::Unmeasurable;
 use crate::judge::fit::Fit;
 use crate::store::provenance::Provenance;
@@ -28,10 +27,10 @@ pub(super) fn fill(
 ) -> Result<Option<Fit>, FillError> {
     let modelled = Modelled::of(brdf)?;
     let near = Near::of(brdf, &|wi, wo| modelled.f(wi, wo))?;
-    let above = |w: Option<DVec3>| w.is_some_and(is_above_horizon);
     let incident = vec![None; brdf.grid().len()];
-    let outgoing: Vec<Option<Unmeasurable>> = (0..brdf.disk().len())
-        .map(|cell| (!above(brdf.disk().direction(cell))).then_some(Unmeasurable::BelowHorizon))
+    let outgoing: Vec<Option<Unmeasurable>> = directions(brdf)
+        .iter()
+        .map(|above| above.is_none().then_some(Unmeasurable::BelowHorizon))
         .collect();
     let text = "reciprocal, interpolated across the wire, modelled as ggx with lambert base, in this order";
     let writer = writer_like(
@@ -83,9 +82,7 @@ impl Chunk {
             cells,
             channels,
             rows,
-            directions: (0..cells)
-                .map(|cell| brdf.disk().direction(cell).filter(|w| is_above_horizon(*w)))
-                .collect(),
+            directions: directions(brdf),
         })
     }
 

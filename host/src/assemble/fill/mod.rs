@@ -30,6 +30,7 @@ mod union;
 
 use std::path::{Path, PathBuf};
 
+use glam::DVec3;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
@@ -40,7 +41,7 @@ use crate::base::blame::Blame;
 use crate::base::progress::Progress;
 use crate::brdf::budget::arrays_of;
 use crate::brdf::{Brdf, BrdfError, evidence};
-use crate::hemisphere::direction::from_angles;
+use crate::hemisphere::direction::{from_angles, is_above_horizon};
 use crate::hemisphere::incident::IncidentSet;
 use crate::instrument::optics::Unmeasurable;
 use crate::judge::fit::{Fit, FitError};
@@ -218,6 +219,12 @@ pub fn fill(
         model,
         warnings,
     })
+}
+
+/// Directions of the cells of `brdf`; `None` below the horizon.
+fn directions(brdf: &Brdf) -> Vec<Option<DVec3>> {
+    let of_cell = |cell| brdf.disk().direction(cell).filter(|w| is_above_horizon(*w));
+    (0..brdf.disk().len()).map(of_cell).collect()
 }
 
 /// The captures behind all files, each of which may be there once: a second time it is no evidence.

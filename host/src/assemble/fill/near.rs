@@ -10,9 +10,8 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::FillError;
+use super::{FillError, directions};
 use crate::brdf::Brdf;
-use crate::hemisphere::direction::is_above_horizon;
 use crate::store::provenance::Provenance;
 
 /// Bins of the polar angle of h, of its azimuth, and of θ_d.
@@ -119,9 +118,7 @@ impl Near {
         let mut bins = vec![Bin::default(); THETAS * PHIS * DIFFERENCES];
         let (cells, channels) = (brdf.disk().len(), brdf.channels());
         let every = (cells * brdf.grid().len()).div_ceil(SAMPLES).max(1);
-        let directions: Vec<Option<DVec3>> = (0..cells)
-            .map(|cell| brdf.disk().direction(cell).filter(|w| is_above_horizon(*w)))
-            .collect();
+        let directions = directions(brdf);
         for chunk in 0..brdf.chunks() {
             let Some(rows) = brdf.chunk(chunk)? else { continue };
             for (row, incident) in brdf.chunk_range(chunk).enumerate() {

@@ -85,9 +85,8 @@ impl Colours<'_> {
             let sum = |of: fn(&Block) -> f64| bright.iter().map(|block| of(block)).sum::<f64>();
             let all = sum(Block::all);
             let black = sum(|block| block.black.abs()) / all;
-            let row_dn = linear.camera.row_noise_e / linear.camera.gain_e_per_dn;
             let per_dn = sum(|block| block.pixels as f64) / all;
-            let rows = row_dn / (self.size_px[1] as f64).sqrt() * per_dn;
+            let rows = (linear.camera.row_variance_dn2() / self.size_px[1] as f64).sqrt() * per_dn;
             let steps = linear.steps_dn * per_dn;
             for primary in 0..COLOURS {
                 let (terms, uncertainty) = explain(&bright, primary)?;
