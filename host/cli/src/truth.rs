@@ -65,6 +65,10 @@ pub(crate) struct Args {
     /// 0.5 and 3; 1 or 3]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     crosstalk_percent: Option<f64>,
+    /// Share of a change of light that is left when a new pattern counts as settled, of projectors with liquid crystals, percent
+    /// [default: drawn between 0.2 and 2; 0.5 or 2]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
+    lag_percent: Option<f64>,
     /// Standard deviation of the height at which whatever is put into the holder, or tilted, comes to lie, millimetres; over 0.1 m that
     /// of how it leans [default: drawn between 0.02 and 0.1; 0.05 or 0.1]
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
@@ -139,6 +143,8 @@ enum Flaw {
     Knee,
     /// No charge leaks from one colour to another
     Crosstalk,
+    /// Nothing is left of the pattern before
+    Lag,
     /// No light returns onto the sample
     Interreflection,
     /// The standards reflect what is stated
@@ -188,6 +194,7 @@ impl Flaw {
             Self::Nonlinearity => flaws.nonlinearity = none.nonlinearity,
             Self::Knee => flaws.knee = none.knee,
             Self::Crosstalk => flaws.crosstalk = none.crosstalk,
+            Self::Lag => flaws.lag = none.lag,
             Self::Interreflection => flaws.interreflection = none.interreflection,
             Self::Standards => flaws.standards = none.standards,
             Self::Glare => flaws.glare = none.glare,
@@ -207,7 +214,7 @@ impl Flaw {
 
 /// Refuses what is out of range.
 fn check(args: &Args) -> Done {
-    let given: [(&str, Option<f64>, f64, f64); 18] = [
+    let given: [(&str, Option<f64>, f64, f64); 19] = [
         ("position-mm", args.position_mm, 0.0, 10.0),
         ("angle-deg", args.angle_deg, 0.0, 10.0),
         ("field-percent", Some(args.field_percent), 0.0, 90.0),
@@ -219,6 +226,7 @@ fn check(args: &Args) -> Done {
         ("flicker-percent", args.flicker_percent, 0.0, 10.0),
         ("falloff-percent", args.falloff_percent, 0.0, 100.0),
         ("crosstalk-percent", args.crosstalk_percent, 0.0, 20.0),
+        ("lag-percent", args.lag_percent, 0.0, 50.0),
         ("knee-percent", args.knee_percent, 0.0, 20.0),
         ("figure-mrad", args.figure_mrad, 0.0, 10.0),
         ("seating-mm", args.seating_mm, 0.0, 10.0),
@@ -266,6 +274,7 @@ fn tolerances(args: &Args, rig: &Rig) -> Tolerances {
         flicker: share(args.flicker_percent, 1e-3, 5e-3),
         falloff: share(args.falloff_percent, 5e-2, 2e-1),
         crosstalk: share(args.crosstalk_percent, 1e-2, 3e-2),
+        lag: share(args.lag_percent, 5e-3, 2e-2),
         knee: share(args.knee_percent, 1e-2, 3e-2),
         figure_rad: of(args.figure_mrad, 1e-3, 1.5e-4, 5e-4),
         seating_m: of(args.seating_mm, 1e-3, 5e-5, 1e-4),

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::AssembleError;
 use super::projection::Projection;
-use super::radiometry::{Bench, Way, Work};
+use super::radiometry::{Bench, Way, Work, before};
 use super::window::Agree;
 use crate::instrument::calibration::lamp::SLOW;
 use crate::instrument::calibration::stray::Told;
@@ -39,7 +39,7 @@ pub(super) fn learn(
         Exposure::Black | Exposure::Unwatched => None,
     };
     let brackets = plan.brackets();
-    let length = projection.radiometry[0].dark.len() * brackets;
+    let values = projection.radiometry[0].dark.len();
     let every = raw.segments().div_ceil(SEGMENTS).max(1);
     let each = PATTERNS.div_ceil(raw.segments().div_ceil(every).max(1));
     let mut told: Vec<Vec<Option<Told>>> = Vec::new();
@@ -49,22 +49,21 @@ pub(super) fn learn(
         let first = raw.segment_range(number).start;
         let lit: Vec<_> = patterns[first / brackets..]
             .iter()
-            .zip(segment.frames.chunks_exact(length))
+            .zip(segment.frames.chunks_exact(values * brackets))
             .enumerate()
-            .filter_map(|(place, (exposure, frames))| {
-                Some((first + place * brackets, terms(*exposure)?, frames))
-            })
+            .filter_map(|(place, (exposure, frames))| Some((place * brackets, terms(*exposure)?, frames)))
             .collect();
         let some: Vec<_> = lit.iter().step_by(lit.len().div_ceil(each).max(1)).collect();
         told.par_extend(
             some.par_iter()
-                .map_init(Work::default, |work, (exposure, lit, frames)| {
+                .map_init(Work::default, |work, (place, lit, frames)| {
                     let way = &Way {
                         irradiance: 1.0,
                         resampling: &projection.resampling,
                         stray: Some((stray.removal(), lit)),
                         bias: &[],
-                        offset: projection.drift.of(*exposure),
+                        offset: projection.drift.of(first + place),
+                        before: before(&segment, *place, (brackets, values)),
                     };
                     let mut bench = Bench::of(work).0;
                     projection.image(frames, way, &mut bench);

@@ -52,8 +52,8 @@ pub(crate) fn coordinates(
     disk: Disk,
     outgoing: &[Option<Unmeasurable>],
     pixel_sr: &[f64],
-) -> [SmallArray<'static>; 8] {
-    let [shares, relative] = BudgetSums::arrays(None);
+) -> [SmallArray<'static>; 9] {
+    let [shares, relative, shared] = BudgetSums::arrays(None);
     let angle = |pick: fn((f64, f64)) -> f64| (0..grid.len()).map(|i| pick(grid.angles_deg(i))).collect();
     let codes = |reasons: &[Option<Unmeasurable>]| {
         reasons
@@ -118,6 +118,7 @@ pub(crate) fn coordinates(
         interpolation_errors(None),
         shares,
         relative,
+        shared,
     ]
 }
 
@@ -136,7 +137,7 @@ pub(crate) fn list_attributes() -> Map<String, Value> {
     map
 }
 
-/// The relative standard uncertainty that all values have in common by standard, lamp, and what else they `share`, as
+/// The relative standard uncertainty that all values have in common by the lamp, in the calibration and since, and what they `share`, as
 /// [`common_uncertainty`](crate::brdf::Brdf::common_uncertainty) has it; `None` without a calibration.
 pub(super) fn common_uncertainty(
     applied: &AppliedCalibration,
@@ -145,13 +146,7 @@ pub(super) fn common_uncertainty(
 ) -> Option<f64> {
     let found = applied.photometry.as_ref()?;
     let by_lamp = lamp.map_or(0.0, |level| f64::from(level.uncertainty));
-    Some(
-        found
-            .uncertainty_by_standard()
-            .hypot(by_lamp)
-            .hypot(found.lamp_uncertainty)
-            .hypot(share),
-    )
+    Some(by_lamp.hypot(found.lamp_uncertainty).hypot(share))
 }
 
 /// The attributes of `brdf.zarr`, but for the common uncertainty, which only all values tell.

@@ -31,7 +31,7 @@ use super::radiometry::{Common, Radiometry};
 use super::shape::{ByShape, Shape};
 use crate::assemble::resample::{Resampling, Taps};
 use crate::brdf::BANDS_DEG;
-use crate::brdf::budget::{BudgetSums, band};
+use crate::brdf::budget::{BudgetSums, Shared, band};
 use crate::brdf::quadrature::spot_rad;
 use crate::hemisphere::disk::Disk;
 use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, lit_terms};
@@ -244,12 +244,11 @@ impl Correction {
                             back.uncertainty.powi(2) + standards2 - standard2,
                             mixed[at].powi(2),
                         ];
-                        budget.add(row * BANDS_DEG.len() + column, f[at], variances);
-                        budget.add_shared(
-                            f[at],
-                            total * total,
-                            lamp2.sqrt() * common.lamp_share[index - first],
-                        );
+                        let region = row * BANDS_DEG.len() + column;
+                        budget.add(region, f[at], variances);
+                        let lamp = lamp2.sqrt() * common.lamp_share[index - first];
+                        let shared = Shared::of([standards2.sqrt(), lamp, stray2.sqrt()]);
+                        budget.add_shared(region, f[at], total * total, shared);
                     }
                 }
             }

@@ -15,9 +15,9 @@ use super::correction::Correction;
 use super::edges::Edges;
 use super::off_sample::OffSample;
 use super::projection::Projection;
-use super::radiometry::{BlackFrames, Work};
+use super::radiometry::Work;
 use super::stray::StrayLight;
-use super::{AssembleError, seen, unlit};
+use super::{AssembleError, no_black_frames, seen, unlit};
 use crate::hemisphere::disk::Disk;
 use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::optics::View;
@@ -65,7 +65,7 @@ impl<'a> FrameAssembler<'a> {
     ) -> Result<Self, String> {
         let format = rig.frame_format();
         let off_sample = OffSample::new(applied, plan).map_err(|error| error.to_string())?;
-        let mut frames = BlackFrames::new(rig, applied.camera_and_lamp(), &plan.exposures_s());
+        let mut frames = no_black_frames(rig, plan, applied);
         for (number, segment) in black.iter().enumerate() {
             frames.add(number * plan.segment, segment, format.len());
         }

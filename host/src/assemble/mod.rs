@@ -73,7 +73,7 @@ use correction::Correction;
 use edges::Edges;
 use off_sample::OffSample;
 use projection::Projection;
-use radiometry::{BlackFrames, Work};
+use radiometry::{BlackFrames, Work, usual_lag};
 use stray::StrayLight;
 use window::{Agree, Window};
 
@@ -348,6 +348,13 @@ fn places(
     places
 }
 
+/// None yet of those that `plan` takes on `rig`.
+fn no_black_frames(rig: &Rig, plan: &Plan, applied: &AppliedCalibration) -> BlackFrames {
+    let usual = usual_lag(rig, &plan.timings());
+    let exposures: Vec<(f64, f64)> = plan.exposures_s().into_iter().zip(usual).collect();
+    BlackFrames::new(rig, applied.camera_and_lamp(), &exposures)
+}
+
 /// The black ones of the frames of `raw`, which show the `patterns` of a plan.
 fn black_frames(
     (rig, plan, applied): (&Rig, &Plan, &AppliedCalibration),
@@ -360,7 +367,7 @@ fn black_frames(
     let segments: BTreeSet<usize> = black
         .map(|(pattern, _)| pattern * plan.brackets() / plan.segment)
         .collect();
-    let mut frames = BlackFrames::new(rig, applied.camera_and_lamp(), &plan.exposures_s());
+    let mut frames = no_black_frames(rig, plan, applied);
     for number in segments {
         let segment = raw.read_segment(number)?;
         agree(number, &segment)?;

@@ -6,7 +6,7 @@ use half::f16;
 
 use super::Assembled;
 use super::radiometry::{
-    Bench, Drift, Out, Radiometry, Way, Work, image, image_merged, project, project_merged,
+    Bench, Drift, Out, Radiometry, Way, Work, before, image, image_merged, project, project_merged,
 };
 use super::stray::StrayLight;
 use crate::assemble::resample::Resampling;
@@ -53,6 +53,7 @@ impl Projection {
                 stray: self.stray.as_ref().map(|stray| stray.of(index)),
                 bias: self.bias(),
                 offset: self.drift.of(number * self.segment + at),
+                before: before(segment, at, (radiometry.len(), samples)),
             };
             Some(match (self.channels, radiometry) {
                 (1, [one]) => project::<1>(frames, way, one, bench, out),

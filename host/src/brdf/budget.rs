@@ -30,6 +30,8 @@ pub(crate) const REGIONS: usize = BANDS_DEG.len() * BANDS_DEG.len();
 /// Arrays of `brdf.zarr`: shares [theta region, cause], and geometric mean of σ/f [theta region].
 pub(crate) const SHARES: &str = "uncertainty_share";
 pub(crate) const RELATIVE: &str = "uncertainty_relative";
+/// Array of `brdf.zarr`: share that all values have in common beside a factor, [theta region].
+const SHARED: &str = "uncertainty_shared";
 
 /// The band of a polar angle; `None` beyond the last.
 #[must_use]
@@ -45,8 +47,33 @@ pub(crate) struct BudgetSums {
     log_relative: [f64; REGIONS],
     /// Samples that have a σ/f.
     positive: [u64; REGIONS],
-    /// Σ f·c/σ² and Σ f²/σ², where c is the standard uncertainty that all samples share beside a common factor.
-    shared: [f64; 2],
+    /// Σ of the share of the variance that all samples share beside a factor.
+    shared: [f64; REGIONS],
+    /// Σ f·c/σ² and Σ f²/σ², c being the standard uncertainties that all samples share, of each cause.
+    by_cause: [f64; 2],
+    values: f64,
+}
+
+/// Standard uncertainties of a sample that all others share.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Shared {
+    /// By the reflectance of the standards.
+    pub(crate) standards: f32,
+    /// By the lamp in the black frames.
+    pub(crate) lamp: f32,
+    /// By stray light.
+    pub(crate) stray: f32,
+}
+
+impl Shared {
+    /// By standards, lamp and stray light.
+    pub(crate) const fn of([standards, lamp, stray]: [f32; 3]) -> Self {
+        Self {
+            standards,
+            lamp,
+            stray,
+        }
+    }
 }
 
 impl BudgetSums {
@@ -66,21 +93,29 @@ impl BudgetSums {
         }
     }
 
-    /// Adds a sample f of this `variance`, of which `shared` is the standard uncertainty that it shares with all others.
-    pub(crate) fn add_shared(&mut self, f: f32, variance: f32, shared: f32) {
-        let [f, variance, shared] = [f, variance, shared].map(f64::from);
-        if variance > 0.0 && (f + variance + shared).is_finite() {
-            self.shared[0] += f * shared / variance;
-            self.shared[1] += f * f / variance;
+    /// Adds a sample f of this `variance` in a region, and what of it is `shared`.
+    pub(crate) fn add_shared(&mut self, region: usize, f: f32, variance: f32, shared: Shared) {
+        let Shared {
+            standards,
+            lamp,
+            stray,
+        } = shared;
+        let [f, variance, standards, lamp, stray] = [f, variance, standards, lamp, stray].map(f64::from);
+        if variance > 0.0 && (f + variance + standards + lamp + stray).is_finite() {
+            self.shared[region] += (lamp * lamp + stray * stray) / variance;
+            for (sum, cause) in self.by_cause.iter_mut().zip([standards, lamp]) {
+                *sum += f * cause / variance;
+            }
+            self.values += f * f / variance;
         }
     }
 
     /// Relative standard uncertainty (k = 1) of the factor that all values have in common, by what they share: by as much would least
     /// squares find it off.
     pub(crate) fn shared(&self) -> f64 {
-        let [errors, values] = self.shared;
-        if values > 0.0 {
-            (errors / values).abs()
+        let [standards, lamp] = self.by_cause;
+        if self.values > 0.0 {
+            standards.hypot(lamp) / self.values
         } else {
             0.0
         }
@@ -88,13 +123,15 @@ impl BudgetSums {
 
     /// Adds those of `other` samples.
     pub(crate) fn merge(&mut self, other: &Self) {
-        for (sum, other) in self.shared.iter_mut().zip(other.shared) {
+        for (sum, other) in self.by_cause.iter_mut().zip(other.by_cause) {
             *sum += other;
         }
+        self.values += other.values;
         for region in 0..REGIONS {
             for (sum, other) in self.shares[region].iter_mut().zip(other.shares[region]) {
                 *sum += other;
             }
+            self.shared[region] += other.shared[region];
             self.samples[region] += other.samples[region];
             self.log_relative[region] += other.log_relative[region];
             self.positive[region] += other.positive[region];
@@ -102,7 +139,8 @@ impl BudgetSums {
     }
 
     /// The arrays of `brdf.zarr`; NaN where there is no sample, or none at all.
-    pub(crate) fn arrays(sums: Option<&Self>) -> [SmallArray<'static>; 2] {
+    pub(crate) fn arrays(sums: Option<&Self>) -> [SmallArray<'static>; 3] {
+        let mut shared = vec![f64::NAN; REGIONS];
         let mut shares = vec![f64::NAN; REGIONS * CAUSES.len()];
         let mut relative = vec![f64::NAN; REGIONS];
         for region in 0..REGIONS {
@@ -115,6 +153,7 @@ impl BudgetSums {
             {
                 *share = sum / sums.samples[region] as f64;
             }
+            shared[region] = sums.shared[region] / sums.samples[region] as f64;
             if sums.positive[region] > 0 {
                 relative[region] = (sums.log_relative[region] / sums.positive[region] as f64).exp();
             }
@@ -140,6 +179,16 @@ impl BudgetSums {
                 long_name: "geometric mean of the standard uncertainty of f over f",
                 codes: &[],
             },
+            SmallArray {
+                name: SHARED,
+                dims: &["theta_region"],
+                shape: vec![REGIONS],
+                data: SmallData::F64(shared),
+                units: "1",
+                long_name: "share of the variance of f that all values have in common beside a factor: by the lamp in the black \
+                            frames, and by stray light",
+                codes: &[],
+            },
         ]
     }
 }
@@ -155,6 +204,9 @@ pub struct RegionBudget {
     pub relative: f64,
     /// Share of each of [`CAUSES`] in the variance.
     pub shares: Vec<f64>,
+    /// Share of the variance that all values have in common beside a factor: an offset by the lamp in the black frames, and by stray
+    /// light.
+    pub shared: f64,
 }
 
 /// The budget that a file has; nothing if it is older, or has none.
@@ -171,30 +223,33 @@ pub(crate) fn read(reader: &BrdfReader) -> Result<Vec<RegionBudget>, StoreError>
     // Of other causes it says nothing.
     let is_ours = shares.len() == REGIONS * CAUSES.len();
     Ok(if is_ours {
-        regions(&shares, &array(RELATIVE)?)
+        regions([&shares, &array(RELATIVE)?, &array(SHARED)?])
     } else {
         Vec::new()
     })
 }
 
 /// The arrays of a file that takes this `budget` over from another.
-pub(crate) fn arrays_of(budget: &[RegionBudget]) -> [SmallArray<'static>; 2] {
-    let [mut shares, mut relative] = BudgetSums::arrays(None);
-    let (mut all, mut sizes) = (vec![f64::NAN; REGIONS * CAUSES.len()], vec![f64::NAN; REGIONS]);
+pub(crate) fn arrays_of(budget: &[RegionBudget]) -> [SmallArray<'static>; 3] {
+    let [mut shares, mut relative, mut shared] = BudgetSums::arrays(None);
+    let mut all = vec![f64::NAN; REGIONS * CAUSES.len()];
+    let [mut sizes, mut parts] = [(); 2].map(|()| vec![f64::NAN; REGIONS]);
     for one in budget {
         let at = [one.incident_deg, one.outgoing_deg].map(|[_, end]| band(end));
         if let [Some(row), Some(column)] = at {
             let region = row * BANDS_DEG.len() + column;
             all[region * CAUSES.len()..][..CAUSES.len()].copy_from_slice(&one.shares);
             sizes[region] = one.relative;
+            parts[region] = one.shared;
         }
     }
-    (shares.data, relative.data) = (SmallData::F64(all), SmallData::F64(sizes));
-    [shares, relative]
+    shares.data = SmallData::F64(all);
+    (relative.data, shared.data) = (SmallData::F64(sizes), SmallData::F64(parts));
+    [shares, relative, shared]
 }
 
 /// The budgets of all regions that have samples, from what [`BudgetSums::arrays`] wrote.
-pub(crate) fn regions(shares: &[f64], relative: &[f64]) -> Vec<RegionBudget> {
+pub(crate) fn regions([shares, relative, shared]: [&[f64]; 3]) -> Vec<RegionBudget> {
     let span = |band: usize| {
         let from = band.checked_sub(1).map_or(0.0, |below| BANDS_DEG[below]);
         [from, BANDS_DEG[band]]
@@ -210,6 +265,7 @@ pub(crate) fn regions(shares: &[f64], relative: &[f64]) -> Vec<RegionBudget> {
             outgoing_deg: span(region % BANDS_DEG.len()),
             relative: *relative,
             shares: shares.to_vec(),
+            shared: shared.get(region).copied().unwrap_or(0.0),
         })
         .collect()
 }
@@ -227,8 +283,11 @@ mod tests {
         // What nobody knows counts for nothing.
         more.add(4, 1.0, [f32::INFINITY; CAUSES.len()]);
         sums.merge(&more);
-        let [shares, relative] = BudgetSums::arrays(Some(&sums));
-        let found = regions(shares.data.as_f64().unwrap(), relative.data.as_f64().unwrap());
+        let read = |arrays: [SmallArray<'_>; 3]| {
+            let [shares, relative, shared] = arrays.each_ref().map(|array| array.data.as_f64().unwrap());
+            regions([shares, relative, shared])
+        };
+        let found = read(BudgetSums::arrays(Some(&sums)));
         let [one] = found.as_slice() else {
             panic!("one region: {found:?}")
         };
@@ -237,16 +296,36 @@ mod tests {
         assert!((one.shares.iter().sum::<f64>() - 1.0).abs() < 1e-6);
         assert!((one.relative - 0.02).abs() < 1e-6, "{}", one.relative);
         assert_eq!((band(30.0), band(30.1), band(80.1)), (Some(0), Some(1), None));
-        let [shares, relative] = arrays_of(&found);
-        assert_eq!(
-            regions(shares.data.as_f64().unwrap(), relative.data.as_f64().unwrap()),
-            found
+        assert_eq!(read(arrays_of(&found)), found);
+    }
+
+    #[test]
+    fn what_all_values_share_is_off_as_least_squares_would_find_it() {
+        let mut sums = BudgetSums::default();
+        for (f, lamp) in [(0.1, 0.01), (1.0, 0.01)] {
+            let shared = Shared {
+                standards: 0.02 * f,
+                lamp,
+                stray: 0.0,
+            };
+            sums.add_shared(4, f, 0.04 * f * f, shared);
+            sums.add(4, f, [0.04 * f * f, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        }
+        // Relative to their σ both weigh alike; the lamp's offset is 10 % of one and 1 % of the other.
+        assert!(
+            (sums.shared() - 0.02_f64.hypot(0.055)).abs() < 1e-6,
+            "{}",
+            sums.shared()
         );
+        let [_, _, shared] = BudgetSums::arrays(Some(&sums));
+        let found = shared.data.as_f64().unwrap()[4];
+        assert!((found - f64::midpoint(0.25, 0.0025)).abs() < 1e-6, "{found}");
     }
 
     #[test]
     fn without_samples_there_is_no_budget() {
-        let [shares, relative] = BudgetSums::arrays(None);
-        assert!(regions(shares.data.as_f64().unwrap(), relative.data.as_f64().unwrap()).is_empty());
+        let [shares, relative, _] = BudgetSums::arrays(None);
+        let [shares, relative] = [&shares, &relative].map(|array| array.data.as_f64().unwrap());
+        assert!(regions([shares, relative, &[]]).is_empty());
     }
 }

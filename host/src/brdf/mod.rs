@@ -267,6 +267,18 @@ impl Brdf {
         &self.budget
     }
 
+    /// Share of the variance of a value that all values have in common beside a factor, at these polar angles of light and view in
+    /// degrees; 0 where the [`budget`](Self::budget) says nothing.
+    #[must_use]
+    pub(crate) fn shared_part(&self, incident_deg: f64, outgoing_deg: f64) -> f64 {
+        let is_in = |[from, to]: [f64; 2], deg: f64| (from < deg || from <= 0.0) && deg <= to;
+        let of = self
+            .budget
+            .iter()
+            .find(|one| is_in(one.incident_deg, incident_deg) && is_in(one.outgoing_deg, outgoing_deg));
+        of.map_or(0.0, |one| one.shared).clamp(0.0, 1.0)
+    }
+
     /// Relative standard uncertainty (k = 1) that all values have in common by the reflectances of the standards and by light
     /// that returns onto the sample: root mean square over the regions of the [`budget`](Self::budget). `None` without one.
     #[must_use]

@@ -175,8 +175,29 @@ pub struct ProjectorPart {
     /// Full on over full off, as its data sheet has it; as black as one wants if that says nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contrast: Option<f64>,
+    /// What makes its image.
+    #[serde(default, skip_serializing_if = "Panel::is_liquid_crystal")]
+    pub panel: Panel,
     /// Image size, projection and pose.
     pub lens: Lens,
+}
+
+/// What makes a projector's image.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Panel {
+    /// Liquid crystal: a little of a change of light is left when a pattern counts as settled.
+    #[default]
+    LiquidCrystal,
+    /// Micromirrors, of whose changes nothing is left.
+    Mirrors,
+}
+
+impl Panel {
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+    fn is_liquid_crystal(&self) -> bool {
+        *self == Self::LiquidCrystal
+    }
 }
 
 /// Strength and size of the light.

@@ -117,6 +117,17 @@ impl Timing {
         })
     }
 
+    /// As [`new`](Self::new), but each pattern has twice the time to settle: what little is left of the one before fades by as much
+    /// again as it did. So calibrations see one pattern at a time.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn patient(rig: &Rig, exposure_s: f64) -> Result<Self, ScheduleError> {
+        let mut rig = rig.clone();
+        rig.projector.settle_s *= 2.0;
+        Self::new(&rig, exposure_s)
+    }
+
     /// The steps of exposures of `exposures_s` seconds of one pattern: the first shows it, and it stays for the others.
     /// So the projector needs no more memory, and no more time to settle, than for one exposure.
     ///

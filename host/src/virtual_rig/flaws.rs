@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::crosstalk::Crosstalk;
 use super::figure::Figure;
 use super::knee::Knee;
+use super::lag::Lag;
 use super::seating::Seating;
 use crate::instrument::frame_format::place_of_pixel;
 
@@ -55,6 +56,8 @@ pub struct Flaws {
     pub seating: Seating,
     /// How sharp the projector's image is.
     pub focus: Focus,
+    /// What is left of the pattern before.
+    pub lag: Lag,
 }
 
 /// How sharp the projector's image is.

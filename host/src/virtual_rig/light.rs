@@ -14,7 +14,7 @@
 //! [`crate::plan::light::cells`].
 
 use std::collections::HashMap;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
 
@@ -51,6 +51,30 @@ impl Glow {
     pub(super) fn is_black(&self) -> bool {
         let is_dark = matches!(&self.at_sample, AtSample::Spots(spots) if spots.is_empty());
         is_dark && self.direct <= 0.0
+    }
+}
+
+/// A pattern on the screen.
+#[derive(Debug, Default)]
+pub(super) struct Shown {
+    pub(super) glow: Glow,
+    /// What the camera gets of it, made once for all exposures.
+    image: OnceLock<Vec<f32>>,
+}
+
+impl From<Glow> for Shown {
+    fn from(glow: Glow) -> Self {
+        Self {
+            glow,
+            image: OnceLock::new(),
+        }
+    }
+}
+
+impl Shown {
+    /// What the camera gets of it, which is as `make` makes it.
+    pub(super) fn image(&self, make: impl FnOnce(&Glow) -> Vec<f32>) -> &[f32] {
+        self.image.get_or_init(|| make(&self.glow))
     }
 }
 

@@ -13,6 +13,7 @@
 //! - `areas`: what part of the sample a pixel sees and a spot lights
 //! - `stray`: light that goes other ways: glare, ghost and direct light
 //! - `crosstalk`: charge that leaks between colours
+//! - `lag`: what is left of the pattern before
 //! - `knee`: how the camera's response bends near its full well
 //! - `held`: what stands in the holder: a sample or, for calibration, a flat mirror
 //! - `interreflection`: light that leaves the sample and comes back onto it
@@ -37,6 +38,7 @@ mod flaws;
 mod held;
 mod interreflection;
 mod knee;
+mod lag;
 mod light;
 mod pixels;
 mod scene;
@@ -71,6 +73,7 @@ pub use flaws::{
 };
 pub use held::{FlatMirror, Held};
 pub use knee::{KNEES, Knee};
+pub use lag::{LAGS, Lag};
 pub use seating::{SEATINGS_M, Seating};
 pub use sensor::Noise;
 pub use tolerances::{PixelTolerances, Tolerances};

@@ -401,45 +401,21 @@ impl Scene {
     fn charge_e(&self, shot: &Shot) -> Vec<f32> {
         let channels = self.format.channels;
         let mut charge_e = vec![0.0; self.format.len()];
-        let seen = |light: DVec3| -> [f64; 3] {
-            if channels == 1 {
-                [light.element_sum() / 3.0; 3]
-            } else {
-                light.to_array()
-            }
-        };
-        let mut add = |pixel: &Pixel, scale: f64, f: DVec3| {
-            let out = &mut charge_e[pixel.index * channels..][..channels];
-            for (out, f) in out.iter_mut().zip(seen(f)) {
-                *out += (scale * f) as f32;
-            }
-        };
         let light_e = self.sensitivity * shot.lamp;
-        for (glow, visible_s) in &shot.seen {
-            let colour = DVec3::from(glow.colour);
-            match (&glow.at_sample, &self.held) {
-                (AtSample::Spots(spots), Held::Sample(sample)) => {
-                    for spot in spots.iter() {
-                        let lobes = spot.light.nodes.map(|node| sample.incident(node));
-                        let scale = light_e * spot.light.irradiance * visible_s;
-                        for pixel in &self.pixels {
-                            let f = self.f(spot, &lobes, pixel, SeenArea::share);
-                            add(pixel, scale, DVec3::from(f) * colour);
-                        }
-                    }
-                }
-                (AtSample::Image(image), _) => {
-                    for pixel in &self.pixels {
-                        let radiance = f64::from(image[pixel.index]) * pixel.throughput;
-                        add(pixel, light_e * visible_s, radiance * colour);
-                    }
-                }
-                (AtSample::Spots(_), Held::Mirror(_)) => {}
+        for (shown, visible_s) in &shot.seen {
+            let image = shown.image(|glow| self.image(glow));
+            let scale = (light_e * visible_s) as f32;
+            for (charge_e, light) in charge_e.iter_mut().zip(image) {
+                *charge_e += scale * light;
             }
         }
         if let Some(black) = &self.black {
+            let scale = light_e * shot.exposure_s;
             for (pixel, f) in self.pixels.iter().zip(black) {
-                add(pixel, light_e * shot.exposure_s, DVec3::from(*f));
+                let out = &mut charge_e[pixel.index * channels..][..channels];
+                for (out, f) in out.iter_mut().zip(self.as_seen(DVec3::from(*f))) {
+                    *out += (scale * f) as f32;
+                }
             }
         }
         if let Some(stray) = &self.stray {
@@ -447,9 +423,9 @@ impl Scene {
             let lit: DVec3 = shot
                 .seen
                 .iter()
-                .map(|(glow, visible_s)| glow.direct * visible_s * DVec3::from(glow.colour))
+                .map(|(shown, visible_s)| shown.glow.direct * visible_s * DVec3::from(shown.glow.colour))
                 .sum();
-            let all = seen(light_e * (lit + self.black_direct * shot.exposure_s));
+            let all = self.as_seen(light_e * (lit + self.black_direct * shot.exposure_s));
             if let Some(direct) = stray.direct() {
                 for (out, share) in charge_e.chunks_exact_mut(channels).zip(direct) {
                     for (out, all) in out.iter_mut().zip(all) {
@@ -459,6 +435,49 @@ impl Scene {
             }
         }
         charge_e
+    }
+
+    /// Colours as the camera's channels show them.
+    fn as_seen(&self, light: DVec3) -> [f64; 3] {
+        if self.format.channels == 1 {
+            [light.element_sum() / 3.0; 3]
+        } else {
+            light.to_array()
+        }
+    }
+
+    /// f × irradiance of a pattern in every pixel, [row, column, channel].
+    fn image(&self, glow: &Glow) -> Vec<f32> {
+        let channels = self.format.channels;
+        let mut light = vec![0.0; self.format.len()];
+        let colour = DVec3::from(glow.colour);
+        let mut add = |pixel: &Pixel, f: DVec3| {
+            let out = &mut light[pixel.index * channels..][..channels];
+            for (out, f) in out.iter_mut().zip(self.as_seen(f * colour)) {
+                *out += f as f32;
+            }
+        };
+        match (&glow.at_sample, &self.held) {
+            (AtSample::Spots(spots), Held::Sample(sample)) => {
+                for spot in spots.iter() {
+                    let lobes = spot.light.nodes.map(|node| sample.incident(node));
+                    for pixel in &self.pixels {
+                        let f = self.f(spot, &lobes, pixel, SeenArea::share);
+                        add(pixel, spot.light.irradiance * DVec3::from(f));
+                    }
+                }
+            }
+            (AtSample::Image(image), _) => {
+                for pixel in &self.pixels {
+                    add(
+                        pixel,
+                        DVec3::splat(f64::from(image[pixel.index]) * pixel.throughput),
+                    );
+                }
+            }
+            (AtSample::Spots(_), Held::Mirror(_)) => {}
+        }
+        light
     }
 }
 

@@ -10,8 +10,9 @@ use super::flaws::{
     BLACK_FIELD, CONTRASTS, Direct, Field, Flaws, Focus, Ghost, Glare, Lamp, Pixels, Pupils, log_uniform,
 };
 use super::knee::Knee;
+use super::lag::Lag;
 use super::seating::Seating;
-use crate::instrument::rig::Rig;
+use crate::instrument::rig::{Panel, Rig};
 
 /// How far a drawn truth strays from the nominal rig, as standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,6 +48,9 @@ pub struct Tolerances {
     /// Share of its charge that a green pixel of the camera's mosaic loses to its neighbours; `None` draws it from
     /// [`CROSSTALKS`](super::CROSSTALKS), log-uniformly.
     pub crosstalk: Option<f64>,
+    /// Share of a change of light that is left when a pattern counts as settled; `None` draws it from [`LAGS`](super::LAGS),
+    /// log-uniformly. Never any with mirrors.
+    pub lag: Option<f64>,
     /// Standard deviation of the height at which things are seated in the holder, metres; `None` draws it from
     /// [`SEATINGS_M`](super::SEATINGS_M), log-uniformly.
     pub seating_m: Option<f64>,
@@ -114,6 +118,7 @@ impl Tolerances {
         figure_rad: None,
         knee: None,
         crosstalk: None,
+        lag: None,
         seating_m: None,
         blur_px: None,
         standard: 0.0,
@@ -145,6 +150,7 @@ impl Tolerances {
             crosstalk: Crosstalk::drawn(seed),
             seating: Seating::drawn(seed),
             focus: Focus::drawn(seed),
+            lag: Lag::drawn(seed, nominal.projector.panel),
         };
         flaws.standards = std::array::from_fn(|_| {
             let normal: f64 = rng.sample(StandardNormal);
@@ -160,6 +166,9 @@ impl Tolerances {
         flaws.pupils = Pupils::drawn([nominal.camera.lens.pupil_m, nominal.projector.lens.pupil_m], rng);
         flaws.crosstalk.share = self.crosstalk.unwrap_or(flaws.crosstalk.share);
         flaws.knee.loss = self.knee.unwrap_or(flaws.knee.loss);
+        if nominal.projector.panel == Panel::LiquidCrystal {
+            flaws.lag.share = self.lag.unwrap_or(flaws.lag.share);
+        }
         flaws.seating.height_m = self.seating_m.unwrap_or(flaws.seating.height_m);
         flaws.focus.blur_px = self.blur_px.unwrap_or(flaws.focus.blur_px);
         flaws.figure.slope_rad = self.figure_rad.unwrap_or(flaws.figure.slope_rad);

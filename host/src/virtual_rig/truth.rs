@@ -23,9 +23,9 @@ use super::held::Off;
 use super::tolerances::Tolerances;
 
 /// Version of a truth's file; 1 does not say so.
-const VERSION: u32 = 7;
+const VERSION: u32 = 8;
 /// What came with each later version.
-const NEWS: [(u32, &str); 6] = [
+const NEWS: [(u32, &str); 7] = [
     (2, "glare, the splitter's ghost and direct light"),
     (
         3,
@@ -41,6 +41,7 @@ const NEWS: [(u32, &str); 6] = [
         "how well things are seated in the holder, how sharp the projector is and how the camera's offset wanders",
     ),
     (7, "charge that leaks between the camera's colours"),
+    (8, "the lag of liquid crystals"),
 ];
 
 /// A virtual rig as it really is.
@@ -180,6 +181,7 @@ impl Truth {
             crosstalk,
             seating,
             focus,
+            lag,
             ..
         } = &self.flaws;
         let of_glare = |low: f64| if glare.share > 0.0 { low } else { 0.0 };
@@ -219,6 +221,7 @@ impl Truth {
             ("flaws.knee.start", knee.start, 0.0, 0.99),
             ("flaws.knee.loss", knee.loss, 0.0, 0.5),
             ("flaws.seating.height_m", seating.height_m, 0.0, 0.01),
+            ("flaws.lag.share", lag.share, 0.0, 0.5),
             ("flaws.focus.blur_px", focus.blur_px, 0.0, 10.0),
         ] {
             if !(low..=high).contains(&found) {
@@ -305,14 +308,14 @@ mod tests {
             std::fs::write(&path, text).unwrap();
             Truth::load(&path).unwrap_err().to_string()
         };
-        let older = refusal(truth.to_toml().replacen("version = 7\n", "", 1));
+        let older = refusal(truth.to_toml().replacen("version = 8\n", "", 1));
         assert!(
-            older.contains("version: expected 7, which also has glare") && older.ends_with("found none"),
+            older.contains("version: expected 8, which also has glare") && older.ends_with("found none"),
             "{older}"
         );
-        let before = refusal(truth.to_toml().replacen("version = 7\n", "version = 2\n", 1));
+        let before = refusal(truth.to_toml().replacen("version = 8\n", "version = 2\n", 1));
         assert!(
-            before.contains("version: expected 7, which also has the lamp's drift")
+            before.contains("version: expected 8, which also has the lamp's drift")
                 && before.ends_with("found 2"),
             "{before}"
         );
@@ -332,6 +335,7 @@ mod tests {
             }),
             ("flaws.figure.slope_rad", |flaws| flaws.figure.slope_rad = 0.1),
             ("flaws.crosstalk.share", |flaws| flaws.crosstalk.share = 0.3),
+            ("flaws.lag.share", |flaws| flaws.lag.share = 0.6),
             ("flaws.knee.start", |flaws| flaws.knee.start = 1.0),
             ("flaws.seating.height_m", |flaws| flaws.seating.height_m = -1e-4),
             ("flaws.focus.blur_px", |flaws| flaws.focus.blur_px = 11.0),

@@ -25,7 +25,7 @@ use rayon::prelude::*;
 
 use super::merge::lanes;
 use super::projection::Projection;
-use super::radiometry::{Bench, Offset, Out, Radiometry, Way, Work, resample};
+use super::radiometry::{Bench, Offset, Out, Radiometry, Way, Work, before, resample};
 use super::window::Agree;
 use crate::assemble::{AssembleError, Assembled};
 use crate::instrument::calibration::stray::sqrt;
@@ -136,14 +136,13 @@ impl Cells {
         projection: &Projection,
         block: &mut Block,
     ) -> Result<(), StoreError> {
-        let length = self.values * projection.radiometry.len();
-        let exposures = (first..).step_by(projection.radiometry.len());
-        let coded: Vec<(usize, Offset, &[u16])> = patterns
+        let brackets = projection.radiometry.len();
+        let places = (0..).step_by(brackets);
+        let coded: Vec<(usize, usize)> = patterns
             .iter()
-            .zip(exposures)
-            .zip(segment.frames.chunks_exact(length))
-            .filter_map(|((pattern, exposure), frames)| match pattern {
-                Exposure::Coded(number) => Some((*number, projection.drift.of(exposure), frames)),
+            .zip(places)
+            .filter_map(|(pattern, place)| match pattern {
+                Exposure::Coded(number) => Some((*number, place)),
                 _ => None,
             })
             .collect();
@@ -151,9 +150,10 @@ impl Cells {
         for some in coded.chunks(2 * rayon::current_num_threads()) {
             let shown: Vec<Shown> = some
                 .par_iter()
-                .map_init(Work::default, |work, (number, offset, frames)| {
+                .map_init(Work::default, |work, (number, place)| {
                     let lit = self.codes.lit(*number).map(|cell| self.directions[cell]);
-                    Shown::of((frames, *offset), lit, projection, work)
+                    let offset = projection.drift.of(first + place);
+                    Shown::of((segment, *place, offset), lit, projection, work)
                 })
                 .collect();
             for ((number, ..), shown) in some.iter().zip(shown) {
@@ -336,22 +336,26 @@ impl Cells {
 }
 
 impl Shown {
-    /// Of the `frames` of a pattern that lights the directions `lit`, with this `offset` of the camera.
+    /// Of the pattern that lights the directions `lit`, whose first exposure has this `place` in `segment`, with this `offset` of the
+    /// camera.
     fn of(
-        (frames, offset): (&[u16], Offset),
+        (segment, place, offset): (&Segment, usize, Offset),
         lit: impl Iterator<Item = usize>,
         projection: &Projection,
         work: &mut Work,
     ) -> Self {
         let stray = projection.stray.as_ref().map(|stray| stray.of_all(lit));
+        let (brackets, values) = (projection.radiometry.len(), projection.radiometry[0].dark.len());
         let way = &Way {
             irradiance: 1.0,
             resampling: &projection.resampling,
             stray: stray.as_ref().map(|(removal, lit)| (*removal, lit)),
             bias: projection.bias(),
             offset,
+            before: before(segment, place, (brackets, values)),
         };
         let bench = &mut Bench::of(work).0;
+        let frames = &segment.frames[place * values..][..brackets * values];
         projection.image(frames, way, bench);
         match (projection.channels, projection.radiometry.as_slice()) {
             (1, [one]) => Self::single::<1>(one, bench),

@@ -76,11 +76,11 @@ impl<'a> Merge<'a> {
         Self { exposures, brackets }
     }
 
-    /// Merges `frames`, one behind the other in the order of the exposures; the lamp had these `levels` in them, and the camera this
+    /// Merges linear `frames`, NaN where they are saturated, one behind the other in the order of the exposures; the lamp had these `levels` in them, and the camera this
     /// `offset` beside the black frames.
     pub(super) fn frames<const CHANNELS: usize>(
         &self,
-        frames: &[u16],
+        frames: &[f32],
         levels: &[Level],
         offset: Offset,
         out: &mut Merged,
@@ -92,28 +92,21 @@ impl<'a> Merge<'a> {
         out.of_row.clear();
         out.several.clear();
         out.heaviest.clear();
-        let saturation = Vec4::splat(f32::from(self.exposures[0].numbers.trusted));
         let mut numbers = [Number::default(); MOST_EXPOSURES];
         for pixel in 0..pixels {
             let at = pixel * CHANNELS;
             for (k, number) in numbers[..self.brackets.len()].iter_mut().enumerate() {
                 let radiometry = &self.exposures[k];
-                let raw = &frames[k * samples + at..][..CHANNELS];
-                let mut linear = [0.0; 4];
-                for (linear, dn) in linear.iter_mut().zip(raw) {
-                    *linear = radiometry.linear(*dn);
-                }
+                let shown = lanes::<CHANNELS, f32>(&frames[k * samples + at..]);
+                let is_saturated = shown.is_nan_mask();
+                let linear = Vec4::select(is_saturated, Vec4::ZERO, shown);
                 let dark = lanes::<CHANNELS, f32>(&radiometry.dark[at..]);
                 *number = Number {
                     signal: levels[k].steady(
-                        Vec4::from_array(linear) - dark - offset.dn,
+                        linear - dark - offset.dn,
                         radiometry.black_light::<CHANNELS>(pixel),
                     ),
-                    usable: Vec4::select(
-                        lanes::<CHANNELS, u16>(raw).cmplt(saturation),
-                        Vec4::ONE,
-                        Vec4::ZERO,
-                    ),
+                    usable: Vec4::select(is_saturated, Vec4::ZERO, Vec4::ONE),
                     dark_variance: radiometry.dark_shot_variance(dark) + self.brackets[k].dark_variance,
                 };
             }

@@ -48,6 +48,12 @@ fn frames(rig: &Rig, times_s: &[f64], rate_e: f64, samples: usize, seed: u64) ->
     .collect()
 }
 
+/// The numbers of `frames` as `exposures` tell.
+fn linear(frames: &[u16], exposures: &[Radiometry]) -> Vec<f32> {
+    let of = |dn: &u16| exposures[0].numbers.unsaturated(*dn);
+    frames.iter().map(of).collect()
+}
+
 /// Mean and standard deviation of (merged − true rate), both relative to the stated standard uncertainty, and the share
 /// of stated intervals at k = 2 that hold the truth.
 fn trial(rate_e: f64) -> (f64, f64, f64) {
@@ -70,7 +76,7 @@ fn trial(rate_e: f64) -> (f64, f64, f64) {
         .collect();
     let mut merged = Merged::default();
     Merge::new(&exposures).frames::<1>(
-        &frames(&rig, &TIMES_S, rate_e, PIXELS, 7),
+        &linear(&frames(&rig, &TIMES_S, rate_e, PIXELS, 7), &exposures),
         &[Level::SAME; TIMES_S.len()],
         Offset::default(),
         &mut merged,
@@ -173,7 +179,7 @@ fn saturated_and_dark_samples_take_no_part() {
         let mut out = Merged::default();
         let frames: Vec<u16> = dn.into_iter().flat_map(|dn| [dn, dn, dn]).collect();
         Merge::new(&exposures).frames::<3>(
-            &frames,
+            &linear(&frames, &exposures),
             &vec![Level::SAME; exposures.len()],
             Offset::default(),
             &mut out,

@@ -9,11 +9,17 @@
 //! lamp c brighter. Least squares with the weights of noise tell both; o is the same for all exposures of a pattern. In between it
 //! is interpolated linearly, beyond which offsets wander with the square of the time from one black pattern to the next.
 //!
+//! Behind a lit pattern a black one shows a share s of that, too, which least squares tell along: y = o + c·b + s·(Y − F) as in
+//! `lag`. It is the same in all of an exposure time, and taken out of their means.
+//!
 //! Frames that differ by what watches the lamp alone tell how bright it was, whatever the offset and the sample are.
 
 use std::collections::BTreeMap;
 
+use glam::{DMat3, DVec3};
+
 use super::Radiometry;
+use super::lag::{self, Lag};
 use super::numbers::Numbers;
 use crate::instrument::calibration::stray::{WANDER_S, offset_dn};
 use crate::instrument::calibration::{CameraFound, LampFound};
@@ -73,11 +79,11 @@ struct Mean {
 }
 
 impl Mean {
-    fn add(&mut self, frame: &[f32]) {
+    fn add(&mut self, frame: impl ExactSizeIterator<Item = f32>) {
         self.sum.resize(frame.len(), 0.0);
         self.count += 1;
         for (sum, dn) in self.sum.iter_mut().zip(frame) {
-            *sum += f64::from(*dn);
+            *sum += f64::from(dn);
         }
     }
 
@@ -90,10 +96,40 @@ impl Mean {
 /// Black frames of one exposure time.
 struct OfTime {
     exposure_s: f64,
-    black: Mean,
-    unwatched: Mean,
-    /// The first of them, linear.
-    first: Vec<f32>,
+    /// How much of the pattern before is usually left, and what they tell of it: Σ s/σ² and Σ 1/σ².
+    usual_lag: f64,
+    told: [f64; 2],
+    black: Means,
+    unwatched: Means,
+    /// The first of them.
+    first: Vec<Seen>,
+}
+
+/// Mean of frames, and of what the patterns before them showed.
+#[derive(Default)]
+struct Means {
+    shown: Mean,
+    before: Mean,
+}
+
+impl Means {
+    fn add(&mut self, frame: &[Seen]) {
+        self.shown.add(frame.iter().map(|seen| seen.dn));
+        self.before.add(frame.iter().map(|seen| seen.before));
+    }
+
+    /// What frames show of their own patterns.
+    fn get(&self, lag: Lag) -> Vec<f32> {
+        let both = self.shown.get().into_iter().zip(self.before.get());
+        both.map(|(dn, before)| lag.clear(dn, before)[0]).collect()
+    }
+}
+
+/// A number of a black frame, linear, and what the pattern before showed; the same if nothing was before.
+#[derive(Clone, Copy)]
+struct Seen {
+    dn: f32,
+    before: f32,
 }
 
 /// The black frames of a measurement.
@@ -108,24 +144,26 @@ pub(in super::super) struct BlackFrames {
 }
 
 impl BlackFrames {
-    /// For exposures of `exposures_s` seconds of each pattern, of the camera of `rig`; `camera` and `lamp` are what calibration found,
-    /// if it did. Without them nothing is said of drifts.
+    /// For exposures of these seconds of each pattern, of the camera of `rig`, with what is usually left in them of the pattern before;
+    /// `camera` and `lamp` are what calibration found, if it did. Without them nothing is said of drifts.
     pub(in super::super) fn new(
         rig: &Rig,
         (camera, lamp): (Option<&CameraFound>, Option<&LampFound>),
-        exposures_s: &[f64],
+        exposures: &[(f64, f64)],
     ) -> Self {
-        let of = |exposure_s: &f64| OfTime {
+        let of = |(exposure_s, usual_lag): &(f64, f64)| OfTime {
             exposure_s: *exposure_s,
-            black: Mean::default(),
-            unwatched: Mean::default(),
+            usual_lag: if lamp.is_some() { *usual_lag } else { 0.0 },
+            told: [0.0; 2],
+            black: Means::default(),
+            unwatched: Means::default(),
             first: Vec::new(),
         };
         Self {
             numbers: Numbers::new(rig, camera),
             rows: rig.frame_format().height_px,
             lamp_variance: lamp.map(|lamp| 2.0 * lamp.prior_variance()),
-            of_each: exposures_s.iter().map(of).collect(),
+            of_each: exposures.iter().map(of).collect(),
             offsets: BTreeMap::new(),
         }
     }
@@ -133,31 +171,45 @@ impl BlackFrames {
     /// Adds the black ones of the exposures of `segment`, the first of which has this number; each has so many `values`.
     pub(in super::super) fn add(&mut self, first: usize, segment: &Segment, values: usize) {
         let brackets = self.of_each.len();
-        let frames = segment.records.iter().zip(segment.frames.chunks_exact(values));
-        for (exposure, (record, frame)) in (first..).zip(frames) {
+        let times: Vec<f32> = self.of_each.iter().map(|of| of.exposure_s as f32).collect();
+        let camera = (&self.numbers, self.rows);
+        let frames = segment.frames.chunks_exact(values);
+        for (place, (record, frame)) in segment.records.iter().zip(frames).enumerate() {
             let is = |exposure: Exposure| record.incident == exposure.code();
             let is_of = |one: &&mut OfTime| one.exposure_s.total_cmp(&record.exposure_s).is_eq();
             let Some(of) = self.of_each.iter_mut().find(is_of) else {
                 continue;
             };
-            let linear = || -> Vec<f32> { frame.iter().map(|dn| self.numbers.linear(*dn)).collect() };
+            if !is(Exposure::Black) && !is(Exposure::Unwatched) {
+                continue;
+            }
+            let before = (of.usual_lag > 0.0)
+                .then(|| lag::before(segment, place - place % brackets, (brackets, values))[place % brackets])
+                .flatten();
+            let frame = seen(
+                &self.numbers,
+                frame,
+                before.map(|frames| (frames, times.as_slice())),
+                of.exposure_s as f32,
+            );
             if is(Exposure::Unwatched) {
-                of.unwatched.add(&linear());
-            } else if is(Exposure::Black) {
-                let linear = linear();
-                of.black.add(&linear);
-                let Some(lamp_variance) = self.lamp_variance else {
-                    continue;
-                };
-                let [sum, weight] = self.offsets.entry(exposure / brackets).or_default();
-                if of.first.is_empty() {
-                    of.first = linear;
-                    continue;
-                }
-                let camera = (&self.numbers, self.rows);
-                if let Some((offset, variance)) = beside(&linear, &of.first, camera, lamp_variance) {
-                    *sum += offset / variance;
-                    *weight += variance.recip();
+                of.unwatched.add(&frame);
+                continue;
+            }
+            of.black.add(&frame);
+            let Some(lamp_variance) = self.lamp_variance else {
+                continue;
+            };
+            let [sum, weight] = self.offsets.entry((first + place) / brackets).or_default();
+            if of.first.is_empty() {
+                of.first = frame;
+                continue;
+            }
+            if let Some(beside) = beside(&frame, &of.first, camera, [lamp_variance, of.usual_lag.powi(2)]) {
+                *sum += beside.offset / beside.variance;
+                *weight += beside.variance.recip();
+                for (told, one) in of.told.iter_mut().zip(beside.lag) {
+                    *told += one;
                 }
             }
         }
@@ -176,18 +228,22 @@ impl BlackFrames {
     pub(super) fn radiometry(self) -> Result<Vec<Radiometry>, String> {
         let numbers = &self.numbers;
         let of = |of: OfTime| {
-            if of.black.count == 0 {
+            let [black, unwatched] = [&of.black, &of.unwatched].map(|means| means.shown.count);
+            if black == 0 {
                 return Err(format!(
                     "expected black exposures of {} ms, found none",
                     of.exposure_s * 1e3
                 ));
             }
-            let means = 1.0 + 1.0 / of.black.count as f32;
+            let means = 1.0 + 1.0 / black as f32;
+            let lag = Lag::of(of.usual_lag, of.told);
+            tracing::debug!(exposure_s = of.exposure_s, ?lag, "of the pattern before");
             Ok(Radiometry {
                 exposure_s: of.exposure_s,
-                dark: of.black.get(),
-                unwatched: of.unwatched.get(),
-                counts: [of.black.count, of.unwatched.count],
+                dark: of.black.get(lag),
+                unwatched: of.unwatched.get(lag),
+                counts: [black, unwatched],
+                lag,
                 means,
                 dark_variance: numbers.read_variance * means,
                 row_variance: numbers.row_variance * means,
@@ -228,36 +284,72 @@ impl BlackFrames {
     }
 }
 
-/// By how much the offset of the black `frame` is higher than that of the `first`, and the variance of that; both have so many rows,
-/// and the lamp is brighter with this relative variance. `None` if all is saturated.
+/// A black `frame` of `exposure_s` seconds, and what the frames of the pattern before it, of those times, show.
+fn seen(numbers: &Numbers, frame: &[u16], before: Option<(&[u16], &[f32])>, exposure_s: f32) -> Vec<Seen> {
+    let mut light = Vec::new();
+    if let Some((frames, times_s)) = before {
+        lag::light(numbers, frames, times_s, &mut light);
+    }
+    let saturated = numbers.linear(numbers.saturation);
+    let of = |(value, dn): (usize, &u16)| {
+        let dn = numbers.linear(*dn);
+        let before = light.get(value).map_or(dn, |light| {
+            let before = numbers.level + light * exposure_s;
+            if before.is_nan() { saturated } else { before }
+        });
+        Seen { dn, before }
+    };
+    frame.iter().enumerate().map(of).collect()
+}
+
+/// What a black frame says beside another one.
+struct Beside {
+    /// By how much its offset is higher, and the variance of that.
+    offset: f64,
+    variance: f64,
+    /// Of the share that is left of the pattern before, s/σ² and 1/σ².
+    lag: [f64; 2],
+}
+
+/// What the black `frame` says beside the `first`; both have so many rows, the lamp is brighter with this relative variance, and the
+/// share of the pattern before has that one. `None` if all is saturated.
 fn beside(
-    frame: &[f32],
-    first: &[f32],
+    frame: &[Seen],
+    first: &[Seen],
     (numbers, rows): (&Numbers, usize),
-    lamp_variance: f64,
-) -> Option<(f64, f64)> {
+    [lamp_variance, lag_variance]: [f64; 2],
+) -> Option<Beside> {
     let full = numbers.linear(numbers.trusted);
-    let [mut w, mut wb, mut wbb, mut wy, mut wby] = [0.0, 0.0, lamp_variance.recip(), 0.0, 0.0];
-    for (dn, before) in frame
+    let usual = lag_variance.max(f64::MIN_POSITIVE).recip();
+    let mut normal = DMat3::from_diagonal(DVec3::new(0.0, lamp_variance.recip(), usual));
+    let mut right = DVec3::ZERO;
+    for (seen, before) in frame
         .iter()
         .zip(first)
-        .filter(|(dn, before)| dn.max(**before) < full)
+        .filter(|(seen, before)| seen.dn.max(before.dn) < full)
     {
-        let (light, more) = (f64::from(before - numbers.level), f64::from(dn - before));
+        let light = f64::from(before.dn - numbers.level);
+        let left = |seen: &Seen| f64::from(seen.before - seen.dn);
         let noise = f64::from(numbers.read_variance) + light.max(0.0) * f64::from(numbers.shot_per_dn);
-        let weight = (2.0 * noise).recip();
-        w += weight;
-        wb += weight * light;
-        wbb += weight * light * light;
-        wy += weight * more;
-        wby += weight * light * more;
+        let row = DVec3::new(1.0, light, left(seen) - left(before));
+        let weighted = row / (2.0 * noise);
+        normal += DMat3::from_cols(weighted * row.x, weighted * row.y, weighted * row.z);
+        right += weighted * f64::from(seen.dn - before.dn);
     }
-    let determinant = w * wbb - wb * wb;
-    (determinant > 0.0).then(|| {
-        (
-            (wbb * wy - wb * wby) / determinant,
-            wbb / determinant + 2.0 * f64::from(numbers.row_variance) / rows as f64,
-        )
+    // In units in which none of them is large.
+    let unit =
+        DVec3::new(normal.x_axis.x, normal.y_axis.y, normal.z_axis.z).map(|square| square.sqrt().recip());
+    let scaled = DMat3::from_diagonal(unit) * normal * DMat3::from_diagonal(unit);
+    if !unit.is_finite() || scaled.determinant() <= 0.0 {
+        return None;
+    }
+    let inverse = DMat3::from_diagonal(unit) * scaled.inverse() * DMat3::from_diagonal(unit);
+    let found = inverse * right;
+    let weight = inverse.z_axis.z.recip();
+    Some(Beside {
+        offset: found.x,
+        variance: inverse.x_axis.x + 2.0 * f64::from(numbers.row_variance) / rows as f64,
+        lag: [found.z * weight, (weight - usual).max(0.0)],
     })
 }
 
@@ -270,7 +362,7 @@ pub(in super::super) fn of_black(
     exposure_s: f64,
     values: usize,
 ) -> Result<Radiometry, String> {
-    let mut frames = BlackFrames::new(rig, (camera, None), &[exposure_s]);
+    let mut frames = BlackFrames::new(rig, (camera, None), &[(exposure_s, 0.0)]);
     frames.add(0, black, values);
     frames.radiometry().map(|mut of_each| of_each.remove(0))
 }
@@ -289,7 +381,7 @@ mod tests {
             flicker: 0.005,
             monitor: None,
         };
-        let mut frames = BlackFrames::new(&rig, (None, Some(&lamp)), &[0.01]);
+        let mut frames = BlackFrames::new(&rig, (None, Some(&lamp)), &[(0.01, 0.0)]);
         for pattern in black {
             let [offset, lamp] = of(*pattern);
             let light = |at: usize| 10.0 + 2000.0 * (at as f64 / values as f64).powi(2);
@@ -326,6 +418,51 @@ mod tests {
                 "{pattern}: {offset:?}"
             );
         }
+    }
+
+    #[test]
+    fn what_is_left_of_a_lobe_is_found_in_the_black_frames_and_taken_out_of_their_mean() {
+        let mut rig = Rig::load("rcg-3").unwrap().with_image_size(64).unwrap();
+        rig.camera.dark_dn = 1000.0;
+        let (values, share) = (4096, 1.5e-3);
+        let lamp = LampFound {
+            flicker: 0.005,
+            monitor: None,
+        };
+        let mut frames = BlackFrames::new(&rig, (None, Some(&lamp)), &[(0.01, 2e-3)]);
+        let black = |at: usize| 10.0 + 200.0 * (at as f64 / values as f64).powi(2);
+        // A lobe here and there, each before a black frame.
+        let lit = |number: usize, at: usize| {
+            let away = at as f64 - 100.0 - 300.0 * number as f64;
+            20_000.0 * (-away * away / 800.0).exp()
+        };
+        let record = |incident: i64| ExposureRecord {
+            incident,
+            exposure_s: 0.01,
+            attempts: 1,
+            ..ExposureRecord::default()
+        };
+        let mut segment = Segment::default();
+        for number in 0..12 {
+            let before = |at: usize| black(at) + lit(number, at);
+            let own = |at: usize| (1.0 - share) * black(at) + share * before(at);
+            segment
+                .frames
+                .extend((0..values).map(|at| (1000.0 + before(at)).round() as u16));
+            segment
+                .frames
+                .extend((0..values).map(|at| (1000.0 + own(at)).round() as u16));
+            segment.records.extend([record(number as i64), record(-1)]);
+        }
+        frames.add(0, &segment, values);
+        let radiometry = frames.radiometry().unwrap().remove(0);
+        let [cleared, doubt] = radiometry.lag.clear(1000.0 + share as f32 * 1000.0, 2000.0);
+        assert!((cleared - 1000.0).abs() < 0.1, "{cleared}");
+        assert!((0.2..0.6).contains(&doubt), "{doubt}");
+        let far = |at: usize| (f64::from(radiometry.dark[at]) - 1000.0 - black(at)).abs();
+        let farthest = (0..values).map(far).fold(0.0, f64::max);
+        // Of 30 digital numbers at the lobes, a twelfth in the mean.
+        assert!(farthest < 0.8, "{farthest}");
     }
 
     #[test]

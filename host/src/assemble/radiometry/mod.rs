@@ -1,7 +1,9 @@
 //! From the digital numbers of one pattern's frames to f on the disk.
 
 mod black;
+mod lag;
 mod numbers;
+mod shown;
 
 use glam::Vec4;
 use half::f16;
@@ -16,7 +18,9 @@ use crate::store::{BrdfRows, LEAST_SIGMA, USELESS_SIGMA};
 #[cfg(test)]
 pub(super) use black::of_black;
 pub(super) use black::{BlackFrames, Drift, Offset};
+pub(super) use lag::{Lag, before, usual as usual_lag};
 pub(super) use numbers::Numbers;
+pub(super) use shown::Shown;
 
 /// Share of the range from which on a mean may hold saturated numbers.
 const FULL: f32 = 0.95;
@@ -39,6 +43,8 @@ pub(super) struct Radiometry {
     pub(super) dark_variance: f32,
     /// Variance of what all dark-corrected numbers of an image's row have in common, in DN².
     pub(super) row_variance: f32,
+    /// What frames still show of the pattern before.
+    pub(super) lag: Lag,
 }
 
 impl Radiometry {
@@ -111,6 +117,8 @@ impl Radiometry {
 /// What one worker keeps from chunk to chunk.
 #[derive(Default)]
 pub(super) struct Work {
+    /// What the exposures of a pattern show of it alone.
+    pub(super) shown: Shown,
     /// Dark-corrected signal of each pixel in DN, its channels in the lanes; NaN where it saturated.
     pub(super) signal: Vec<Vec4>,
     /// The same from several exposures.
@@ -160,6 +168,8 @@ pub(super) struct Way<'a> {
     pub(super) bias: &'a [Bias],
     /// By how much the camera's offset is another than in the black frames.
     pub(super) offset: Offset,
+    /// Of each exposure, the frames of the pattern that was shown before; nothing if nobody knows.
+    pub(super) before: Vec<Option<&'a [u16]>>,
 }
 
 impl Way<'_> {
@@ -179,17 +189,19 @@ impl Way<'_> {
 }
 
 impl Way<'_> {
-    /// Adds to what is uncertain in the `room` what the camera's offset makes, of which `share_of`(pixel) is in the signal.
-    fn doubt_offset(&self, room: &mut Room, share_of: impl Fn(usize) -> f32) {
+    /// Adds to what is uncertain in the `room` what the camera's offset makes, of which `share_of`(pixel) is in the signal, and what
+    /// is `left`(pixel) of the pattern before.
+    fn doubt(&self, room: &mut Room, share_of: impl Fn(usize) -> f32, left: impl Fn(usize) -> Vec4) {
         for (pixel, doubt) in room.doubt.iter_mut().enumerate() {
             let by_offset = Vec4::splat(self.offset.uncertainty * share_of(pixel));
-            *doubt = hypot(*doubt, by_offset);
+            *doubt = hypot(hypot(*doubt, by_offset), left(pixel));
         }
     }
 }
 
 /// What a worker makes of the frames of one pattern on their way to the disk.
 pub(super) struct Bench<'a> {
+    pub(super) shown: &'a mut Shown,
     pub(super) signal: &'a mut Vec<Vec4>,
     pub(super) merged: &'a mut Merged,
     pub(super) room: &'a mut Room,
@@ -201,6 +213,7 @@ impl<'a> Bench<'a> {
     /// Of what a worker keeps, and what else there is of that.
     pub(super) fn of(work: &'a mut Work) -> (Self, &'a mut Vec<f32>, &'a mut Common, &'a mut BrdfRows) {
         let Work {
+            shown,
             signal,
             merged,
             room,
@@ -211,6 +224,7 @@ impl<'a> Bench<'a> {
             rows,
         } = work;
         let bench = Self {
+            shown,
             signal,
             merged,
             room,
@@ -228,16 +242,15 @@ impl<'a> Bench<'a> {
 }
 
 impl Way<'_> {
-    /// The lamp in each of the `frames` of one pattern, into the `bench`: told by pixels that no light of the sample reaches, where
+    /// The lamp in each exposure of one pattern that the `bench` shows, into it: told by pixels that no light of the sample reaches, where
     /// stray light is as in its room.
-    fn compare<const CHANNELS: usize>(
-        &self,
-        frames: &[u16],
-        radiometry: &[Radiometry],
-        bench: &mut Bench<'_>,
-    ) {
+    fn compare<const CHANNELS: usize>(&self, radiometry: &[Radiometry], bench: &mut Bench<'_>) {
         let Bench {
-            room, levels, told, ..
+            shown,
+            room,
+            levels,
+            told,
+            ..
         } = bench;
         levels.clear();
         told.clear();
@@ -247,7 +260,8 @@ impl Way<'_> {
         };
         let samples = radiometry[0].dark.len();
         let by_offset = Vec4::splat(self.offset.uncertainty);
-        for (exposure, (one, frame)) in radiometry.iter().zip(frames.chunks_exact(samples)).enumerate() {
+        let shown = shown.linear.chunks_exact(samples);
+        for (exposure, (one, frame)) in radiometry.iter().zip(shown).enumerate() {
             let times = (one.exposure_s / radiometry[0].exposure_s) as f32;
             let by_frame = removal.told(
                 |pixel| one.shown::<CHANNELS>(frame, pixel, self.offset) - room.stray[pixel] * times,
@@ -262,21 +276,12 @@ impl Way<'_> {
 }
 
 impl Radiometry {
-    /// What `frame` shows at a pixel more than the black ones, less the `offset`, DN, its channels in the lanes; NaN where it
+    /// What a linear `frame` shows at a pixel more than the black ones, less the `offset`, DN, its channels in the lanes; NaN where it
     /// saturated: that spoils every cell that the pixel takes part in, and no other.
     #[inline]
-    fn shown<const CHANNELS: usize>(&self, frame: &[u16], pixel: usize, offset: Offset) -> Vec4 {
+    fn shown<const CHANNELS: usize>(&self, frame: &[f32], pixel: usize, offset: Offset) -> Vec4 {
         let at = pixel * CHANNELS;
-        let mut lanes = [0.0; 4];
-        let numbers = frame[at..at + CHANNELS].iter().zip(&self.dark[at..at + CHANNELS]);
-        for (lane, (dn, dark)) in lanes.iter_mut().zip(numbers) {
-            *lane = if *dn >= self.numbers.trusted {
-                f32::NAN
-            } else {
-                self.linear(*dn) - dark - offset.dn
-            };
-        }
-        Vec4::from_array(lanes)
+        lanes::<CHANNELS, f32>(&frame[at..]) - lanes::<CHANNELS, f32>(&self.dark[at..]) - offset.dn
     }
 }
 
@@ -288,23 +293,28 @@ pub(super) fn image<const CHANNELS: usize>(
     radiometry: &Radiometry,
     bench: &mut Bench<'_>,
 ) {
-    let Bench { signal, room, .. } = bench;
+    let values = radiometry.dark.len();
+    let Bench {
+        shown, signal, room, ..
+    } = bench;
+    shown.learn(frame, &way.before, std::slice::from_ref(radiometry));
     signal.clear();
     signal.extend(
-        (0..radiometry.dark.len() / CHANNELS)
-            .map(|pixel| radiometry.shown::<CHANNELS>(frame, pixel, way.offset)),
+        (0..values / CHANNELS).map(|pixel| radiometry.shown::<CHANNELS>(&shown.linear, pixel, way.offset)),
     );
     way.clear(signal, radiometry, room);
-    way.compare::<CHANNELS>(frame, std::slice::from_ref(radiometry), bench);
+    way.compare::<CHANNELS>(std::slice::from_ref(radiometry), bench);
     let level = bench.levels[0];
-    let Bench { signal, room, .. } = bench;
+    let Bench {
+        shown, signal, room, ..
+    } = bench;
     room.lamp.clear();
     for (pixel, signal) in signal.iter_mut().enumerate() {
         let black = radiometry.black_light::<CHANNELS>(pixel);
         *signal = level.steady(*signal, black);
         room.lamp.push((*signal + black).abs() * level.uncertainty);
     }
-    way.doubt_offset(room, |_| 1.0);
+    way.doubt(room, |_| 1.0, |pixel| shown.left::<CHANNELS>(0, pixel, values));
 }
 
 /// One frame onto the disk. Returns how many cells were measured and how many saturated.
@@ -345,31 +355,41 @@ pub(super) fn image_merged<const CHANNELS: usize>(
     radiometry: &[Radiometry],
     bench: &mut Bench<'_>,
 ) {
+    let values = radiometry[0].dark.len();
     let Bench {
-        merged, room, levels, ..
+        shown,
+        merged,
+        room,
+        levels,
+        ..
     } = bench;
+    shown.learn(frames, &way.before, radiometry);
     let merge = Merge::new(radiometry);
     levels.clear();
     levels.resize(radiometry.len(), Level::SAME);
-    merge.frames::<CHANNELS>(frames, levels, way.offset, merged);
+    merge.frames::<CHANNELS>(&shown.linear, levels, way.offset, merged);
     way.clear(&mut merged.signal, &radiometry[0], room);
     room.lamp.clear();
     if way.stray.is_some() {
-        way.compare::<CHANNELS>(frames, radiometry, bench);
+        way.compare::<CHANNELS>(radiometry, bench);
         let Bench {
-            merged, room, levels, ..
+            shown,
+            merged,
+            room,
+            levels,
+            ..
         } = bench;
-        merge.frames::<CHANNELS>(frames, levels, way.offset, merged);
+        merge.frames::<CHANNELS>(&shown.linear, levels, way.offset, merged);
         for (pixel, (signal, heaviest)) in merged.signal.iter_mut().zip(&merged.heaviest).enumerate() {
             let level = levels[usize::from(*heaviest)];
             *signal -= room.stray[pixel] / level.light;
             let black = radiometry[0].black_light::<CHANNELS>(pixel);
             room.lamp.push((*signal + black).abs() * level.uncertainty);
         }
-        way.doubt_offset(room, |pixel| {
-            let heaviest = usize::from(merged.heaviest[pixel]);
-            (radiometry[0].exposure_s / radiometry[heaviest].exposure_s) as f32
-        });
+        let heaviest = |pixel: usize| usize::from(merged.heaviest[pixel]);
+        let share_of = |pixel| (radiometry[0].exposure_s / radiometry[heaviest(pixel)].exposure_s) as f32;
+        let left = |pixel| shown.left::<CHANNELS>(heaviest(pixel), pixel, values) * share_of(pixel);
+        way.doubt(room, share_of, left);
     }
 }
 

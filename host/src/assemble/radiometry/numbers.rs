@@ -64,4 +64,19 @@ impl Numbers {
             linear[usize::from(dn).min(linear.len() - 1)]
         })
     }
+
+    /// The same; NaN where it is saturated.
+    #[inline]
+    pub(in super::super) fn unsaturated(&self, dn: u16) -> f32 {
+        if dn >= self.trusted {
+            f32::NAN
+        } else {
+            self.linear(dn)
+        }
+    }
+
+    /// Largest signal, DN.
+    pub(super) fn range(&self) -> f32 {
+        self.linear(self.trusted) - self.level
+    }
 }

@@ -140,6 +140,7 @@ fn responses_and_rows_are_stated_by_as_much_as_they_scatter() {
         stray: None,
         bias: &[],
         offset: Offset::default(),
+        before: Vec::new(),
     };
     for (prnu, row_noise_e, light_e) in [(0.02, 0.0, 4e5), (0.0, 20.0, 1e4), (0.01, 10.0, 1e5)] {
         let camera = camera(prnu, row_noise_e);

@@ -146,7 +146,7 @@ pub fn capture(
             });
         }
         let exposure_s = tests.longest_s.clamp(SHORTEST_EXPOSURE_S, 1.0);
-        let timing = Timing::new(&rig, exposure_s).map_err(plan::PlanError::from)?;
+        let timing = Timing::patient(&rig, exposure_s).map_err(plan::PlanError::from)?;
         let raw = match &mut raw {
             Some(raw) => raw,
             // Now the clock is known.

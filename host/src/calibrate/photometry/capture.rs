@@ -312,7 +312,7 @@ pub fn capture(
         };
         let exposure_s = views.exposure_of(shows);
         let mut tally = Tally::default();
-        let timing = Timing::new(&holder.rig, exposure_s).map_err(plan::PlanError::from)?;
+        let timing = Timing::patient(&holder.rig, exposure_s).map_err(plan::PlanError::from)?;
         let shots = instrument.take(
             SEGMENT,
             &[timing],

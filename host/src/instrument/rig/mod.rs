@@ -21,7 +21,7 @@ mod tilt;
 mod validate;
 
 pub use crate::instrument::parts::{
-    Binned, CameraPart, Lens, Light, Mirror, ProjectorPart, Rig, Sample, Wire,
+    Binned, CameraPart, Lens, Light, Mirror, Panel, ProjectorPart, Rig, Sample, Wire,
 };
 pub(crate) use binned::ROUNDING_DN2;
 pub use error::RigError;

@@ -11,12 +11,16 @@
 //! Light and pixels flatten a lobe, which each σ states and which all samples of the lobe share: no factor of all values, but one
 //! that a fit would find. So only samples count for s around which the truth is flat.
 //!
+//! An offset by the lamp in the black frames or by stray light is shared by all samples too and is no factor, but least squares in f
+//! = s·truth find one. So s may be off by what the budget of the file states of that.
+//!
 //! Samples of one incident direction share errors, and so do those of one cell of the disk. So the uncertainty of s is found from the sums of
 //! what is left over of each row and of each cell (two-way clusters: Cameron, Gelbach, Miller 2011), and is no less than
 //! that of independent samples.
 //!
 //! - less than 90 % of the samples within two standard uncertainties once the common factor is taken out, each as large as what
-//!   is left of σ without the common part: what samples have for themselves has to be stated too.
+//!   is left of σ without the common part: what samples have for themselves has to be stated too. Taken out is that of s which the
+//!   file states to be a factor, beside what else s may be off by.
 //!
 //! The share within 2 σ as it is is stated and no rule: it is that of one draw of the common factor. What was filled in is counted beside
 //! it.
@@ -100,7 +104,7 @@ impl Origins {
 pub struct Scale {
     /// f over truth.
     pub value: f64,
-    /// Its standard uncertainty (k = 1) by what differs between samples.
+    /// Its standard uncertainty (k = 1) by what differs between samples, and by offsets that all share as the file states.
     pub standard_uncertainty: f64,
     /// The relative standard uncertainty that the file states for it (k = 1), if it does.
     pub stated: Option<f64>,
@@ -112,6 +116,15 @@ impl Scale {
     pub fn score(&self) -> Option<f64> {
         let both = self.stated?.hypot(self.standard_uncertainty);
         Some((self.value - 1.0).abs() / both)
+    }
+
+    /// The factor of all values that it is most likely to be, beside what else it may be off by.
+    fn taken_out(&self) -> f64 {
+        let Some(stated) = self.stated else {
+            return self.value;
+        };
+        let (stated, other) = (stated * stated, self.standard_uncertainty.powi(2));
+        1.0 + (self.value - 1.0) * stated / (stated + other).max(f64::MIN_POSITIVE)
     }
 }
 
@@ -166,6 +179,8 @@ struct Compared {
     f: f64,
     truth: f64,
     sigma: f64,
+    /// What of it all samples share beside a factor.
+    shared: f64,
     origin: Provenance,
     /// Whether the truth is flat around it.
     is_flat: bool,
@@ -220,27 +235,19 @@ pub fn judge(brdf: &Brdf, sample: &dyn Sample) -> Result<Judgement, StoreError> 
     let stated = brdf
         .common_uncertainty()
         .map(|stated| stated.max(brdf.standards_uncertainty().unwrap_or(0.0)));
-    let common = stated.unwrap_or(0.0);
     // What standards do to such a sample is no factor of all values, and stays.
     let of_all = brdf.common_uncertainty().unwrap_or(0.0);
-    let (mut up, mut down) = (0.0, 0.0);
-    each(brdf, sample, &mut |row| {
-        for (one, weight) in row.iter().zip(weights(row, common)) {
-            up += weight * one.f * one.truth;
-            down += weight * one.truth * one.truth;
-        }
-    })?;
-    let value = (down > 0.0).then(|| up / down);
+    let scale = scale(brdf, sample, stated)?;
+    let factor = scale.map_or(1.0, |scale| scale.taken_out());
 
     let floor = Floor::of(sample, brdf.channels());
     let mut measured = Origins::default();
     let mut filled_in: BTreeMap<String, Origins> = BTreeMap::new();
     let (mut errors, mut sigmas) = (LogHistogram::new(), LogHistogram::new());
-    let (mut rows, mut cells) = (vec![0.0; brdf.grid().len()], vec![0.0; brdf.disk().len()]);
-    let (mut own, mut within_own) = (0.0, 0_u64);
+    let mut within_own = 0_u64;
     let mut worst: Vec<Worst> = Vec::new();
     each(brdf, sample, &mut |row| {
-        for (one, weight) in row.iter().zip(weights(row, common)) {
+        for one in row {
             let z = one.z();
             if !one.origin.is_seen() {
                 let of = filled_in.entry(one.origin.name().to_owned()).or_default();
@@ -248,12 +255,8 @@ pub fn judge(brdf: &Brdf, sample: &dyn Sample) -> Result<Judgement, StoreError> 
                 continue;
             }
             measured.add(z);
-            let beside = one.f - value.unwrap_or(1.0) * one.truth;
+            let beside = one.f - factor * one.truth;
             within_own += u64::from(beside * beside <= 4.0 * one.own_variance(of_all));
-            let left = weight * one.truth * beside;
-            rows[one.row] += left;
-            cells[one.cell] += left;
-            own += left * left;
             if let Some(error) = floor.error(one.f, one.truth, one.channel) {
                 errors.add(error);
                 let is_positive = one.f > 0.0;
@@ -266,16 +269,9 @@ pub fn judge(brdf: &Brdf, sample: &dyn Sample) -> Result<Judgement, StoreError> 
             keep(&mut worst, brdf, one);
         }
     })?;
-    let squares = |sums: &[f64]| sums.iter().map(|sum| sum * sum).sum::<f64>();
-    let variance = ((squares(&rows) + squares(&cells) - own) / (down * down)).max(down.recip());
-    let scale = value.map(|value| Scale {
-        value,
-        standard_uncertainty: variance.sqrt(),
-        stated,
-    });
     let lit = (0..brdf.grid().len()).filter(|&row| is_judged(brdf.grid().direction(row)));
     let all = lit.count() * judged_cells(brdf).len() * brdf.channels();
-    let own_coverage = value
+    let own_coverage = scale
         .filter(|_| measured.samples > 0)
         .map(|_| within_own as f64 / measured.samples as f64);
     Ok(Judgement {
@@ -289,6 +285,48 @@ pub fn judge(brdf: &Brdf, sample: &dyn Sample) -> Result<Judgement, StoreError> 
         worst,
         wrong: wrong(&measured, scale.as_ref(), own_coverage),
     })
+}
+
+/// The factor that all values of `brdf`, measured of `sample`, have in common, which is `stated` to be this uncertain; `None` of no
+/// samples, or of black ones.
+fn scale(brdf: &Brdf, sample: &dyn Sample, stated: Option<f64>) -> Result<Option<Scale>, StoreError> {
+    let common = stated.unwrap_or(0.0);
+    let (mut up, mut down, mut shared) = (0.0, 0.0, 0.0);
+    let (mut rows, mut cells) = (
+        vec![[0.0; 2]; brdf.grid().len()],
+        vec![[0.0; 2]; brdf.disk().len()],
+    );
+    let mut own = [0.0; 3];
+    each(brdf, sample, &mut |row| {
+        for (one, weight) in row.iter().zip(weights(row, common)) {
+            let (found, known) = (weight * one.f * one.truth, weight * one.truth * one.truth);
+            up += found;
+            down += known;
+            shared += weight * one.truth * one.shared;
+            for sums in [&mut rows[one.row], &mut cells[one.cell]] {
+                sums[0] += found;
+                sums[1] += known;
+            }
+            for (sum, square) in own.iter_mut().zip([found * found, found * known, known * known]) {
+                *sum += square;
+            }
+        }
+    })?;
+    Ok((down > 0.0).then(|| {
+        let value = up / down;
+        let squares = |sums: &[[f64; 2]]| {
+            sums.iter()
+                .map(|[found, known]| (found - value * known).powi(2))
+                .sum::<f64>()
+        };
+        let own = own[0] - 2.0 * value * own[1] + value * value * own[2];
+        let variance = (squares(&rows) + squares(&cells) - own) / (down * down);
+        Scale {
+            value,
+            standard_uncertainty: variance.max(down.recip()).sqrt().hypot(shared / down),
+            stated,
+        }
+    }))
 }
 
 /// What is wrong, in sentences.
@@ -360,8 +398,10 @@ fn each(brdf: &Brdf, sample: &dyn Sample, visit: &mut dyn FnMut(&[Compared])) ->
                         .map_or(f64::NAN, |wo| lobe.f(wo).iter().sum())
                 })
                 .collect();
+            let (theta_deg, _) = to_degrees(wi);
             let mut found = Vec::new();
             for &(cell, wo) in &cells {
+                let shared = brdf.shared_part(theta_deg, to_degrees(wo).0).sqrt();
                 let at = place * disk.len() + cell;
                 let origin = Provenance::from_code(values.provenance[at]);
                 let Some(origin) = origin.filter(|origin| *origin != Provenance::Missing) else {
@@ -377,6 +417,7 @@ fn each(brdf: &Brdf, sample: &dyn Sample, visit: &mut dyn FnMut(&[Compared])) ->
                         f: f64::from(values.f[at * channels + channel]),
                         truth,
                         sigma: values.sigma[at * channels + channel].to_f64(),
+                        shared: shared * values.sigma[at * channels + channel].to_f64(),
                         origin,
                         is_flat,
                     });

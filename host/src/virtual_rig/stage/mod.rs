@@ -5,6 +5,7 @@
 //! differences of ticks only: when a run begins on that clock changes no bit of its images.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_distr::StandardNormal;
@@ -14,7 +15,8 @@ use rcg_protocol::{Level, Line, Ticks};
 
 use super::Behaviour;
 use super::flaws::Lamp;
-use super::light::Glow;
+use super::lag::Lag;
+use super::light::{Glow, Shown};
 use super::truth::Truth;
 
 /// One exposure that is over.
@@ -24,7 +26,7 @@ pub(super) struct Shot {
     pub(super) timestamp_s: f64,
     pub(super) exposure_s: f64,
     /// Patterns that were visible, and for how many seconds of the exposure.
-    pub(super) seen: Vec<(Glow, f64)>,
+    pub(super) seen: Vec<(Arc<Shown>, f64)>,
     /// The lamp's light, relative to that of the rig file.
     pub(super) lamp: f64,
     /// How many hours the instrument has been on.
@@ -46,6 +48,7 @@ pub(super) struct Stage {
     overlap: bool,
     sync_period: Ticks,
     lamp: Lamp,
+    lag: Lag,
     behaviour: Behaviour,
     patterns: Vec<Glow>,
     /// Fingerprint of the loaded patterns, and how often in a row the same ones were run.
@@ -54,7 +57,7 @@ pub(super) struct Stage {
     /// How many parts of the measurement before this one showed just the same.
     same_before: u64,
     /// Which light begins at which time; the last entry holds on.
-    timeline: VecDeque<(Ticks, Glow)>,
+    timeline: VecDeque<(Ticks, Arc<Shown>)>,
     next_pattern: usize,
     open: Option<Open>,
     busy_until: Ticks,
@@ -87,12 +90,13 @@ impl Stage {
             overlap: rig.camera.overlap,
             sync_period: nearest(rig.projector.min_period_s).max(Ticks(1)),
             lamp: truth.flaws.lamp.clone(),
+            lag: truth.flaws.lag,
             behaviour,
             patterns: Vec::new(),
             fingerprint: 0,
             last_run: (0, 0),
             same_before: 0,
-            timeline: VecDeque::from([(Ticks::ZERO, Glow::default())]),
+            timeline: VecDeque::from([(Ticks::ZERO, Arc::default())]),
             next_pattern: 0,
             open: None,
             busy_until: Ticks::ZERO,
@@ -107,7 +111,7 @@ impl Stage {
         self.patterns.clear();
         self.fingerprint = 0;
         self.next_pattern = 0;
-        self.timeline = VecDeque::from([(Ticks::ZERO, Glow::default())]);
+        self.timeline = VecDeque::from([(Ticks::ZERO, Arc::default())]);
     }
 
     /// Shows the pixels `lit` at `level` of 255, in one primary or white, which do `light`.
@@ -167,7 +171,8 @@ impl Stage {
             (Line::Proj, Level::Active) => {
                 let light = self.patterns.get(self.next_pattern).cloned().unwrap_or_default();
                 self.next_pattern += 1;
-                self.timeline.push_back((at + self.settle, light));
+                self.timeline
+                    .push_back((at + self.settle, Arc::new(Shown::from(light))));
                 None
             }
             (Line::Cam, Level::Active) => self.open_shutter(at),
@@ -227,19 +232,31 @@ impl Stage {
     }
 
     /// Which light was visible for how long between two times. The camera's delay may reach past edges that
-    /// are not known yet, but never past a settling time: patterns outlive it.
-    fn seen(&mut self, from: Ticks, to: Ticks) -> Vec<(Glow, f64)> {
-        while self.timeline.get(1).is_some_and(|next| next.0 <= from) {
+    /// are not known yet, but never past a settling time: patterns outlive it. Of the one before something is left for a while.
+    fn seen(&mut self, from: Ticks, to: Ticks) -> Vec<(Arc<Shown>, f64)> {
+        while self.timeline.get(2).is_some_and(|next| next.0 <= from) {
             self.timeline.pop_front();
         }
-        let mut seen = Vec::with_capacity(1);
-        for (index, (begins, light)) in self.timeline.iter().enumerate() {
-            let ends = self.timeline.get(index + 1).map_or(to, |next| next.0.min(to));
-            let visible = ends.saturating_sub((*begins).max(from));
-            if visible > Ticks::ZERO && !light.is_black() {
-                seen.push((light.clone(), self.seconds(visible)));
+        let settle_s = self.seconds(self.settle);
+        let mut seen: Vec<(Arc<Shown>, f64)> = Vec::with_capacity(2);
+        // Of the one before.
+        let mut left_s = 0.0;
+        for (index, (begins, light)) in self.timeline.iter().enumerate().rev() {
+            let after = self.timeline.get(index + 1);
+            let (from, to) = ((*begins).max(from), after.map_or(to, |next| next.0.min(to)));
+            let visible = to.saturating_sub(from);
+            let mut visible_s = self.seconds(visible) + left_s;
+            left_s = 0.0;
+            if visible > Ticks::ZERO && index > 0 {
+                let [from_s, to_s] = [from, to].map(|at| self.seconds(at - *begins));
+                left_s = self.lag.left_s(settle_s, from_s, to_s);
+                visible_s -= left_s;
+            }
+            if visible_s > 0.0 && !light.glow.is_black() {
+                seen.push((light.clone(), visible_s));
             }
         }
+        seen.reverse();
         seen
     }
 

@@ -65,7 +65,7 @@ fn seen(shots: &[Shot]) -> Vec<Vec<(f64, f64)>> {
     let one = |shot: &Shot| {
         shot.seen
             .iter()
-            .map(|(light, s)| (spots(light)[0].light.irradiance, (s * 1e6).round()))
+            .map(|(light, s)| (spots(&light.glow)[0].light.irradiance, (s * 1e6).round()))
             .collect()
     };
     shots.iter().map(one).collect()
@@ -91,6 +91,29 @@ fn an_early_trigger_straddles_two_patterns() {
     assert_eq!(
         seen(&stage.take_shots(usize::MAX)),
         [[(1.0, 4_000.0), (2.0, 6_000.0)]]
+    );
+}
+
+#[test]
+fn a_little_of_the_pattern_before_is_left_and_the_own_lacks_as_much() {
+    let mut stage = stage();
+    stage.lag.share = 0.01;
+    for step in 0..2 {
+        let at_s = 0.1 * f64::from(step);
+        pulse(&mut stage, Line::Proj, at_s, 5e-6);
+        pulse(&mut stage, Line::Cam, at_s + 0.0333, 0.01);
+    }
+    let shots = stage.take_shots(usize::MAX);
+    // Before the first one nothing is shown.
+    let left_s = stage.lag.left_s(0.0333, 5e-6, 0.010_005);
+    assert!((0.4e-4..0.6e-4).contains(&left_s), "{left_s}");
+    let us = |s: f64| (s * 1e6).round();
+    assert_eq!(
+        seen(&shots),
+        [
+            vec![(1.0, us(0.01 - left_s))],
+            vec![(1.0, us(left_s)), (2.0, us(0.01 - left_s))]
+        ]
     );
 }
 
@@ -154,7 +177,7 @@ fn images_do_not_know_when_their_run_began() {
             let seen: Vec<_> = shot
                 .seen
                 .iter()
-                .map(|(light, s)| (spots(light).to_vec(), s.to_bits()))
+                .map(|(light, s)| (spots(&light.glow).to_vec(), s.to_bits()))
                 .collect();
             shots.push((shot.id, shot.seed, shot.exposure_s.to_bits(), seen));
         }

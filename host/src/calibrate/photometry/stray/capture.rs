@@ -223,7 +223,7 @@ fn take(
     instrument: &mut Instrument,
     taken: &dyn Fn(usize),
 ) -> Result<crate::store::Segment, CalibrateError> {
-    let timing = Timing::new(rig, exposure_s).map_err(plan::PlanError::from)?;
+    let timing = Timing::patient(rig, exposure_s).map_err(plan::PlanError::from)?;
     let mut tally = Tally::default();
     let shots = instrument.take(
         SEGMENT,

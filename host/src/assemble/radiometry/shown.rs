@@ -1,0 +1,74 @@
+//! What exposures show of their own pattern.
+
+use glam::Vec4;
+
+use super::Radiometry;
+use super::lag::light;
+use crate::assemble::merge::lanes;
+
+/// What the exposures of a pattern show of it alone, [exposure, pixel, channel].
+#[derive(Default)]
+pub(in super::super) struct Shown {
+    /// Numbers as a linear camera would give them; NaN where they saturated.
+    pub(super) linear: Vec<f32>,
+    /// How uncertain they are by the pattern before; nothing if none is left of it.
+    left: Vec<f32>,
+    /// What the pattern before showed in the first exposure time.
+    before: Vec<f32>,
+}
+
+impl Shown {
+    /// Of the `frames` of exposures as in `radiometry`, each after the frames of the pattern `before` it, if that is known.
+    pub(super) fn learn(&mut self, frames: &[u16], before: &[Option<&[u16]>], radiometry: &[Radiometry]) {
+        let numbers = &radiometry[0].numbers;
+        self.linear.clear();
+        self.linear
+            .extend(frames.iter().map(|dn| numbers.unsaturated(*dn)));
+        self.left.clear();
+        if radiometry.iter().all(|one| one.lag.is_none()) {
+            return;
+        }
+        self.left.resize(frames.len(), 0.0);
+        let times: Vec<f32> = radiometry
+            .iter()
+            .map(|one| (one.exposure_s / radiometry[0].exposure_s) as f32)
+            .collect();
+        let values = radiometry[0].dark.len();
+        let each = self
+            .linear
+            .chunks_exact_mut(values)
+            .zip(self.left.chunks_exact_mut(values));
+        for (exposure, ((linear, left), one)) in each.zip(radiometry).enumerate() {
+            if one.lag.is_none() {
+                continue;
+            }
+            let frames = before.get(exposure).copied().flatten();
+            if let Some(frames) = frames {
+                light(numbers, frames, &times, &mut self.before);
+            }
+            // What saturated was as bright as that, or brighter.
+            let saturated = if one.lag.most() * numbers.range() > one.dark_variance.sqrt() {
+                f32::NAN
+            } else {
+                numbers.level + numbers.range()
+            };
+            for (value, (dn, left)) in linear.iter_mut().zip(left).enumerate() {
+                // Nothing is shown before the first pattern.
+                let before = match frames {
+                    Some(_) if self.before[value].is_nan() => saturated,
+                    Some(_) => numbers.level + self.before[value] * times[exposure],
+                    None => one.dark[value],
+                };
+                [*dn, *left] = one.lag.clear(*dn, before);
+            }
+        }
+    }
+
+    /// How uncertain `pixel` is by the pattern before in this `exposure`, the channels in the lanes, of so many `values` each.
+    pub(super) fn left<const CHANNELS: usize>(&self, exposure: usize, pixel: usize, values: usize) -> Vec4 {
+        if self.left.is_empty() {
+            return Vec4::ZERO;
+        }
+        lanes::<CHANNELS, f32>(&self.left[exposure * values + pixel * CHANNELS..])
+    }
+}
