@@ -69,6 +69,10 @@ pub(crate) struct Args {
     /// [default: drawn between 0.2 and 2; 0.5 or 2]
     #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
     lag_percent: Option<f64>,
+    /// How far the projector's light is polarised, and how far the camera prefers polarised light, behind depolarisers, percent
+    /// [default: drawn between 0.2 and 2 each; 0.5 or 2]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
+    polarisation_percent: Option<f64>,
     /// Standard deviation of the height at which whatever is put into the holder, or tilted, comes to lie, millimetres; over 0.1 m that
     /// of how it leans [default: drawn between 0.02 and 0.1; 0.05 or 0.1]
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
@@ -145,6 +149,8 @@ enum Flaw {
     Crosstalk,
     /// Nothing is left of the pattern before
     Lag,
+    /// Light is not polarised
+    Polarisation,
     /// No light returns onto the sample
     Interreflection,
     /// The standards reflect what is stated
@@ -195,6 +201,7 @@ impl Flaw {
             Self::Knee => flaws.knee = none.knee,
             Self::Crosstalk => flaws.crosstalk = none.crosstalk,
             Self::Lag => flaws.lag = none.lag,
+            Self::Polarisation => flaws.polarisation = none.polarisation,
             Self::Interreflection => flaws.interreflection = none.interreflection,
             Self::Standards => flaws.standards = none.standards,
             Self::Glare => flaws.glare = none.glare,
@@ -214,7 +221,7 @@ impl Flaw {
 
 /// Refuses what is out of range.
 fn check(args: &Args) -> Done {
-    let given: [(&str, Option<f64>, f64, f64); 19] = [
+    let given: [(&str, Option<f64>, f64, f64); 20] = [
         ("position-mm", args.position_mm, 0.0, 10.0),
         ("angle-deg", args.angle_deg, 0.0, 10.0),
         ("field-percent", Some(args.field_percent), 0.0, 90.0),
@@ -227,6 +234,7 @@ fn check(args: &Args) -> Done {
         ("falloff-percent", args.falloff_percent, 0.0, 100.0),
         ("crosstalk-percent", args.crosstalk_percent, 0.0, 20.0),
         ("lag-percent", args.lag_percent, 0.0, 50.0),
+        ("polarisation-percent", args.polarisation_percent, 0.0, 50.0),
         ("knee-percent", args.knee_percent, 0.0, 20.0),
         ("figure-mrad", args.figure_mrad, 0.0, 10.0),
         ("seating-mm", args.seating_mm, 0.0, 10.0),
@@ -275,6 +283,7 @@ fn tolerances(args: &Args, rig: &Rig) -> Tolerances {
         falloff: share(args.falloff_percent, 5e-2, 2e-1),
         crosstalk: share(args.crosstalk_percent, 1e-2, 3e-2),
         lag: share(args.lag_percent, 5e-3, 2e-2),
+        polarisation: share(args.polarisation_percent, 5e-3, 2e-2),
         knee: share(args.knee_percent, 1e-2, 3e-2),
         figure_rad: of(args.figure_mrad, 1e-3, 1.5e-4, 5e-4),
         seating_m: of(args.seating_mm, 1e-3, 5e-5, 1e-4),

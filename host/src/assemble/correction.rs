@@ -15,6 +15,7 @@
 //!      which grows where the standard was not seen;
 //!    - seen part: that of the share;
 //!    - crosstalk: that of what channels show of each other;
+//!    - polarisation: what light that is polarised a little makes of gloss (`polarisation`);
 //!    - interreflection: that of r by noise, and a quarter of the correction for its simple model;
 //!    - directions (as they are known, and as far as whole projector pixels light beside them), interpolation and blur: what they make of
 //!      an image that is not even (`shape`);
@@ -27,6 +28,7 @@ use glam::{DVec2, DVec3};
 
 use super::colours::Colours;
 use super::interreflection::{Back, Returned};
+use super::polarisation::Polarisation;
 use super::radiometry::{Common, Radiometry};
 use super::shape::{ByShape, Shape};
 use crate::assemble::resample::{Resampling, Taps};
@@ -67,6 +69,7 @@ pub(super) struct Correction {
     shares: Option<(Shares, Vec<Taps>)>,
     colours: Option<Colours>,
     returned: Option<Returned>,
+    polarisation: Polarisation,
     shape: Shape,
     /// Band of the polar angle of each incident direction, and of each cell; `None` where it is not judged.
     row_bands: Vec<Option<usize>>,
@@ -126,6 +129,14 @@ impl Correction {
                 .as_ref()
                 .and_then(|found| found.interreflection)
                 .map(|found| Returned::new(found, disk, channels)),
+            // Who knows nothing of the light does not know that either.
+            polarisation: Polarisation::new(
+                applied
+                    .photometry
+                    .as_ref()
+                    .map_or(0.0, |_| rig.light.polarisation),
+                disk,
+            ),
             shape: Shape::new(
                 &View::camera(rig),
                 disk,
@@ -180,7 +191,7 @@ impl Correction {
         let mut budget = BudgetSums::default();
         let mut sigma = vec![0.0; values];
         let mut mixed = vec![0.0; values];
-        let mut room = ByShape::default();
+        let (mut room, mut polarised) = (ByShape::default(), Vec::new());
         let images = rows
             .f
             .chunks_exact_mut(values)
@@ -191,11 +202,8 @@ impl Correction {
         for (index, ((((f, half_sigma), provenance), stray), lamp)) in (first..).zip(images) {
             let lit = &self.rows[index];
             let shown = self.shown(index, provenance);
-            for (at, (f, (sigma, half))) in f
-                .iter_mut()
-                .zip(sigma.iter_mut().zip(half_sigma.iter()))
-                .enumerate()
-            {
+            let each = f.iter_mut().zip(sigma.iter_mut().zip(half_sigma.iter()));
+            for (at, (f, (sigma, half))) in each.enumerate() {
                 let factor = self.cells[at] * lit.factor * shown[at / self.channels].factor;
                 *f *= factor;
                 *sigma = half.to_f32() * factor;
@@ -204,6 +212,7 @@ impl Correction {
             if let Some(colours) = &self.colours {
                 colours.take_apart(f, &mut sigma, &mut mixed);
             }
+            let surface = self.polarisation.of_surface(lit.direction);
             for channel in 0..self.channels {
                 let returned = self.returned(lit.direction, f, &measured, channel);
                 for (cell, back) in returned.iter().enumerate() {
@@ -211,6 +220,7 @@ impl Correction {
                 }
                 self.shape
                     .uncertainties(f, &sigma, &measured, channel, lit.beside2, &mut room);
+                Polarisation::variances(&surface, f, &measured, channel, &mut polarised);
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
                     let at = cell * self.channels + channel;
                     let part2 = (shown[cell].relative * f[at]).powi(2);
@@ -219,7 +229,8 @@ impl Correction {
                     let lamp_common2 = self.lamp2 * f[at] * f[at];
                     let standards2 = self.standards_variance(f[at], back.per_share);
                     let leant2 = (lit.leant * f[at]).powi(2);
-                    let systematic = (part2 + field2 + lamp_common2 + standards2 + leant2).sqrt();
+                    let systematic =
+                        (polarised[cell] + part2 + field2 + lamp_common2 + standards2 + leant2).sqrt();
                     let by_shape = room.total[cell];
                     let total = sigma[at]
                         .hypot(by_shape)
@@ -243,6 +254,7 @@ impl Correction {
                             (by_shape.powi(2) - turned2).max(0.0),
                             back.uncertainty.powi(2) + standards2 - standard2,
                             mixed[at].powi(2),
+                            polarised[cell],
                         ];
                         let region = row * BANDS_DEG.len() + column;
                         budget.add(region, f[at], variances);

@@ -15,7 +15,7 @@ use super::correction::Correction;
 use super::edges::Edges;
 use super::off_sample::OffSample;
 use super::projection::Projection;
-use super::radiometry::Work;
+use super::radiometry::{Black, Work};
 use super::stray::StrayLight;
 use super::{AssembleError, no_black_frames, seen, unlit};
 use crate::hemisphere::disk::Disk;
@@ -69,7 +69,9 @@ impl<'a> FrameAssembler<'a> {
         for (number, segment) in black.iter().enumerate() {
             frames.add(number * plan.segment, segment, format.len());
         }
-        let (radiometry, drift) = frames.finish(rig, plan)?;
+        let Black {
+            radiometry, drift, ..
+        } = frames.finish(rig, plan)?;
         Ok(Self {
             projection: Projection {
                 channels: format.channels,
@@ -100,7 +102,7 @@ impl<'a> FrameAssembler<'a> {
                 self.projection.disk,
                 &self.projection.resampling,
             )?;
-            self.projection.stray = StrayLight::new(self.rig, plan, self.applied, &correction);
+            self.projection.stray = StrayLight::new(self.rig, plan, self.applied, &correction, None);
             self.correction = Some(correction);
         }
         Ok(())

@@ -36,8 +36,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use crate::assemble::resample::Resampling;
-use crate::base::blame::Blame;
-use crate::base::text::by;
+use crate::base::{blame::Blame, text::by};
 use crate::brdf::budget::BudgetSums;
 use crate::brdf::{Brdf, BrdfError, COMMON_UNCERTAINTY};
 use crate::hemisphere::disk::Disk;
@@ -60,6 +59,7 @@ mod interreflection;
 mod luminance;
 mod merge;
 mod off_sample;
+mod polarisation;
 mod projection;
 mod radiometry;
 mod shape;
@@ -193,18 +193,18 @@ pub fn assemble(
         agreement::check(first, &segment.records, &patterns, &exposures_s).map_err(mismatch)
     };
     let black = black_frames((rig, plan, applied), &raw, &patterns, &agree)?;
-    let (radiometry, drift) = black.finish(rig, plan).map_err(mismatch)?;
-    let stray = StrayLight::new(rig, plan, applied, &correction);
+    let black = black.finish(rig, plan).map_err(mismatch)?;
+    let stray = StrayLight::new(rig, plan, applied, &correction, black.lamp_variance);
     let lamp = stray
         .as_ref()
-        .map(|stray| stray.lamp(&radiometry, format.channels))
+        .map(|stray| stray.lamp(&black.radiometry, format.channels))
         .transpose()
         .map_err(of_calibration)?;
     if let Some(level) = lamp {
         correction.set_lamp(level);
     }
     if let Some(photometry) = &applied.photometry {
-        correction.learn(rig, photometry, &radiometry, &resampling);
+        correction.learn(rig, photometry, &black.radiometry, &resampling);
     }
     let writer = BrdfWriter::create(
         target,
@@ -216,8 +216,8 @@ pub fn assemble(
     let mut projection = Projection {
         channels: format.channels,
         disk,
-        radiometry,
-        drift,
+        radiometry: black.radiometry,
+        drift: black.drift,
         segment: plan.segment,
         stray,
         resampling,
@@ -240,9 +240,9 @@ pub fn assemble(
     } else {
         chunks.write(raw_path, &agree, mismatch, progress)?
     };
-    let dynamic_range = dynamic_range(rig, &exposures_s).map(|ratio| ratio * applied.linear_to());
+    let range = dynamic_range(rig, &exposures_s).map(|ratio| ratio * applied.linear_to());
     let common = common_uncertainty(applied, lamp, budget.shared());
-    finished(writer, total, dynamic_range, (&budget, common))
+    finished(writer, total, range, (&budget, common))
 }
 
 /// Writes what the values and their `budget` say of the whole, and puts the file of the `writer` under its name.

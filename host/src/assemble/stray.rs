@@ -19,16 +19,18 @@ pub(super) struct StrayLight {
 }
 
 impl StrayLight {
-    /// For frames of `rig` that `plan` made, whose images have this `correction`; `None` if calibration did not look for it.
+    /// For frames of `rig` that `plan` made, whose images have this `correction`, while the lamp changed by this variance, if black
+    /// frames tell; `None` if calibration did not look for it.
     pub(super) fn new(
         rig: &Rig,
         plan: &Plan,
         applied: &AppliedCalibration,
         correction: &Correction,
+        lamp_variance: Option<f64>,
     ) -> Option<Self> {
         let found = applied.photometry.as_ref()?;
         Some(Self {
-            removal: Removal::of(&found.stray, &found.lamp, plan.watching_side, rig),
+            removal: Removal::of(&found.stray, &found.lamp, plan.watching_side, rig).in_run(lamp_variance),
             lit: correction.lit_terms(),
             bias: Vec::new(),
         })

@@ -10,7 +10,7 @@ use serde::Serialize;
 use crate::store::{BrdfReader, SmallArray, SmallData, StoreError};
 
 /// What makes uncertain, in the order of the columns.
-pub const CAUSES: [&str; 10] = [
+pub const CAUSES: [&str; 11] = [
     "noise",
     "stray light",
     "lamp",
@@ -21,6 +21,7 @@ pub const CAUSES: [&str; 10] = [
     "blur",
     "interreflection",
     "crosstalk",
+    "polarisation",
 ];
 /// Upper ends of the bands of polar angles, degrees.
 pub const BANDS_DEG: [f64; 3] = [30.0, 60.0, 80.0];
@@ -166,7 +167,7 @@ impl BudgetSums {
                 data: SmallData::F64(shares),
                 units: "1",
                 long_name: "share of each cause in the variance of f: noise, stray light, lamp, standard, light and throughput, \
-                            seen part, directions, blur, interreflection; regions: incident theta up to 30, 60, 80 degrees, within each \
+                            seen part, directions, blur, interreflection, crosstalk, polarisation; regions: incident theta up to 30, 60, 80 degrees, within each \
                             outgoing theta up to 30, 60, 80 degrees",
                 codes: &[],
             },
@@ -277,9 +278,9 @@ mod tests {
     #[test]
     fn shares_are_means_over_samples_and_sum_to_one() {
         let mut sums = BudgetSums::default();
-        sums.add(4, 1.0, [1e-4, 0.0, 0.0, 3e-4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        sums.add(4, 1.0, [1e-4, 0.0, 0.0, 3e-4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         let mut more = BudgetSums::default();
-        more.add(4, 100.0, [4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        more.add(4, 100.0, [4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
         // What nobody knows counts for nothing.
         more.add(4, 1.0, [f32::INFINITY; CAUSES.len()]);
         sums.merge(&more);
@@ -309,7 +310,11 @@ mod tests {
                 stray: 0.0,
             };
             sums.add_shared(4, f, 0.04 * f * f, shared);
-            sums.add(4, f, [0.04 * f * f, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+            sums.add(
+                4,
+                f,
+                [0.04 * f * f, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            );
         }
         // Relative to their σ both weigh alike; the lamp's offset is 10 % of one and 1 % of the other.
         assert!(

@@ -209,6 +209,19 @@ pub struct Light {
     pub full_scale_f_sr: f64,
     /// Diameter of the cone that one pattern lights, degrees; its solid angle is the same for all patterns.
     pub spot_deg: f64,
+    /// How far light is polarised on the sample, and how far the camera prefers polarised light, all in all (k = 1).
+    #[serde(default = "depolarised", skip_serializing_if = "is_depolarised")]
+    pub polarisation: f64,
+}
+
+/// What depolarisers leave.
+const fn depolarised() -> f64 {
+    0.01
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_depolarised(degree: &f64) -> bool {
+    degree.total_cmp(&depolarised()).is_eq()
 }
 
 /// Whether a diameter is that of a point: rigs of before there were pupils keep their hash.

@@ -106,7 +106,7 @@ mod tests {
             incident_deg: [0.0, 30.0],
             outgoing_deg: [30.0, 60.0],
             relative: 0.0123,
-            shares: vec![noise, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0, blur, 0.0, 0.0],
+            shares: vec![noise, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0, blur, 0.0, 0.0, 0.0],
             shared: 0.0,
         };
         let budget = [region(0.2, 0.79), region(0.4, 0.59)];

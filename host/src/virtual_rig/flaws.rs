@@ -11,6 +11,7 @@ use super::crosstalk::Crosstalk;
 use super::figure::Figure;
 use super::knee::Knee;
 use super::lag::Lag;
+use super::polarisation::Polarisation;
 use super::seating::Seating;
 use crate::instrument::frame_format::place_of_pixel;
 
@@ -58,6 +59,8 @@ pub struct Flaws {
     pub focus: Focus,
     /// What is left of the pattern before.
     pub lag: Lag,
+    /// How far light is polarised.
+    pub polarisation: Polarisation,
 }
 
 /// How sharp the projector's image is.

@@ -74,6 +74,10 @@ impl Outgoing for OffOutgoing<'_> {
     fn f(&self, wo: DVec3) -> [f64; 3] {
         self.0.f(wo).map(|f| f * self.1)
     }
+
+    fn across(&self, wo: DVec3) -> [f64; 3] {
+        self.0.across(wo).map(|f| f * self.1)
+    }
 }
 
 /// Parts per side of a camera pixel that each see one projector pixel.

@@ -83,6 +83,8 @@ impl Shown {
 pub(super) struct Spot {
     pub(super) light: Light,
     pub(super) area: Option<LitArea>,
+    /// Along which it is polarised, see [`axis`](super::polarisation::axis).
+    pub(super) axis: DVec3,
 }
 
 /// Light from one spot of a pattern.

@@ -14,6 +14,7 @@
 //! - `stray`: light that goes other ways: glare, ghost and direct light
 //! - `crosstalk`: charge that leaks between colours
 //! - `lag`: what is left of the pattern before
+//! - `polarisation`: how far light is polarised, and what surfaces make of it
 //! - `knee`: how the camera's response bends near its full well
 //! - `held`: what stands in the holder: a sample or, for calibration, a flat mirror
 //! - `interreflection`: light that leaves the sample and comes back onto it
@@ -41,6 +42,7 @@ mod knee;
 mod lag;
 mod light;
 mod pixels;
+mod polarisation;
 mod scene;
 mod scenes;
 mod seating;
@@ -74,6 +76,7 @@ pub use flaws::{
 pub use held::{FlatMirror, Held};
 pub use knee::{KNEES, Knee};
 pub use lag::{LAGS, Lag};
+pub use polarisation::{POLARISATIONS, Polarisation};
 pub use seating::{SEATINGS_M, Seating};
 pub use sensor::Noise;
 pub use tolerances::{PixelTolerances, Tolerances};

@@ -11,6 +11,7 @@ use super::flaws::{
 };
 use super::knee::Knee;
 use super::lag::Lag;
+use super::polarisation::Polarisation;
 use super::seating::Seating;
 use crate::instrument::rig::{Panel, Rig};
 
@@ -51,6 +52,9 @@ pub struct Tolerances {
     /// Share of a change of light that is left when a pattern counts as settled; `None` draws it from [`LAGS`](super::LAGS),
     /// log-uniformly. Never any with mirrors.
     pub lag: Option<f64>,
+    /// Degree of polarisation of the light, and of what the camera prefers; `None` draws both from
+    /// [`POLARISATIONS`](super::POLARISATIONS), log-uniformly.
+    pub polarisation: Option<f64>,
     /// Standard deviation of the height at which things are seated in the holder, metres; `None` draws it from
     /// [`SEATINGS_M`](super::SEATINGS_M), log-uniformly.
     pub seating_m: Option<f64>,
@@ -119,6 +123,7 @@ impl Tolerances {
         knee: None,
         crosstalk: None,
         lag: None,
+        polarisation: None,
         seating_m: None,
         blur_px: None,
         standard: 0.0,
@@ -151,6 +156,7 @@ impl Tolerances {
             seating: Seating::drawn(seed),
             focus: Focus::drawn(seed),
             lag: Lag::drawn(seed, nominal.projector.panel),
+            polarisation: Polarisation::drawn(seed),
         };
         flaws.standards = std::array::from_fn(|_| {
             let normal: f64 = rng.sample(StandardNormal);
@@ -168,6 +174,9 @@ impl Tolerances {
         flaws.knee.loss = self.knee.unwrap_or(flaws.knee.loss);
         if nominal.projector.panel == Panel::LiquidCrystal {
             flaws.lag.share = self.lag.unwrap_or(flaws.lag.share);
+        }
+        if let Some(degree) = self.polarisation {
+            flaws.polarisation = flaws.polarisation.of_degree(degree);
         }
         flaws.seating.height_m = self.seating_m.unwrap_or(flaws.seating.height_m);
         flaws.focus.blur_px = self.blur_px.unwrap_or(flaws.focus.blur_px);

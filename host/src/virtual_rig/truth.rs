@@ -41,7 +41,7 @@ const NEWS: [(u32, &str); 7] = [
         "how well things are seated in the holder, how sharp the projector is and how the camera's offset wanders",
     ),
     (7, "charge that leaks between the camera's colours"),
-    (8, "the lag of liquid crystals"),
+    (8, "the lag of liquid crystals and how far light is polarised"),
 ];
 
 /// A virtual rig as it really is.
@@ -182,6 +182,7 @@ impl Truth {
             seating,
             focus,
             lag,
+            polarisation,
             ..
         } = &self.flaws;
         let of_glare = |low: f64| if glare.share > 0.0 { low } else { 0.0 };
@@ -222,6 +223,8 @@ impl Truth {
             ("flaws.knee.loss", knee.loss, 0.0, 0.5),
             ("flaws.seating.height_m", seating.height_m, 0.0, 0.01),
             ("flaws.lag.share", lag.share, 0.0, 0.5),
+            ("flaws.polarisation.projector", polarisation.projector, -0.5, 0.5),
+            ("flaws.polarisation.camera", polarisation.camera, -0.5, 0.5),
             ("flaws.focus.blur_px", focus.blur_px, 0.0, 10.0),
         ] {
             if !(low..=high).contains(&found) {
@@ -336,6 +339,9 @@ mod tests {
             ("flaws.figure.slope_rad", |flaws| flaws.figure.slope_rad = 0.1),
             ("flaws.crosstalk.share", |flaws| flaws.crosstalk.share = 0.3),
             ("flaws.lag.share", |flaws| flaws.lag.share = 0.6),
+            ("flaws.polarisation.camera", |flaws| {
+                flaws.polarisation.camera = -0.6;
+            }),
             ("flaws.knee.start", |flaws| flaws.knee.start = 1.0),
             ("flaws.seating.height_m", |flaws| flaws.seating.height_m = -1e-4),
             ("flaws.focus.blur_px", |flaws| flaws.focus.blur_px = 11.0),

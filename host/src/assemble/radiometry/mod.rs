@@ -17,7 +17,7 @@ use crate::store::{BrdfRows, LEAST_SIGMA, USELESS_SIGMA};
 
 #[cfg(test)]
 pub(super) use black::of_black;
-pub(super) use black::{BlackFrames, Drift, Offset};
+pub(super) use black::{Black, BlackFrames, Drift, Offset};
 pub(super) use lag::{Lag, before, usual as usual_lag};
 pub(super) use numbers::Numbers;
 pub(super) use shown::Shown;
@@ -260,13 +260,16 @@ impl Way<'_> {
         };
         let samples = radiometry[0].dark.len();
         let by_offset = Vec4::splat(self.offset.uncertainty);
-        let shown = shown.linear.chunks_exact(samples);
-        for (exposure, (one, frame)) in radiometry.iter().zip(shown).enumerate() {
+        let frames = shown.linear.chunks_exact(samples);
+        for (exposure, (one, frame)) in radiometry.iter().zip(frames).enumerate() {
             let times = (one.exposure_s / radiometry[0].exposure_s) as f32;
             let by_frame = removal.told(
                 |pixel| one.shown::<CHANNELS>(frame, pixel, self.offset) - room.stray[pixel] * times,
                 |pixel| one.black_light::<CHANNELS>(pixel),
-                |pixel| hypot(room.doubt[pixel] * times, by_offset),
+                |pixel| {
+                    let left = shown.left::<CHANNELS>(exposure, pixel, samples);
+                    hypot(hypot(room.doubt[pixel] * times, by_offset), left)
+                },
             );
             let bias = self.bias.get(exposure).copied().unwrap_or_default();
             levels.push(removal.level(by_frame, bias));

@@ -46,6 +46,11 @@ impl Shown {
             if let Some(frames) = frames {
                 light(numbers, frames, &times, &mut self.before);
             }
+            let nothing = if one.unwatched.is_empty() {
+                &one.dark
+            } else {
+                &one.unwatched
+            };
             // What saturated was as bright as that, or brighter.
             let saturated = if one.lag.most() * numbers.range() > one.dark_variance.sqrt() {
                 f32::NAN
@@ -53,11 +58,11 @@ impl Shown {
                 numbers.level + numbers.range()
             };
             for (value, (dn, left)) in linear.iter_mut().zip(left).enumerate() {
-                // Nothing is shown before the first pattern.
+                // Before the first pattern nothing is shown, not even what watches the lamp.
                 let before = match frames {
                     Some(_) if self.before[value].is_nan() => saturated,
                     Some(_) => numbers.level + self.before[value] * times[exposure],
-                    None => one.dark[value],
+                    None => nothing[value],
                 };
                 [*dn, *left] = one.lag.clear(*dn, before);
             }

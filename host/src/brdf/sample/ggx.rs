@@ -19,7 +19,7 @@ use std::f64::consts::{FRAC_1_PI, PI};
 use glam::DVec3;
 
 use super::spec::{self, Parameter, Preset};
-use super::{Outgoing, Sample, SampleError, Unlit, below_horizon};
+use super::{Outgoing, Sample, SampleError, Unlit, across, below_horizon};
 
 const PARAMETERS: [Parameter; 4] = [
     Parameter {
@@ -141,11 +141,9 @@ impl Lit {
     }
 }
 
-impl Outgoing for Lit {
-    fn f(&self, wo: DVec3) -> [f64; 3] {
-        if below_horizon(wo) {
-            return [0.0; 3];
-        }
+impl Lit {
+    /// f of the surface alone, and the cosine of the angle to the half vector.
+    fn surface(&self, wo: DVec3) -> [f64; 2] {
         let h = self.wi + wo;
         let length2 = h.length_squared();
         // D is homogeneous of degree −4 in h, so h need not be normalised.
@@ -153,10 +151,31 @@ impl Outgoing for Lit {
         // G₂/(4 cosθi cosθo) = 1 / (2 (cosθo·masking(ωi) + cosθi·masking(ωo))).
         let visibility = wo.z * self.masking + self.wi.z * self.masking(wo);
         // For unit vectors ωi·h/|h| = |h|/2.
-        let grazing = (1.0 - 0.5 * length2.sqrt()).max(0.0);
+        let cos = 0.5 * length2.sqrt();
+        let grazing = (1.0 - cos).max(0.0);
         let grazing2 = grazing * grazing;
         let fresnel = self.f0 + (1.0 - self.f0) * grazing2 * grazing2 * grazing;
-        [self.diffuse + self.distribution * fresnel / (ellipse * ellipse * visibility); 3]
+        [
+            self.distribution * fresnel / (ellipse * ellipse * visibility),
+            cos,
+        ]
+    }
+}
+
+impl Outgoing for Lit {
+    fn f(&self, wo: DVec3) -> [f64; 3] {
+        if below_horizon(wo) {
+            return [0.0; 3];
+        }
+        [self.diffuse + self.surface(wo)[0]; 3]
+    }
+
+    fn across(&self, wo: DVec3) -> [f64; 3] {
+        if below_horizon(wo) {
+            return [0.0; 3];
+        }
+        let [surface, cos] = self.surface(wo);
+        [surface * across(self.f0, cos); 3]
     }
 }
 

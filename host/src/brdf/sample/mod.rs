@@ -13,6 +13,7 @@ mod lambert;
 mod rgl;
 mod satin;
 mod spec;
+mod surface;
 mod tensor_file;
 #[cfg(test)]
 mod tensor_writer;
@@ -31,6 +32,7 @@ pub use ggx::Ggx;
 pub use lambert::Lambert;
 pub use rgl::MeasuredRgl;
 pub use satin::Satin;
+pub(crate) use surface::across;
 pub use velvet::Velvet;
 pub use ward::Ward;
 
@@ -56,6 +58,12 @@ pub trait Outgoing: Send + Sync {
     /// there, for sums over light, to which such directions add nothing. Who answers with f itself asks
     /// [`is_above_horizon`] first, as [`crate::brdf::reflectance`] does.
     fn f(&self, wo: DVec3) -> [f64; 3];
+
+    /// By how much f is larger, in sr⁻¹, for light that is polarised across the plane of light and view than for light that is not;
+    /// along that plane it is smaller by as much. So it is for who sees polarised light only. None of matte samples, nor of those of which nobody knows.
+    fn across(&self, _wo: DVec3) -> [f64; 3] {
+        [0.0; 3]
+    }
 }
 
 /// Why a sample could not be made; each is one sentence with what was expected and what was found.

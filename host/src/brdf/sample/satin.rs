@@ -102,10 +102,21 @@ struct Lit<'a> {
     weft_share: f64,
 }
 
+impl Lit<'_> {
+    /// Of what both systems do.
+    fn mean(&self, warp: [f64; 3], weft: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|c| (1.0 - self.weft_share) * warp[c] + self.weft_share * weft[c])
+    }
+}
+
 impl Outgoing for Lit<'_> {
     fn f(&self, wo: DVec3) -> [f64; 3] {
         let (warp, weft) = (self.warp.f(wo), self.weft.f(wo));
-        std::array::from_fn(|c| (1.0 - self.weft_share) * warp[c] + self.weft_share * weft[c])
+        self.mean(warp, weft)
+    }
+
+    fn across(&self, wo: DVec3) -> [f64; 3] {
+        self.mean(self.warp.across(wo), self.weft.across(wo))
     }
 }
 

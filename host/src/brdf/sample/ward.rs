@@ -14,7 +14,7 @@ use std::f64::consts::{FRAC_1_PI, PI};
 use glam::DVec3;
 
 use super::spec::{self, Parameter, Preset};
-use super::{Outgoing, Sample, SampleError, Unlit, below_horizon};
+use super::{Outgoing, Sample, SampleError, Unlit, across, below_horizon};
 
 const PARAMETERS: [Parameter; 4] = [
     Parameter {
@@ -111,14 +111,31 @@ struct Lit {
     inv_alpha_y2: f64,
 }
 
+/// Reflectance of a lobe's surface at normal incidence, as far as polarisation is concerned: Ward's are those of metals.
+const F0: f64 = 0.6;
+
+impl Lit {
+    /// f of the lobe alone.
+    fn lobe(&self, wo: DVec3) -> f64 {
+        let h = self.wi + wo;
+        let slope2 = (h.x * h.x * self.inv_alpha_x2 + h.y * h.y * self.inv_alpha_y2) / (h.z * h.z);
+        self.specular * (-slope2).exp() / wo.z.sqrt()
+    }
+}
+
 impl Outgoing for Lit {
     fn f(&self, wo: DVec3) -> [f64; 3] {
         if below_horizon(wo) {
             return [0.0; 3];
         }
-        let h = self.wi + wo;
-        let slope2 = (h.x * h.x * self.inv_alpha_x2 + h.y * h.y * self.inv_alpha_y2) / (h.z * h.z);
-        [self.diffuse + self.specular * (-slope2).exp() / wo.z.sqrt(); 3]
+        [self.diffuse + self.lobe(wo); 3]
+    }
+
+    fn across(&self, wo: DVec3) -> [f64; 3] {
+        if below_horizon(wo) {
+            return [0.0; 3];
+        }
+        [self.lobe(wo) * across(F0, 0.5 * (self.wi + wo).length()); 3]
     }
 }
 

@@ -159,6 +159,13 @@ impl Rig {
             1e9,
             "per steradian",
         )?;
+        check.range(
+            "light.polarisation",
+            self.light.polarisation,
+            0.0,
+            1.0,
+            "(degree of polarisation)",
+        )?;
         check.range("light.spot_deg", self.light.spot_deg, 1e-3, 90.0, "degrees")
     }
 

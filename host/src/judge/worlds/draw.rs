@@ -30,7 +30,7 @@ pub struct Flaw {
 }
 
 /// All flaws that are drawn.
-pub const FLAWS: [Flaw; 18] = [
+pub const FLAWS: [Flaw; 19] = [
     flaw("--position-mm", 0, [0.1, 3.0], 1.0),
     flaw("--angle-deg", 0, [0.05, 2.0], 0.5),
     flaw("--field-percent", 1, [5.0, 30.0], 30.0),
@@ -49,6 +49,7 @@ pub const FLAWS: [Flaw; 18] = [
     flaw("--wander-e", 6, [0.1, 1.0], 0.3),
     flaw("--crosstalk-percent", 8, [0.5, 3.0], 1.0),
     flaw("--lag-percent", 2, [0.2, 2.0], 0.5),
+    flaw("--polarisation-percent", 4, [0.2, 2.0], 0.5),
 ];
 
 const fn flaw(option: &'static str, group: usize, [good, bad]: [f64; 2], careful: f64) -> Flaw {

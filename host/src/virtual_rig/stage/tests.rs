@@ -15,6 +15,7 @@ fn light(irradiance: f64) -> Glow {
             [Spot {
                 light: Light { irradiance, nodes },
                 area: None,
+                axis: glam::DVec3::X,
             }]
             .into(),
         ),

@@ -15,7 +15,7 @@
 use super::level::Level;
 use crate::base::linear_fit::least_squares;
 
-/// Part of the doubt of stray light that frames do not share, for the weights.
+/// Part of the doubt of stray light that frames do not share.
 const OWN: f64 = 0.5;
 
 /// What dark pixels of a frame tell of the lamp, relative.
@@ -35,6 +35,11 @@ impl Told {
     /// Variance by all of that but the steps.
     pub(super) fn variance(self) -> f32 {
         self.variance + self.doubt * self.doubt
+    }
+
+    /// Variance by what frames do not share.
+    fn own_variance(self) -> f32 {
+        self.variance + (OWN as f32 * self.doubt).powi(2)
     }
 }
 
@@ -60,8 +65,7 @@ impl Bias {
         let (doubt, steps) = (mean(&|one| one.doubt), mean(&|one| one.steps));
         let mean_variance = flicker.powi(2) * (1.0 / black.max(1) as f64 + 1.0 / count) + slowly.powi(2);
         let weight = |one: &Told| {
-            let own = OWN * f64::from(one.doubt);
-            (flicker.powi(2) + f64::from(one.variance) + own * own)
+            (flicker.powi(2) + f64::from(one.own_variance()))
                 .max(f64::from(f32::MIN_POSITIVE))
                 .recip()
         };
@@ -98,7 +102,7 @@ impl Bias {
     /// The lamp by what a frame `told`, `None` if it told nothing, where its light has this variance if nothing tells it.
     pub(super) fn level(self, told: Option<Told>, prior_variance: f32) -> Level {
         let (brighter, own, trust) = told.map_or((0.0, prior_variance, 0.0), |told| {
-            let variance = told.variance();
+            let variance = told.own_variance();
             let trust = prior_variance / (prior_variance + variance);
             let brighter = told.brighter - self.stray * told.doubt - self.steps * told.steps;
             (brighter, trust * variance, trust)

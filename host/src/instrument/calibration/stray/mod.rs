@@ -206,6 +206,8 @@ pub(crate) struct Room {
 
 /// Groups of pixels that are dark by construction.
 const GROUPS: usize = 8;
+/// By how much more than found the lamp may change, as a variance.
+const UNSURE: f64 = 1.5;
 /// A saturated pixel holds at least so much of the light of all of them: what is divided by has to be more than nothing.
 const LEAST: f32 = 1e-12;
 
@@ -237,6 +239,19 @@ impl Removal {
                 (format.width_px, format.height_px),
                 dark_of(rig),
             )
+        }
+    }
+
+    /// In a run whose black frames tell by which variance the lamp differs from one to another, relative; `None` if they do not.
+    pub(crate) fn in_run(self, lamp_variance: Option<f64>) -> Self {
+        let prior_variance = lamp_variance.map_or(self.prior_variance, |found| {
+            let flicker = f64::from(self.flicker).powi(2);
+            // As many exposures as black frames tell the flicker.
+            (UNSURE * found.max(0.5 * (flicker + found))) as f32
+        });
+        Self {
+            prior_variance,
+            ..self
         }
     }
 

@@ -11,114 +11,36 @@
 //! directional albedo both ways, here taken as a function of θ. What reaches a pixel by another way than its own stands in
 //! `stray`.
 
+mod pixel;
+
 use glam::DVec3;
 use rayon::prelude::*;
 
+use pixel::{Pixel, pixels};
+
 use super::areas::{LitArea, SeenArea};
 use super::crosstalk::Crosstalk;
-use super::flaws::{Flaws, Pupils};
+use super::flaws::Pupils;
 use super::held::{Held, Reflections};
 use super::interreflection::Interreflection;
 use super::light::{AtSample, Glow, Light, Spot};
 use super::pixels::PixelMaps;
+use super::polarisation::{Polarisation, axis};
 use super::sensor::{Noise, Sensor};
 use super::stage::Shot;
 use super::stray::Stray;
 use super::truth::Truth;
-use crate::brdf::quadrature::mean_f;
 use crate::brdf::sample::Outgoing;
 use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::optics::{DirectionTiles, View};
 use crate::instrument::rig::Rig;
 use crate::plan::pattern::BitPattern;
 
-/// Offset of the two Gauss points from the centre of a pixel: 1/(2√3).
-const GAUSS: f64 = 0.288_675_134_594_812_9;
-/// No part of a pixel is wider than this, degrees …
-const PART_DEG: f64 = 2.5;
-/// … as far as so many parts along an axis do.
-const MOST_PARTS: f64 = 4.0;
 /// Beams reach so far beyond the sample at most, metres: half the mirror.
 const BEAM_M: f64 = 0.1;
 /// Side of the blocks of black pixels that count as one light, and of the squares of pixels that are traced as one.
 const BLOCK_PX: usize = 64;
 const COARSE_PX: u32 = 4;
-
-/// A camera pixel that sees the sample.
-struct Pixel {
-    index: usize,
-    /// Directions within each part of it, in the order ++, +−, −+, −− (first along u, then along v); `None` where none is
-    /// seen.
-    parts: Vec<[Option<DVec3>; 4]>,
-    /// One of them, and the share of the pixel that sees.
-    one: DVec3,
-    seen: f64,
-    throughput: f64,
-    /// What it sees of the sample: a point, if that is `None`.
-    area: Option<SeenArea>,
-}
-
-impl Pixel {
-    /// f over light and pixel, from the lobes of the directions of light.
-    fn mean_f(&self, lobes: &[Box<dyn Outgoing + '_>; 4]) -> [f64; 3] {
-        let mut sum = [0.0; 3];
-        for part in &self.parts {
-            for (sum, f) in sum.iter_mut().zip(mean_f(lobes, part)) {
-                *sum += f / self.parts.len() as f64;
-            }
-        }
-        sum
-    }
-}
-
-/// The places in each part of the pixel around (`u`, `v`).
-fn parts(view: &View, u: f64, v: f64) -> Vec<[Option<DVec3>; 4]> {
-    let width_deg = view.solid_angle_sr(u, v).map_or(0.0, f64::sqrt).to_degrees();
-    let along = (width_deg / PART_DEG).ceil().clamp(1.0, MOST_PARTS);
-    let middle = |part: usize| (part as f64 + 0.5) / along - 0.5;
-    let count = along as usize;
-    (0..count * count)
-        .map(|part| {
-            let (u, v) = (u + middle(part % count), v + middle(part / count));
-            let step = GAUSS / along;
-            let at = |du: f64, dv: f64| view.direction(u + du * step, v + dv * step).ok();
-            [at(1.0, 1.0), at(1.0, -1.0), at(-1.0, 1.0), at(-1.0, -1.0)]
-        })
-        .collect()
-}
-
-/// The pixels of the camera with this `view` that see the sample.
-fn pixels(view: &View, flaws: &Flaws, format: FrameFormat, pupils: Option<&Pupils>) -> Vec<Pixel> {
-    let throughput = flaws.throughput.over(format.width_px, format.height_px);
-    (0..format.width_px * format.height_px)
-        .filter_map(|index| {
-            let (u, v) = (
-                (index % format.width_px) as f64 + 0.5,
-                (index / format.width_px) as f64 + 0.5,
-            );
-            let parts = parts(view, u, v);
-            let seen = parts.iter().flatten().flatten();
-            let one = *seen.clone().next()?;
-            let area = match pupils {
-                // What is seen edge on is nothing.
-                Some(pupils) => Some(SeenArea::new(
-                    view,
-                    seen.clone().sum::<DVec3>().normalize(),
-                    pupils,
-                )?),
-                None => None,
-            };
-            Some(Pixel {
-                index,
-                one,
-                area,
-                seen: seen.count() as f64 / (4 * parts.len()) as f64,
-                parts,
-                throughput: throughput[index],
-            })
-        })
-        .collect()
-}
 
 /// The rig for rays that wide pupils make of a beam: one that meets the plane beside the sample may still be of a beam that
 /// meets the sample.
@@ -163,6 +85,7 @@ pub(super) struct Scene {
     blur_px: f64,
     sensor: Sensor,
     crosstalk: Crosstalk,
+    polarisation: Polarisation,
     /// What its pixels differ by; `None` if they do not.
     maps: Option<PixelMaps>,
     /// Electrons per (f in sr⁻¹ × irradiance × second).
@@ -221,6 +144,7 @@ impl Scene {
             blur_px: flaws.focus.blur_px,
             sensor: Sensor::of(rig).with_response(flaws.nonlinearity, flaws.knee),
             crosstalk: flaws.crosstalk,
+            polarisation: flaws.polarisation,
             maps: PixelMaps::of(&flaws.pixels, rig),
             sensitivity: rig.sensitivity_e(),
             black: None,
@@ -309,7 +233,8 @@ impl Scene {
             }
             None => None,
         };
-        Some(Spot { light, area })
+        let axis = axis(self.projector.view(), light.nodes[0]);
+        Some(Spot { light, area, axis })
     }
 
     /// f × irradiance of all projector pixels as black ones, by the `coarse` pixels of the same projector.
@@ -372,6 +297,14 @@ impl Scene {
             return [0.0; 3];
         }
         let mut f = pixel.mean_f(lobes);
+        if self.polarisation.is_any() {
+            let directions = [spot.light.nodes[0], pixel.one];
+            let axes = [spot.axis, pixel.axis];
+            let factor = self.polarisation.factor(lobes[0].as_ref(), directions, axes);
+            for (f, factor) in f.iter_mut().zip(factor) {
+                *f *= factor;
+            }
+        }
         if let Some(interreflection) = &self.interreflection {
             let back = interreflection.f(spot.light.nodes[0], pixel.one);
             for (f, back) in f.iter_mut().zip(back) {

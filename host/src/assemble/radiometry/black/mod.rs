@@ -103,6 +103,8 @@ struct OfTime {
     unwatched: Means,
     /// The first of them.
     first: Vec<Seen>,
+    /// By how much the lamp was brighter in each than in the first, and the variance of that, relative.
+    lamp: Vec<[f64; 2]>,
 }
 
 /// Mean of frames, and of what the patterns before them showed.
@@ -132,6 +134,18 @@ struct Seen {
     before: f32,
 }
 
+/// What the black frames of a measurement say.
+pub(in super::super) struct Black {
+    /// Of each exposure time.
+    pub(in super::super) radiometry: Vec<Radiometry>,
+    pub(in super::super) drift: Drift,
+    /// Variance by which the lamp differs from one frame to another, relative; `None` if they do not tell.
+    pub(in super::super) lamp_variance: Option<f64>,
+}
+
+/// Black frames of one exposure time that tell how much the lamp changes.
+const ENOUGH: f64 = 8.0;
+
 /// The black frames of a measurement.
 pub(in super::super) struct BlackFrames {
     numbers: Numbers,
@@ -158,6 +172,7 @@ impl BlackFrames {
             black: Means::default(),
             unwatched: Means::default(),
             first: Vec::new(),
+            lamp: Vec::new(),
         };
         Self {
             numbers: Numbers::new(rig, camera),
@@ -208,6 +223,7 @@ impl BlackFrames {
             if let Some(beside) = beside(&frame, &of.first, camera, [lamp_variance, of.usual_lag.powi(2)]) {
                 *sum += beside.offset / beside.variance;
                 *weight += beside.variance.recip();
+                of.lamp.push(beside.lamp);
                 for (told, one) in of.told.iter_mut().zip(beside.lag) {
                     *told += one;
                 }
@@ -219,9 +235,32 @@ impl BlackFrames {
     ///
     /// # Errors
     /// A sentence if there are none of an exposure time.
-    pub(in super::super) fn finish(self, rig: &Rig, plan: &Plan) -> Result<(Vec<Radiometry>, Drift), String> {
-        let drift = self.drift(rig, plan);
-        Ok((self.radiometry()?, drift))
+    pub(in super::super) fn finish(self, rig: &Rig, plan: &Plan) -> Result<Black, String> {
+        Ok(Black {
+            drift: self.drift(rig, plan),
+            // Where they all come first nobody knows what the lamp did then.
+            lamp_variance: self.scatter().filter(|_| !plan.black_first),
+            radiometry: self.radiometry()?,
+        })
+    }
+
+    /// Variance by which the lamp differs from one black frame to another, relative: what frames among them differ by, too. `None` of
+    /// too few, or if they do not tell.
+    fn scatter(&self) -> Option<f64> {
+        let of = |lamp: &Vec<[f64; 2]>| -> Option<f64> {
+            let count = lamp.len() as f64 + 1.0;
+            if count < ENOUGH {
+                return None;
+            }
+            // The first one is beside itself.
+            let sum = |of: &dyn Fn(&[f64; 2]) -> f64| lamp.iter().map(of).sum::<f64>();
+            let (mean, noise) = (sum(&|one| one[0]) / count, sum(&|one| one[1]) / count);
+            let squares = sum(&|one| (one[0] - mean).powi(2)) + mean * mean;
+            let found = squares / (count - 1.0) - noise;
+            (found > noise).then_some(found)
+        };
+        let each: Vec<f64> = self.of_each.iter().filter_map(|one| of(&one.lamp)).collect();
+        (!each.is_empty()).then(|| each.iter().sum::<f64>() / each.len() as f64)
     }
 
     /// What they say of each exposure time.
@@ -307,6 +346,8 @@ struct Beside {
     /// By how much its offset is higher, and the variance of that.
     offset: f64,
     variance: f64,
+    /// By how much the lamp is brighter, relative, and the variance of that.
+    lamp: [f64; 2],
     /// Of the share that is left of the pattern before, s/σ² and 1/σ².
     lag: [f64; 2],
 }
@@ -349,6 +390,7 @@ fn beside(
     Some(Beside {
         offset: found.x,
         variance: inverse.x_axis.x + 2.0 * f64::from(numbers.row_variance) / rows as f64,
+        lamp: [found.y, inverse.y_axis.y],
         lag: [found.z * weight, (weight - usual).max(0.0)],
     })
 }
@@ -368,112 +410,4 @@ pub(in super::super) fn of_black(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::store::ExposureRecord;
-
-    /// A measurement of `count` patterns with a black one at each of `black`, whose offset and lamp are as `of` says of the pattern.
-    fn drift(black: &[usize], of: impl Fn(usize) -> [f64; 2]) -> Drift {
-        let mut rig = Rig::load("rcg-3").unwrap().with_image_size(64).unwrap();
-        rig.camera.dark_dn = 1000.0;
-        let values = 4096;
-        let lamp = LampFound {
-            flicker: 0.005,
-            monitor: None,
-        };
-        let mut frames = BlackFrames::new(&rig, (None, Some(&lamp)), &[(0.01, 0.0)]);
-        for pattern in black {
-            let [offset, lamp] = of(*pattern);
-            let light = |at: usize| 10.0 + 2000.0 * (at as f64 / values as f64).powi(2);
-            let dn = |at: usize| (1000.0 + offset + lamp * light(at)).round() as u16;
-            let segment = Segment {
-                frames: (0..values).map(dn).collect(),
-                records: vec![ExposureRecord {
-                    incident: -1,
-                    exposure_s: 0.01,
-                    ..ExposureRecord::default()
-                }],
-                ..Segment::default()
-            };
-            frames.add(*pattern, &segment, values);
-        }
-        let request = crate::plan::Request::default();
-        let plan = Plan::new(request, &rig, 0.01).unwrap();
-        frames.finish(&rig, &plan).unwrap().1
-    }
-
-    #[test]
-    fn the_offset_is_found_between_black_patterns_whatever_the_lamp_does() {
-        let true_dn = |pattern: usize| 3.0 + 0.02 * pattern as f64;
-        let lamp = |pattern: usize| 1.0 + 0.01 * (pattern as f64).sin();
-        let found = drift(&[0, 40, 80, 120], |pattern| [true_dn(pattern), lamp(pattern)]);
-        for pattern in [0, 13, 40, 77, 80, 119, 120, 150] {
-            let offset = found.of(pattern);
-            // Beside the mean of the black ones, which are in the middle at 60; as after the last one.
-            let expected = true_dn(pattern.min(120)) - true_dn(60);
-            let error = f64::from(offset.dn) - expected;
-            assert!(error.abs() < 0.1, "{pattern}: {offset:?} for {expected}");
-            assert!(
-                error.abs() < 3.0 * f64::from(offset.uncertainty),
-                "{pattern}: {offset:?}"
-            );
-        }
-    }
-
-    #[test]
-    fn what_is_left_of_a_lobe_is_found_in_the_black_frames_and_taken_out_of_their_mean() {
-        let mut rig = Rig::load("rcg-3").unwrap().with_image_size(64).unwrap();
-        rig.camera.dark_dn = 1000.0;
-        let (values, share) = (4096, 1.5e-3);
-        let lamp = LampFound {
-            flicker: 0.005,
-            monitor: None,
-        };
-        let mut frames = BlackFrames::new(&rig, (None, Some(&lamp)), &[(0.01, 2e-3)]);
-        let black = |at: usize| 10.0 + 200.0 * (at as f64 / values as f64).powi(2);
-        // A lobe here and there, each before a black frame.
-        let lit = |number: usize, at: usize| {
-            let away = at as f64 - 100.0 - 300.0 * number as f64;
-            20_000.0 * (-away * away / 800.0).exp()
-        };
-        let record = |incident: i64| ExposureRecord {
-            incident,
-            exposure_s: 0.01,
-            attempts: 1,
-            ..ExposureRecord::default()
-        };
-        let mut segment = Segment::default();
-        for number in 0..12 {
-            let before = |at: usize| black(at) + lit(number, at);
-            let own = |at: usize| (1.0 - share) * black(at) + share * before(at);
-            segment
-                .frames
-                .extend((0..values).map(|at| (1000.0 + before(at)).round() as u16));
-            segment
-                .frames
-                .extend((0..values).map(|at| (1000.0 + own(at)).round() as u16));
-            segment.records.extend([record(number as i64), record(-1)]);
-        }
-        frames.add(0, &segment, values);
-        let radiometry = frames.radiometry().unwrap().remove(0);
-        let [cleared, doubt] = radiometry.lag.clear(1000.0 + share as f32 * 1000.0, 2000.0);
-        assert!((cleared - 1000.0).abs() < 0.1, "{cleared}");
-        assert!((0.2..0.6).contains(&doubt), "{doubt}");
-        let far = |at: usize| (f64::from(radiometry.dark[at]) - 1000.0 - black(at)).abs();
-        let farthest = (0..values).map(far).fold(0.0, f64::max);
-        // Of 30 digital numbers at the lobes, a twelfth in the mean.
-        assert!(farthest < 0.8, "{farthest}");
-    }
-
-    #[test]
-    fn a_jump_somewhere_between_two_black_patterns_is_uncertain_by_as_much() {
-        let found = drift(&[0, 40, 80, 120], |pattern| {
-            [if pattern > 40 { 12.0 } else { 0.0 }, 1.0]
-        });
-        let [still, within] = [20, 60].map(|pattern| found.of(pattern).uncertainty);
-        assert!(
-            (within - still - 12.0 / 12.0_f32.sqrt()).abs() < 1.0,
-            "{still} {within}"
-        );
-    }
-}
+mod tests;

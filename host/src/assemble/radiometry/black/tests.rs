@@ -1,0 +1,124 @@
+//! What black frames tell, of frames made by hand.
+
+use super::*;
+use crate::store::ExposureRecord;
+
+/// A measurement of `count` patterns with a black one at each of `black`, whose offset and lamp are as `of` says of the pattern.
+fn found(black: &[usize], of: impl Fn(usize) -> [f64; 2]) -> Black {
+    let mut rig = Rig::load("rcg-3").unwrap().with_image_size(64).unwrap();
+    rig.camera.dark_dn = 1000.0;
+    let values = 4096;
+    let lamp = LampFound {
+        flicker: 0.005,
+        monitor: None,
+    };
+    let mut frames = BlackFrames::new(&rig, (None, Some(&lamp)), &[(0.01, 0.0)]);
+    for pattern in black {
+        let [offset, lamp] = of(*pattern);
+        let light = |at: usize| 10.0 + 2000.0 * (at as f64 / values as f64).powi(2);
+        let dn = |at: usize| (1000.0 + offset + lamp * light(at)).round() as u16;
+        let segment = Segment {
+            frames: (0..values).map(dn).collect(),
+            records: vec![ExposureRecord {
+                incident: -1,
+                exposure_s: 0.01,
+                ..ExposureRecord::default()
+            }],
+            ..Segment::default()
+        };
+        frames.add(*pattern, &segment, values);
+    }
+    let request = crate::plan::Request::default();
+    let plan = Plan::new(request, &rig, 0.01).unwrap();
+    frames.finish(&rig, &plan).unwrap()
+}
+
+#[test]
+fn the_offset_is_found_between_black_patterns_whatever_the_lamp_does() {
+    let true_dn = |pattern: usize| 3.0 + 0.02 * pattern as f64;
+    let lamp = |pattern: usize| 1.0 + 0.01 * (pattern as f64).sin();
+    let found = found(&[0, 40, 80, 120], |pattern| [true_dn(pattern), lamp(pattern)]).drift;
+    for pattern in [0, 13, 40, 77, 80, 119, 120, 150] {
+        let offset = found.of(pattern);
+        // Beside the mean of the black ones, which are in the middle at 60; as after the last one.
+        let expected = true_dn(pattern.min(120)) - true_dn(60);
+        let error = f64::from(offset.dn) - expected;
+        assert!(error.abs() < 0.1, "{pattern}: {offset:?} for {expected}");
+        assert!(
+            error.abs() < 3.0 * f64::from(offset.uncertainty),
+            "{pattern}: {offset:?}"
+        );
+    }
+}
+
+#[test]
+fn what_is_left_of_a_lobe_is_found_in_the_black_frames_and_taken_out_of_their_mean() {
+    let mut rig = Rig::load("rcg-3").unwrap().with_image_size(64).unwrap();
+    rig.camera.dark_dn = 1000.0;
+    let (values, share) = (4096, 1.5e-3);
+    let lamp = LampFound {
+        flicker: 0.005,
+        monitor: None,
+    };
+    let mut frames = BlackFrames::new(&rig, (None, Some(&lamp)), &[(0.01, 2e-3)]);
+    let black = |at: usize| 10.0 + 200.0 * (at as f64 / values as f64).powi(2);
+    // A lobe here and there, each before a black frame.
+    let lit = |number: usize, at: usize| {
+        let away = at as f64 - 100.0 - 300.0 * number as f64;
+        20_000.0 * (-away * away / 800.0).exp()
+    };
+    let record = |incident: i64| ExposureRecord {
+        incident,
+        exposure_s: 0.01,
+        attempts: 1,
+        ..ExposureRecord::default()
+    };
+    let mut segment = Segment::default();
+    for number in 0..12 {
+        let before = |at: usize| black(at) + lit(number, at);
+        let own = |at: usize| (1.0 - share) * black(at) + share * before(at);
+        segment
+            .frames
+            .extend((0..values).map(|at| (1000.0 + before(at)).round() as u16));
+        segment
+            .frames
+            .extend((0..values).map(|at| (1000.0 + own(at)).round() as u16));
+        segment.records.extend([record(number as i64), record(-1)]);
+    }
+    frames.add(0, &segment, values);
+    let radiometry = frames.radiometry().unwrap().remove(0);
+    let [cleared, doubt] = radiometry.lag.clear(1000.0 + share as f32 * 1000.0, 2000.0);
+    assert!((cleared - 1000.0).abs() < 0.1, "{cleared}");
+    assert!((0.2..0.6).contains(&doubt), "{doubt}");
+    let far = |at: usize| (f64::from(radiometry.dark[at]) - 1000.0 - black(at)).abs();
+    let farthest = (0..values).map(far).fold(0.0, f64::max);
+    // Of 30 digital numbers at the lobes, a twelfth in the mean.
+    assert!(farthest < 0.8, "{farthest}");
+}
+
+#[test]
+fn a_jump_somewhere_between_two_black_patterns_is_uncertain_by_as_much() {
+    let found = found(&[0, 40, 80, 120], |pattern| {
+        [if pattern > 40 { 12.0 } else { 0.0 }, 1.0]
+    })
+    .drift;
+    let [still, within] = [20, 60].map(|pattern| found.of(pattern).uncertainty);
+    assert!(
+        (within - still - 12.0 / 12.0_f32.sqrt()).abs() < 1.0,
+        "{still} {within}"
+    );
+}
+
+#[test]
+fn how_much_the_lamp_changes_is_found_whatever_the_offset_does() {
+    let patterns: Vec<usize> = (0..12).map(|number| 10 * number).collect();
+    let lamp = |pattern: usize| 0.004 * (pattern as f64).sin();
+    let squares: f64 = patterns.iter().map(|pattern| lamp(*pattern).powi(2)).sum();
+    let mean: f64 = patterns.iter().map(|pattern| lamp(*pattern)).sum::<f64>() / 12.0;
+    let variance = (squares - 12.0 * mean * mean) / 11.0;
+    let of = |pattern: usize| [0.1 * pattern as f64, 1.0 + lamp(pattern)];
+    let all = found(&patterns, of).lamp_variance.unwrap();
+    assert!((all / variance - 1.0).abs() < 0.2, "{all} {variance}");
+    // Of too few nothing is said.
+    assert_eq!(found(&patterns[..6], of).lamp_variance, None);
+}
