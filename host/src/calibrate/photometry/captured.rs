@@ -13,6 +13,7 @@ use super::share::{Frames, Lit};
 use super::{CalibrateError, capture};
 use crate::base::text::by;
 use crate::brdf::sample::Sample;
+use crate::instrument::calibration::photometry::COMMAND;
 use crate::instrument::calibration::stray::Removal;
 use crate::instrument::calibration::{CalibrationError, Crosstalk, Interreflection, LampFound, Stray};
 use crate::instrument::rig::Rig;
@@ -74,7 +75,10 @@ impl<'a> Captured<'a> {
             return Err(CalibrationError::Content {
                 path: dir.join(capture::RAW).display().to_string(),
                 field: "exposures × segment × rows × columns × channels".to_owned(),
-                expected: format!("{} as {VIEWS} says", by(&expected)),
+                expected: format!(
+                    "{} as {VIEWS} says; of another version? `{COMMAND}` captures again",
+                    by(&expected)
+                ),
                 found: by(&found),
             }
             .into());

@@ -9,8 +9,8 @@
 //! lamp c brighter. Least squares with the weights of noise tell both; o is the same for all exposures of a pattern. In between it
 //! is interpolated linearly, beyond which offsets wander with the square of the time from one black pattern to the next.
 //!
-//! Behind a lit pattern a black one shows a share s of that, too, which least squares tell along: y = o + c·b + s·(Y − F) as in
-//! `lag`. It is the same in all of an exposure time, and taken out of their means.
+//! Behind a lit pattern a black one shows a share s of that, too, which least squares tell along: y = o + c·b + s·Y, Y being
+//! by how much the pattern before was brighter than that before the first one (`lag`). It is the same in all of an exposure time, and taken out of their means.
 //!
 //! Frames that differ by what watches the lamp alone tell how bright it was, whatever the offset and the sample are.
 
@@ -111,19 +111,32 @@ struct OfTime {
 #[derive(Default)]
 struct Means {
     shown: Mean,
+    /// Of those that had one.
     before: Mean,
 }
 
 impl Means {
-    fn add(&mut self, frame: &[Seen]) {
+    fn add(&mut self, frame: &[Seen], has_before: bool) {
         self.shown.add(frame.iter().map(|seen| seen.dn));
-        self.before.add(frame.iter().map(|seen| seen.before));
+        if has_before {
+            self.before.add(frame.iter().map(|seen| seen.before));
+        }
     }
 
-    /// What frames show of their own patterns.
-    fn get(&self, lag: Lag) -> Vec<f32> {
-        let both = self.shown.get().into_iter().zip(self.before.get());
-        both.map(|(dn, before)| lag.clear(dn, before)[0]).collect()
+    /// What frames show of their own patterns; before the first pattern `nothing` was shown.
+    fn get(&self, lag: Lag, nothing: &[f32]) -> Vec<f32> {
+        let shown = self.shown.get();
+        if lag.is_none() {
+            return shown;
+        }
+        let count = self.shown.count as f64;
+        let alone = count - self.before.count as f64;
+        let own = |(value, dn): (usize, &f32)| {
+            let nothing = nothing.get(value).copied().unwrap_or(*dn);
+            let before = self.before.sum.get(value).copied().unwrap_or(0.0) + alone * f64::from(nothing);
+            lag.clear(*dn, (before / count) as f32)[0]
+        };
+        shown.iter().enumerate().map(own).collect()
     }
 }
 
@@ -201,6 +214,7 @@ impl BlackFrames {
             let before = (of.usual_lag > 0.0)
                 .then(|| lag::before(segment, place - place % brackets, (brackets, values))[place % brackets])
                 .flatten();
+            let has_before = before.is_some();
             let frame = seen(
                 &self.numbers,
                 frame,
@@ -208,13 +222,16 @@ impl BlackFrames {
                 of.exposure_s as f32,
             );
             if is(Exposure::Unwatched) {
-                of.unwatched.add(&frame);
+                of.unwatched.add(&frame, has_before);
                 continue;
             }
-            of.black.add(&frame);
+            of.black.add(&frame, has_before);
             let Some(lamp_variance) = self.lamp_variance else {
                 continue;
             };
+            if of.usual_lag > 0.0 && !has_before {
+                continue; // what watches the lamp was dark before, which looks like another offset
+            }
             let [sum, weight] = self.offsets.entry((first + place) / brackets).or_default();
             if of.first.is_empty() {
                 of.first = frame;
@@ -279,8 +296,8 @@ impl BlackFrames {
             tracing::debug!(exposure_s = of.exposure_s, ?lag, "of the pattern before");
             Ok(Radiometry {
                 exposure_s: of.exposure_s,
-                dark: of.black.get(lag),
-                unwatched: of.unwatched.get(lag),
+                dark: of.black.get(lag, &of.unwatched.shown.get()),
+                unwatched: of.unwatched.get(lag, &[]),
                 counts: [black, unwatched],
                 lag,
                 means,
@@ -370,9 +387,10 @@ fn beside(
         .filter(|(seen, before)| seen.dn.max(before.dn) < full)
     {
         let light = f64::from(before.dn - numbers.level);
-        let left = |seen: &Seen| f64::from(seen.before - seen.dn);
+        // What the frame itself shows has the same noise as what is to be explained.
+        let before_it = f64::from(seen.before - before.before);
         let noise = f64::from(numbers.read_variance) + light.max(0.0) * f64::from(numbers.shot_per_dn);
-        let row = DVec3::new(1.0, light, left(seen) - left(before));
+        let row = DVec3::new(1.0, light, before_it);
         let weighted = row / (2.0 * noise);
         normal += DMat3::from_cols(weighted * row.x, weighted * row.y, weighted * row.z);
         right += weighted * f64::from(seen.dn - before.dn);

@@ -1,5 +1,9 @@
 //! What black frames tell, of frames made by hand.
 
+use rand::{RngExt as _, SeedableRng as _};
+use rand_distr::StandardNormal;
+use rand_xoshiro::Xoshiro256PlusPlus;
+
 use super::*;
 use crate::store::ExposureRecord;
 
@@ -73,27 +77,37 @@ fn what_is_left_of_a_lobe_is_found_in_the_black_frames_and_taken_out_of_their_me
         attempts: 1,
         ..ExposureRecord::default()
     };
+    // What watches the lamp shines over all of the image, in all frames but one.
+    let watching = |at: usize| 600.0 * (1.0 - at as f64 / values as f64);
     let mut segment = Segment::default();
+    let mut show = |incident: i64, own: &dyn Fn(usize) -> f64, before: &dyn Fn(usize) -> f64| {
+        let dn = |at: usize| 1000.0 + black(at) + (1.0 - share) * own(at) + share * before(at);
+        segment.frames.extend((0..values).map(|at| dn(at).round() as u16));
+        segment.records.push(record(incident));
+    };
+    // Before the first one nothing is shown.
+    show(-1, &watching, &|_| 0.0);
     for number in 0..12 {
-        let before = |at: usize| black(at) + lit(number, at);
-        let own = |at: usize| (1.0 - share) * black(at) + share * before(at);
-        segment
-            .frames
-            .extend((0..values).map(|at| (1000.0 + before(at)).round() as u16));
-        segment
-            .frames
-            .extend((0..values).map(|at| (1000.0 + own(at)).round() as u16));
-        segment.records.extend([record(number as i64), record(-1)]);
+        let lit = |at: usize| watching(at) + lit(number, at);
+        show(number as i64, &lit, &watching);
+        show(-1, &watching, &lit);
     }
+    show(-2, &|_| 0.0, &watching);
     frames.add(0, &segment, values);
     let radiometry = frames.radiometry().unwrap().remove(0);
     let [cleared, doubt] = radiometry.lag.clear(1000.0 + share as f32 * 1000.0, 2000.0);
     assert!((cleared - 1000.0).abs() < 0.1, "{cleared}");
     assert!((0.2..0.6).contains(&doubt), "{doubt}");
-    let far = |at: usize| (f64::from(radiometry.dark[at]) - 1000.0 - black(at)).abs();
-    let farthest = (0..values).map(far).fold(0.0, f64::max);
-    // Of 30 digital numbers at the lobes, a twelfth in the mean.
-    assert!(farthest < 0.8, "{farthest}");
+    let farthest = |mean: &[f32], own: &dyn Fn(usize) -> f64| {
+        let far = |at: usize| (f64::from(mean[at]) - 1000.0 - black(at) - own(at)).abs();
+        (0..values).map(far).fold(0.0, f64::max)
+    };
+    // Of 30 digital numbers at the lobes, a thirteenth in the mean.
+    let [dark, unwatched] = [
+        farthest(&radiometry.dark, &watching),
+        farthest(&radiometry.unwatched, &|_| 0.0),
+    ];
+    assert!(dark < 0.7 && unwatched < 0.8, "{dark} {unwatched}");
 }
 
 #[test]
@@ -121,4 +135,46 @@ fn how_much_the_lamp_changes_is_found_whatever_the_offset_does() {
     assert!((all / variance - 1.0).abs() < 0.2, "{all} {variance}");
     // Of too few nothing is said.
     assert_eq!(found(&patterns[..6], of).lamp_variance, None);
+}
+
+#[test]
+fn noise_does_not_pass_for_less_of_the_pattern_before() {
+    let mut rig = Rig::load("rcg-3").unwrap().with_image_size(64).unwrap();
+    rig.camera.dark_dn = 1000.0;
+    let (values, share) = (4096, 0.02);
+    let lamp = LampFound {
+        flicker: 0.005,
+        monitor: None,
+    };
+    let mut frames = BlackFrames::new(&rig, (None, Some(&lamp)), &[(0.01, 0.02)]);
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(3);
+    let mut segment = Segment::default();
+    let mut show = |incident: i64, light: &dyn Fn(usize) -> f64| {
+        let mut dn = |at: usize| {
+            let noise: f64 = rng.sample(StandardNormal);
+            let black = 500.0 * at as f64 / values as f64;
+            (1200.0 + black + light(at) + 8.0 * noise).round() as u16
+        };
+        segment.frames.extend((0..values).map(&mut dn));
+        segment.records.push(ExposureRecord {
+            incident,
+            exposure_s: 0.01,
+            attempts: 1,
+            ..ExposureRecord::default()
+        });
+    };
+    for number in 0..12 {
+        // Hardly brighter than noise.
+        let before = |at: usize| {
+            let away = (at as f64 - 100.0 - 300.0 * f64::from(number)) / 400.0;
+            200.0 * (-away * away).exp()
+        };
+        show(number.into(), &before);
+        show(-1, &|at| share * before(at));
+    }
+    frames.add(0, &segment, values);
+    let lag = frames.radiometry().unwrap().remove(0).lag;
+    let [own, doubt] = lag.clear(share as f32 * 1000.0, 1000.0);
+    assert!(own.abs() < 2.0 * doubt && doubt < 8.0, "{own} {doubt}");
+    assert!(own.abs() < 5.0, "{own}");
 }
