@@ -81,6 +81,9 @@ pub enum ScheduleError {
 /// Longest step in seconds: that of a trigger box at 125 MHz, see [`rcg_firmware::pulse::LONGEST_PERIOD`].
 pub const LONGEST_PERIOD_S: f64 = 120.0;
 
+/// In so many settling times what is left of a pattern fades to 10⁻⁴ of it and less, even where it is 2 % after the first.
+pub const PATIENCE: f64 = 4.0;
+
 /// Edges that are not in the same tick are at least this far apart, in ticks: what the pulse engine wants when it waits
 /// for SYNC, which is more than it wants when it runs free.
 const APART: u64 = rcg_firmware::pulse::PACED_OVERHEAD as u64;
@@ -117,14 +120,14 @@ impl Timing {
         })
     }
 
-    /// As [`new`](Self::new), but each pattern has twice the time to settle: what little is left of the one before fades by as much
-    /// again as it did. So calibrations see one pattern at a time.
+    /// As [`new`](Self::new), but each pattern has [`PATIENCE`] times as long to settle. So calibrations see one pattern at a time: beside
+    /// black light a spot is dim, and what watches the lamp has to be as bright in the first frame of a run as in all others.
     ///
     /// # Errors
     /// As [`new`](Self::new).
     pub fn patient(rig: &Rig, exposure_s: f64) -> Result<Self, ScheduleError> {
         let mut rig = rig.clone();
-        rig.projector.settle_s *= 2.0;
+        rig.projector.settle_s *= PATIENCE;
         Self::new(&rig, exposure_s)
     }
 

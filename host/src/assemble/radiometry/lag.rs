@@ -125,6 +125,7 @@ pub(super) fn light(numbers: &Numbers, frames: &[u16], times: &[f32], light: &mu
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::plan::schedule::PATIENCE;
 
     #[test]
     fn what_is_left_of_the_pattern_before_is_taken_away_and_the_own_made_whole() {
@@ -154,11 +155,11 @@ mod tests {
             "{shares:?}"
         );
         assert!(shares[0] < USUAL && shares[0] > USUAL / 3.0);
-        // Who waits as long again sees less by as much.
+        // Who waits longer sees less.
         let [hasty, patient] =
             [Timing::new, Timing::patient].map(|of| usual(&rig, &[of(&rig, 1e-3).unwrap()])[0]);
         assert!(
-            (patient / hasty / USUAL.powf(1.0 / SLOWER) - 1.0).abs() < 1e-6,
+            (patient / hasty / USUAL.powf((PATIENCE - 1.0) / SLOWER) - 1.0).abs() < 1e-6,
             "{hasty} {patient}"
         );
         rig.projector.panel = Panel::Mirrors;

@@ -3,7 +3,8 @@
 //! # Design
 //! Every sample that was measured itself, θ ≤ 80° both ways, has z = (f − truth)/σ at just the directions that the file
 //! states. What is wrong:
-//! - any sample beyond 10 σ; more than one, and more than a share of 10⁻⁵, beyond 6 σ;
+//! - any sample beyond 10 σ; more than one pair of directions, whose channels share what shape and light do, and more than a share of
+//!   10⁻⁵, beyond 6 σ;
 //! - a common factor s of all values beyond what the file states for it. s is that of least squares in f = s·truth, weighed
 //!   with what is left of σ² without the common part. |s − 1| may be 3.5 times as much as the stated uncertainty and that of
 //!   s together.
@@ -46,7 +47,7 @@ const NEVER: f64 = 10.0;
 const RARE: f64 = 6.0;
 /// Largest share of the samples beyond [`RARE`].
 const RARE_SHARE: f64 = 1e-5;
-/// Samples beyond [`RARE`] that no file is blamed for.
+/// Pairs of directions beyond [`RARE`], in all channels, that no file is blamed for.
 const RARE_COUNT: u64 = 1;
 /// Standard uncertainties by which the common factor may be off.
 const OF_SCALE: f64 = 3.5;
@@ -283,7 +284,7 @@ pub fn judge(brdf: &Brdf, sample: &dyn Sample) -> Result<Judgement, StoreError> 
         median_error: errors.median().value(),
         median_sigma: sigmas.median().value(),
         worst,
-        wrong: wrong(&measured, scale.as_ref(), own_coverage),
+        wrong: wrong(&measured, brdf.channels(), scale.as_ref(), own_coverage),
     })
 }
 
@@ -330,7 +331,12 @@ fn scale(brdf: &Brdf, sample: &dyn Sample, stated: Option<f64>) -> Result<Option
 }
 
 /// What is wrong, in sentences.
-fn wrong(measured: &Origins, scale: Option<&Scale>, own_coverage: Option<f64>) -> Vec<String> {
+fn wrong(
+    measured: &Origins,
+    channels: usize,
+    scale: Option<&Scale>,
+    own_coverage: Option<f64>,
+) -> Vec<String> {
     let mut wrong = Vec::new();
     let Origins {
         samples,
@@ -343,7 +349,7 @@ fn wrong(measured: &Origins, scale: Option<&Scale>, own_coverage: Option<f64>) -
             "expected no sample beyond {NEVER} σ, found {beyond_10} of {samples}"
         ));
     }
-    if beyond_6 > RARE_COUNT && beyond_6 as f64 > RARE_SHARE * samples as f64 {
+    if beyond_6 > RARE_COUNT * channels as u64 && beyond_6 as f64 > RARE_SHARE * samples as f64 {
         wrong.push(format!(
             "expected a share of {RARE_SHARE} of the samples beyond {RARE} σ, found {beyond_6} of {samples}"
         ));
