@@ -8,7 +8,7 @@ use rcg::calibrate::{geometry, photometry};
 use rcg::capture::directory::Measurement;
 use rcg::hemisphere::incident::Grid;
 use rcg::instrument::calibration::Calibration;
-use rcg::instrument::rig::Rig;
+use rcg::instrument::rig::{Panel, Rig};
 use rcg::judge::evaluate::evaluate;
 use rcg::judge::fit::{Fit, Model};
 use rcg::judge::worlds::judge;
@@ -308,11 +308,16 @@ fn off(
 
 #[test]
 fn over_many_seeded_runs_the_interval_of_k_2_holds_the_truth() {
-    let nominal = coarse("rcg-1-16bit");
+    let mut nominal = coarse("rcg-1-16bit");
+    // Stated is what a dielectric makes of it, and this is a metal.
+    nominal.light.polarisation = 0.0;
+    // Of seven lit patterns few have a black one behind them: what is left of the one before is as uncertain as it usually is.
+    nominal.projector.panel = Panel::Mirrors;
     let folder = tempfile::tempdir().unwrap();
     let tolerances = Tolerances {
         // What directions are off by is drawn below.
         figure_rad: Some(0.0),
+        polarisation: Some(0.0),
         // What differs in every run, as large as is stated.
         seating_m: Some(7e-5),
         pixels: PixelTolerances {

@@ -83,18 +83,27 @@ pub(in super::super) fn usual(rig: &Rig, timings: &[Timing]) -> Vec<f64> {
     shares.map(some).collect()
 }
 
-/// For each exposure of the pattern whose first one has this `place` in `segment`, the frames, of so many `values` each, of the
-/// pattern that was shown before; `None` if it was the first.
+/// For each exposure of the pattern whose first one has this `place` in `segment`, what [`before_one`] says.
 pub(in super::super) fn before(
     segment: &Segment,
     place: usize,
     (brackets, values): (usize, usize),
 ) -> Vec<Option<&[u16]>> {
-    let frames = |pattern: usize| &segment.frames[pattern * brackets * values..][..brackets * values];
     let exposures = place..place + brackets;
     exposures
-        .map(|exposure| shown_before(&segment.records, brackets, exposure).map(frames))
+        .map(|exposure| before_one(segment, exposure, (brackets, values)))
         .collect()
+}
+
+/// The frames, of so many `values` each, of the pattern that was shown before the exposure at this `place` in `segment`, of so many
+/// exposures a pattern; `None` if nothing was.
+pub(super) fn before_one(
+    segment: &Segment,
+    place: usize,
+    (brackets, values): (usize, usize),
+) -> Option<&[u16]> {
+    let pattern = shown_before(&segment.records, brackets, place)?;
+    Some(&segment.frames[pattern * brackets * values..][..brackets * values])
 }
 
 /// Number in a segment of the pattern that was shown before the exposure at this `place`. What failed was taken again by itself, in

@@ -6,8 +6,7 @@ mod numbers;
 mod shown;
 
 use glam::Vec4;
-use half::f16;
-use half::slice::HalfFloatSliceExt as _;
+use half::{f16, slice::HalfFloatSliceExt as _};
 
 use super::merge::{Merge, Merged, lanes};
 use crate::assemble::resample::{Resampling, Taps};
@@ -186,9 +185,7 @@ impl Way<'_> {
             *signal -= *stray;
         }
     }
-}
 
-impl Way<'_> {
     /// Adds to what is uncertain in the `room` what the camera's offset makes, of which `share_of`(pixel) is in the signal, and what
     /// is `left`(pixel) of the pattern before.
     fn doubt(&self, room: &mut Room, share_of: impl Fn(usize) -> f32, left: impl Fn(usize) -> Vec4) {
@@ -266,11 +263,15 @@ impl Way<'_> {
             let by_frame = removal.told(
                 |pixel| one.shown::<CHANNELS>(frame, pixel, self.offset) - room.stray[pixel] * times,
                 |pixel| one.black_light::<CHANNELS>(pixel),
-                |pixel| {
-                    let left = shown.left::<CHANNELS>(exposure, pixel, samples);
-                    hypot(hypot(room.doubt[pixel] * times, by_offset), left)
-                },
+                |pixel| hypot(room.doubt[pixel] * times, by_offset),
             );
+            // What is left of the pattern before no other frame shares.
+            let left = removal.told(
+                |pixel| shown.left::<CHANNELS>(exposure, pixel, samples),
+                |pixel| one.black_light::<CHANNELS>(pixel),
+                |_| Vec4::ZERO,
+            );
+            let by_frame = by_frame.map(|told| told.doubted_by(left));
             let bias = self.bias.get(exposure).copied().unwrap_or_default();
             levels.push(removal.level(by_frame, bias));
             told.push(by_frame);

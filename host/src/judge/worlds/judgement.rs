@@ -107,7 +107,10 @@ pub struct Scale {
     pub value: f64,
     /// Its standard uncertainty (k = 1) by what differs between samples, and by offsets that all share as the file states.
     pub standard_uncertainty: f64,
-    /// The relative standard uncertainty that the file states for it (k = 1), if it does.
+    /// The part of that by those offsets.
+    #[serde(default)]
+    pub offsets: f64,
+    /// The relative standard uncertainty that the file states for it (k = 1), if it does; that of the offsets is in there, too.
     pub stated: Option<f64>,
 }
 
@@ -115,8 +118,13 @@ impl Scale {
     /// How far it is off in standard uncertainties; `None` if the file states none.
     #[must_use]
     pub fn score(&self) -> Option<f64> {
-        let both = self.stated?.hypot(self.standard_uncertainty);
+        let both = self.factor(self.stated?).hypot(self.standard_uncertainty);
         Some((self.value - 1.0).abs() / both)
+    }
+
+    /// What of a relative standard uncertainty `stated` for all values is that of a factor.
+    fn factor(&self, stated: f64) -> f64 {
+        (stated * stated - self.offsets * self.offsets).max(0.0).sqrt()
     }
 
     /// The factor of all values that it is most likely to be, beside what else it may be off by.
@@ -236,10 +244,11 @@ pub fn judge(brdf: &Brdf, sample: &dyn Sample) -> Result<Judgement, StoreError> 
     let stated = brdf
         .common_uncertainty()
         .map(|stated| stated.max(brdf.standards_uncertainty().unwrap_or(0.0)));
-    // What standards do to such a sample is no factor of all values, and stays.
-    let of_all = brdf.common_uncertainty().unwrap_or(0.0);
     let scale = scale(brdf, sample, stated)?;
     let factor = scale.map_or(1.0, |scale| scale.taken_out());
+    // What standards do to such a sample is no factor of all values, and stays.
+    let of_all = brdf.common_uncertainty().unwrap_or(0.0);
+    let of_all = scale.map_or(of_all, |scale| scale.factor(of_all));
 
     let floor = Floor::of(sample, brdf.channels());
     let mut measured = Origins::default();
@@ -325,6 +334,7 @@ fn scale(brdf: &Brdf, sample: &dyn Sample, stated: Option<f64>) -> Result<Option
         Scale {
             value,
             standard_uncertainty: variance.max(down.recip()).sqrt().hypot(shared / down),
+            offsets: shared / down,
             stated,
         }
     }))

@@ -211,9 +211,11 @@ impl BlackFrames {
             if !is(Exposure::Black) && !is(Exposure::Unwatched) {
                 continue;
             }
-            let before = (of.usual_lag > 0.0)
-                .then(|| lag::before(segment, place - place % brackets, (brackets, values))[place % brackets])
-                .flatten();
+            let before = if of.usual_lag > 0.0 {
+                lag::before_one(segment, place, (brackets, values))
+            } else {
+                None
+            };
             let has_before = before.is_some();
             let frame = seen(
                 &self.numbers,

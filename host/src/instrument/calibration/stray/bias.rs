@@ -37,6 +37,15 @@ impl Told {
         self.variance + self.doubt * self.doubt
     }
 
+    /// With what an `error` that no other frame shares tells of the lamp as uncertain too.
+    pub(crate) fn doubted_by(self, error: Option<Self>) -> Self {
+        let brighter = error.map_or(0.0, |error| error.brighter);
+        Self {
+            variance: self.variance + brighter * brighter,
+            ..self
+        }
+    }
+
     /// Variance by what frames do not share.
     fn own_variance(self) -> f32 {
         self.variance + (OWN as f32 * self.doubt).powi(2)
