@@ -15,7 +15,7 @@
 //!   straight. Both axes of the disk are taken for themselves, and what couples them is added.
 //!
 //! Curvature goes through zero on the flanks of a lobe and may lie between two cells: each cell takes the most of those
-//! a pixel around it. Beside what was not measured a lobe may have its peak out of sight: what f rises or falls by on the
+//! a pixel around it, and one farther where a neighbour is missing. Beside what was not measured a lobe may have its peak out of sight: what f rises or falls by on the
 //! side that is seen, it may fall or rise by on the other.
 
 use glam::{DVec2, DVec3};
@@ -142,9 +142,15 @@ impl Shape {
                     .fold(0.0, f32::max)
             };
             let [columns, rows] = self.apart[cell];
+            let sides = [(0, 0), (0, 1), (1, 0), (1, 1)];
+            let is_within = sides.into_iter().all(|(axis, side)| {
+                let beside = self.neighbour(cell, axis, side, 1);
+                beside.is_some_and(|beside| by.seen[beside].is_some())
+            });
+            let reach = columns.max(rows) + usize::from(!is_within);
             let by_direction2 = by.slope2[cell] * (self.direction_variance + beside2);
             by.directed[cell] = by_direction2.sqrt();
-            by.total[cell] = by.directed[cell].hypot(most(&by.blurred, columns.max(rows)));
+            by.total[cell] = by.directed[cell].hypot(most(&by.blurred, reach));
         }
     }
 
