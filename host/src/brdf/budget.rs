@@ -50,8 +50,9 @@ pub(crate) struct BudgetSums {
     positive: [u64; REGIONS],
     /// Σ of the share of the variance that all samples share beside a factor.
     shared: [f64; REGIONS],
-    /// Σ f·c/σ² and Σ f²/σ², c being the standard uncertainties that all samples share, of each cause.
+    /// Σ f·c/σ², c being the standard uncertainty that all samples share by the standards, and by the lamp in the black frames.
     by_cause: [f64; 2],
+    /// Σ f²/σ².
     values: f64,
 }
 

@@ -271,7 +271,7 @@ impl Brdf {
     /// degrees; 0 where the [`budget`](Self::budget) says nothing.
     #[must_use]
     pub(crate) fn shared_part(&self, incident_deg: f64, outgoing_deg: f64) -> f64 {
-        let is_in = |[from, to]: [f64; 2], deg: f64| (from < deg || from <= 0.0) && deg <= to;
+        let is_in = |[_, end]: [f64; 2], deg: f64| budget::band(end) == budget::band(deg);
         let of = self
             .budget
             .iter()

@@ -266,11 +266,7 @@ impl Way<'_> {
                 |pixel| hypot(room.doubt[pixel] * times, by_offset),
             );
             // What is left of the pattern before no other frame shares.
-            let left = removal.told(
-                |pixel| shown.left::<CHANNELS>(exposure, pixel, samples),
-                |pixel| one.black_light::<CHANNELS>(pixel),
-                |_| Vec4::ZERO,
-            );
+            let left = shown.lamp_by_left::<CHANNELS>(exposure, removal, one);
             let by_frame = by_frame.map(|told| told.doubted_by(left));
             let bias = self.bias.get(exposure).copied().unwrap_or_default();
             levels.push(removal.level(by_frame, bias));

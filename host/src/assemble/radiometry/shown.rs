@@ -5,6 +5,7 @@ use glam::Vec4;
 use super::Radiometry;
 use super::lag::light;
 use crate::assemble::merge::lanes;
+use crate::instrument::calibration::stray::{Removal, Told};
 
 /// What the exposures of a pattern show of it alone, [exposure, pixel, channel].
 #[derive(Default)]
@@ -75,5 +76,23 @@ impl Shown {
             return Vec4::ZERO;
         }
         lanes::<CHANNELS, f32>(&self.left[exposure * values + pixel * CHANNELS..])
+    }
+
+    /// What the uncertainty by the pattern before would tell of the lamp in this `exposure`, which is as in `one`; `None` if nothing is left
+    /// of it.
+    pub(super) fn lamp_by_left<const CHANNELS: usize>(
+        &self,
+        exposure: usize,
+        removal: &Removal,
+        one: &Radiometry,
+    ) -> Option<Told> {
+        if self.left.is_empty() {
+            return None;
+        }
+        removal.told(
+            |pixel| self.left::<CHANNELS>(exposure, pixel, one.dark.len()),
+            |pixel| one.black_light::<CHANNELS>(pixel),
+            |_| Vec4::ZERO,
+        )
     }
 }

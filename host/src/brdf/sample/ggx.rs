@@ -139,9 +139,7 @@ impl Lit {
     fn masking(&self, w: DVec3) -> f64 {
         (w.z * w.z + self.alpha_x2 * w.x * w.x + self.alpha_y2 * w.y * w.y).sqrt()
     }
-}
 
-impl Lit {
     /// f of the surface alone, and the cosine of the angle to the half vector.
     fn surface(&self, wo: DVec3) -> [f64; 2] {
         let h = self.wi + wo;
