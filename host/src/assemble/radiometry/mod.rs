@@ -355,7 +355,6 @@ pub(super) fn image_merged<const CHANNELS: usize>(
     radiometry: &[Radiometry],
     bench: &mut Bench<'_>,
 ) {
-    let values = radiometry[0].dark.len();
     let Bench {
         shown,
         merged,
@@ -388,7 +387,7 @@ pub(super) fn image_merged<const CHANNELS: usize>(
         }
         let heaviest = |pixel: usize| usize::from(merged.heaviest[pixel]);
         let share_of = |pixel| (radiometry[0].exposure_s / radiometry[heaviest(pixel)].exposure_s) as f32;
-        let left = |pixel| shown.left::<CHANNELS>(heaviest(pixel), pixel, values) * share_of(pixel);
+        let left = |pixel| shown.left_of_merged::<CHANNELS>(heaviest(pixel), pixel, radiometry);
         way.doubt(room, share_of, left);
     }
 }

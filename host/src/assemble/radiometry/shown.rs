@@ -78,6 +78,27 @@ impl Shown {
         lanes::<CHANNELS, f32>(&self.left[exposure * values + pixel * CHANNELS..])
     }
 
+    /// The same of what was merged, as in the first exposure, mostly from that exposure: where a channel saturated there, from the longest
+    /// in which it did not.
+    pub(super) fn left_of_merged<const CHANNELS: usize>(
+        &self,
+        heaviest: usize,
+        pixel: usize,
+        radiometry: &[Radiometry],
+    ) -> Vec4 {
+        let values = radiometry[0].dark.len();
+        let mut left = Vec4::NAN;
+        for exposure in (0..=heaviest).rev() {
+            let time = (radiometry[exposure].exposure_s / radiometry[0].exposure_s) as f32;
+            let of_exposure = self.left::<CHANNELS>(exposure, pixel, values) / time;
+            left = Vec4::select(left.is_nan_mask(), of_exposure, left);
+            if !left.is_nan() {
+                break;
+            }
+        }
+        left
+    }
+
     /// What the uncertainty by the pattern before would tell of the lamp in this `exposure`, which is as in `one`; `None` if nothing is left
     /// of it.
     pub(super) fn lamp_by_left<const CHANNELS: usize>(
@@ -94,5 +115,49 @@ impl Shown {
             |pixel| one.black_light::<CHANNELS>(pixel),
             |_| Vec4::ZERO,
         )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::lag::Lag;
+    use super::super::of_black;
+    use super::*;
+    use crate::instrument::rig::Rig;
+    use crate::store::{ExposureRecord, Segment};
+
+    #[test]
+    fn a_channel_that_saturated_is_as_uncertain_as_in_a_shorter_exposure() {
+        let rig = Rig::load("rcg-1-16bit").unwrap();
+        let radiometry = [1e-3, 4e-3].map(|exposure_s| {
+            let record = ExposureRecord {
+                incident: -1,
+                exposure_s,
+                ..ExposureRecord::default()
+            };
+            let black = Segment {
+                frames: vec![300; 3],
+                records: vec![record],
+                ..Segment::default()
+            };
+            let mut one = of_black(&rig, None, &black, exposure_s, 3).unwrap();
+            one.lag = Lag::of(0.01, [0.0; 2]);
+            one
+        });
+        let mut shown = Shown::default();
+        let full = u16::MAX;
+        let left = |shown: &mut Shown, frames: [u16; 6]| {
+            let before = [1300; 6];
+            shown.learn(&frames, &[Some(&before), Some(&before)], &radiometry);
+            shown.left_of_merged::<3>(1, 0, &radiometry).to_array()
+        };
+        let whole = left(&mut shown, [10_300, 10_300, 10_300, 40_300, 40_300, 40_300]);
+        let saturated = left(&mut shown, [10_300, 10_300, 10_300, 40_300, full, 40_300]);
+        for (whole, saturated) in whole.into_iter().zip(saturated).take(3) {
+            assert!(
+                (60.0..120.0).contains(&saturated) && (saturated / whole - 1.0).abs() < 0.2,
+                "{whole} {saturated}"
+            );
+        }
     }
 }
