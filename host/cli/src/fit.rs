@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use rcg::base::file_format::CHART;
 use rcg::brdf::Source;
-use rcg::judge::fit::{Fit, Model};
+use rcg::judge::fit::{AZIMUTH, Fit, Model};
 
 use crate::Done;
 use crate::failure::Failure;
@@ -13,8 +13,8 @@ use crate::output::{Output, to_write};
 
 /// Fit the parameters of a model, with their covariance.
 ///
-/// `ax` and `ay` are the roughness along the sample's x and y, `rd` the diffuse reflectance, `rs` (Ward) or `f0` (GGX) the
-/// strength of the lobe, per channel. Samples with θ up to 80° both ways take part, weighted by their uncertainty; the blur
+/// `ax` and `ay` are the roughness along the axes of the lobe, `azimuth_deg` the azimuth of the first (-45 to 45; none of a lobe that is as wide
+/// both ways), `rd` the diffuse reflectance, `rs` (Ward) or `f0` (GGX) the strength of the lobe, per channel. Samples with θ up to 80° both ways take part, weighted by their uncertainty; the blur
 /// of light and pixels is part of the model. Uncertainties are standard uncertainties (k = 1); a fit whose residuals
 /// refute the model, that has not converged or that left what is physical has none, and says so.
 #[derive(Debug, clap::Args)]
@@ -64,7 +64,7 @@ fn text(fit: &Fit) -> String {
     let mut text = String::new();
     for parameter in &fit.parameters {
         let uncertainty = match parameter.standard_uncertainty {
-            Some(sigma) if parameter.value > 0.0 => {
+            Some(sigma) if parameter.value > 0.0 && parameter.name != AZIMUTH => {
                 format!("{sigma:.5} ({:.2} %, k = 1)", 100.0 * sigma / parameter.value)
             }
             Some(sigma) => format!("{sigma:.5} (k = 1)"),
@@ -73,7 +73,7 @@ fn text(fit: &Fit) -> String {
         let bound = if parameter.at_bound { ", at its bound" } else { "" };
         writeln!(
             text,
-            "{:<5} {:>9.5} ± {uncertainty}{bound}",
+            "{:<11} {:>9.5} ± {uncertainty}{bound}",
             parameter.name, parameter.value
         )
         .expect("strings take everything");

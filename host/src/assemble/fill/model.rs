@@ -26,13 +26,6 @@ impl Modelled {
     pub(super) fn of(brdf: &Brdf) -> Result<Self, FillError> {
         match Fit::of_brdf(Model::Ggx, brdf) {
             Ok(fit) => {
-                let value = |name: &str| {
-                    fit.parameters
-                        .iter()
-                        .find(|p| p.name == name)
-                        .map_or(0.0, |p| p.value)
-                };
-                let alpha = [value("ax"), value("ay")];
                 let endings: &[&str] = if brdf.channels() == 1 {
                     &[""]
                 } else {
@@ -41,8 +34,9 @@ impl Modelled {
                 let samples = endings
                     .iter()
                     .map(|end| {
-                        let (diffuse, strength) = (value(&format!("rd{end}")), value(&format!("f0{end}")));
-                        Model::Ggx.sample(alpha, diffuse.max(0.0), strength.clamp(0.0, 1.0))
+                        let (diffuse, strength) =
+                            (fit.value(&format!("rd{end}")), fit.value(&format!("f0{end}")));
+                        Model::Ggx.sample(fit.shape(), diffuse.max(0.0), strength.clamp(0.0, 1.0))
                     })
                     .collect();
                 Ok(Self {
@@ -120,12 +114,22 @@ fn mean(brdf: &Brdf) -> Result<[f32; 3], FillError> {
 }
 
 #[cfg(test)]
+use crate::judge::fit::Shape;
+
+#[cfg(test)]
 impl Modelled {
     /// A lobe of this width α.
     pub(super) fn of_lobe(alpha: f64) -> Self {
         Self {
             fit: None,
-            samples: vec![Model::Ggx.sample([alpha, alpha], 0.1, 0.5)],
+            samples: vec![Model::Ggx.sample(
+                Shape {
+                    alpha: [alpha; 2],
+                    azimuth_rad: 0.0,
+                },
+                0.1,
+                0.5,
+            )],
             lambert: [0.0; 3],
         }
     }

@@ -17,6 +17,7 @@ mod surface;
 mod tensor_file;
 #[cfg(test)]
 mod tensor_writer;
+mod turned;
 mod velvet;
 mod ward;
 mod warp;
@@ -33,6 +34,7 @@ pub use lambert::Lambert;
 pub use rgl::MeasuredRgl;
 pub use satin::Satin;
 pub(crate) use surface::across;
+pub use turned::Turned;
 pub use velvet::Velvet;
 pub use ward::Ward;
 
@@ -121,12 +123,33 @@ impl Blame for SampleError {
 /// | a path | [`MeasuredRgl`], a `.bsdf` tensor file of the RGL material database |
 ///
 /// A preset may be followed by parameters that change it, as in `ward:brass,ax=0.1`; what is not given keeps the
-/// default.
+/// default. `@` and degrees behind it turn it: of `ward:brass@30` the +x lies at an azimuth of 30°.
 ///
 /// # Errors
 /// [`SampleError::Spec`] for an unknown model, preset or parameter, a bad number or one out of range; for a path
 /// the errors of [`MeasuredRgl::open`].
 pub fn parse(spec: &str) -> Result<Box<dyn Sample>, SampleError> {
+    let (bare, azimuth_deg) = split_turn(spec)?;
+    let sample = unturned(bare)?;
+    if azimuth_deg.abs() > 0.0 {
+        return Ok(Box::new(Turned::new(sample, azimuth_deg.to_radians())));
+    }
+    Ok(sample)
+}
+
+/// `spec` without its turn, and that in degrees.
+fn split_turn(spec: &str) -> Result<(&str, f64), SampleError> {
+    let Some((unturned, turn)) = spec.rsplit_once('@').filter(|_| !Path::new(spec).is_file()) else {
+        return Ok((spec, 0.0));
+    };
+    let azimuth_deg = turn.parse().ok().filter(|turn: &f64| turn.abs() <= 360.0);
+    azimuth_deg.map(|turn| (unturned, turn)).ok_or_else(|| {
+        let expected = "degrees from -360 to 360, as in ward:brass@30";
+        spec::error(spec, "azimuth", expected, &format!("'{turn}'"))
+    })
+}
+
+fn unturned(spec: &str) -> Result<Box<dyn Sample>, SampleError> {
     let (model, arguments) = match spec.split_once(':') {
         Some((model, arguments)) => (model, Some(arguments)),
         None => (spec, None),
@@ -157,6 +180,7 @@ pub fn parse(spec: &str) -> Result<Box<dyn Sample>, SampleError> {
 /// The file that `spec` names; `None` for a model.
 #[must_use]
 pub fn file_of(spec: &str) -> Option<&Path> {
+    let (spec, _) = split_turn(spec).unwrap_or((spec, 0.0));
     let model = spec.split_once(':').map_or(spec, |(model, _)| model);
     let is_model = ["lambert", "ward", "ggx", "velvet", "satin"].contains(&model);
     (!is_model).then(|| Path::new(spec))

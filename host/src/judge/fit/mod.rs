@@ -5,6 +5,8 @@
 //! |---|---|
 //! | `observations` | the samples, their lights and pixels, and their variances |
 //! | `model` | Ward and GGX as sums of a diffuse part and a lobe |
+//! | `shape` | the lobe's roughness along its axes, and where those lie |
+//! | `parameters` | the same in names and numbers, with covariance |
 //! | `solve` | weighted least squares by Levenberg and Marquardt |
 //! | `systematic` | errors that all samples have in common |
 //! | `verdict` | residuals, and whether they support the model |
@@ -21,11 +23,16 @@
 //! and has no uncertainties: those of a wrong model mean nothing. A parameter that noise alone puts beyond its bound, as
 //! that of a metal without diffuse part, counts as at the bound.
 //!
+//! A sample may lie turned in its holder: the azimuth of the lobe's axes is found too. Where a lobe is as wide both ways within its
+//! uncertainty there is none.
+//!
 //! # Tradeoffs
-//! Some 200,000 samples take part, not all; the axes of the lobe are the sample's x and y.
+//! Some 200,000 samples take part, not all.
 
 mod model;
 mod observations;
+mod parameters;
+mod shape;
 mod solve;
 mod systematic;
 #[cfg(test)]
@@ -33,8 +40,6 @@ mod tests;
 mod verdict;
 
 use std::path::Path;
-
-use nalgebra::DMatrix;
 
 use crate::base::blame::Blame;
 use crate::brdf::Brdf;
@@ -44,15 +49,16 @@ use crate::store::StoreError;
 
 pub use model::Model;
 use observations::Observations;
+use parameters::Numbers;
+pub use parameters::{AZIMUTH, Parameter};
+use shape::SHAPE;
+pub(crate) use shape::Shape;
 use solve::{Range, Solution};
 pub use verdict::Residual;
 
 /// Share of the blur's effect by which it may be wrong (k = 1): how the spot is filled, and where in their pixels the
 /// cells of the disk lie.
 const BLUR_UNCERTAINTY: f64 = 0.1;
-/// Relative standard uncertainty of every parameter by what is left of blur and rounding: in noise-free measurements of brass
-/// and other lobes on the virtual rigs ρd and strength come back within 0.25 %.
-const LEFT: f64 = 2e-3;
 /// Standard uncertainties by which a free parameter may be beyond its bound, and a lobe has to stand out.
 const CLEAR: f64 = 3.0;
 
@@ -105,26 +111,12 @@ impl Blame for FitError {
     }
 }
 
-/// One parameter of a fit.
-#[derive(Clone, Debug, serde::Serialize)]
-pub struct Parameter {
-    /// `ax`, `ay` (roughness along +x and +y), `rd` (diffuse reflectance), `rs` (Ward) or `f0` (GGX); those of colour
-    /// channels end in `_r`, `_g`, `_b`.
-    pub name: String,
-    /// Its value.
-    pub value: f64,
-    /// Its standard uncertainty (k = 1); `None` if the fit is not acceptable.
-    pub standard_uncertainty: Option<f64>,
-    /// Whether it sits at the bound of what is physical.
-    pub at_bound: bool,
-}
-
 /// A fitted model.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Fit {
     /// Which.
     pub model: Model,
-    /// αx, αy, then ρd and the strength of the lobe of each channel.
+    /// αx, αy, the azimuth if the lobe has one, then ρd and the strength of the lobe of each channel.
     pub parameters: Vec<Parameter>,
     /// Covariance of the parameters, row by row in their order; `None` if the fit is not acceptable.
     pub covariance: Option<Vec<Vec<f64>>>,
@@ -143,6 +135,8 @@ pub struct Fit {
     pub warnings: Vec<String>,
     /// The residuals by the polar angle of the half vector.
     pub residuals: Vec<Residual>,
+    #[serde(skip)]
+    shape: Shape,
 }
 
 impl Fit {
@@ -178,7 +172,7 @@ impl Fit {
         match beyond(&solution) {
             Beyond::Nothing => {}
             Beyond::Noise => {
-                for at in (2..solution.unknowns.len()).step_by(2) {
+                for at in (SHAPE..solution.unknowns.len()).step_by(2) {
                     let [rho_d, strength] = solve::physical(solution.unknowns[at], solution.unknowns[at + 1]);
                     solution.unknowns[at] = rho_d;
                     solution.unknowns[at + 1] = strength;
@@ -191,46 +185,24 @@ impl Fit {
             }
         }
         let unknowns = &solution.unknowns;
+        let of_shape = [unknowns[0], unknowns[1], unknowns[2]];
         if !stands_out(&solution) {
             return Err(FitError::NoLobe {
-                alpha: [unknowns[0].exp(), unknowns[1].exp()],
+                alpha: Shape::of_unknowns(of_shape).alpha,
             });
         }
         let (sharp, is_sharp_converged) = solve::unknowns(model, &points, &points, unknowns, range)?;
-        // From ln α to α.
-        let scale = |at: usize| if at < 2 { unknowns[at].exp() } else { 1.0 };
-        let value = |at: usize| if at < 2 { scale(at) } else { unknowns[at] };
         let degrees = (seen.all.len() * seen.channels - unknowns.len()) as f64;
         let shift = (&sharp - unknowns) * BLUR_UNCERTAINTY;
         let covariance = &solution.covariance + &shift * shift.transpose();
-        let covariance = DMatrix::from_fn(unknowns.len(), unknowns.len(), |i, j| {
-            let left = if i == j { LEFT * value(i) } else { 0.0 };
-            covariance[(i, j)] * scale(i) * scale(j) + left * left
-        });
-        let name = |at: usize| match at {
-            0 => "ax".to_owned(),
-            1 => "ay".to_owned(),
-            _ => {
-                let part = if at.is_multiple_of(2) {
-                    "rd"
-                } else {
-                    model.strength()
-                };
-                match seen.channels {
-                    1 => part.to_owned(),
-                    _ => format!("{part}_{}", ["r", "g", "b"][at / 2 - 1]),
-                }
-            }
-        };
-        let parameters = (0..unknowns.len()).map(|at| Parameter {
-            name: name(at),
-            value: value(at),
-            standard_uncertainty: Some(covariance[(at, at)].sqrt()).filter(|sigma| sigma.is_finite()),
-            at_bound: at >= 2 && is_at_bound(unknowns[at & !1], unknowns[at | 1], at.is_multiple_of(2)),
-        });
+        let Numbers {
+            parameters,
+            covariance,
+            shape,
+        } = Numbers::of(model, unknowns, &covariance, seen.channels);
         let mut fit = Self {
             model,
-            parameters: parameters.collect(),
+            parameters,
             covariance: Some(
                 covariance
                     .row_iter()
@@ -244,9 +216,21 @@ impl Fit {
             acceptable: true,
             warnings: Vec::new(),
             residuals: Vec::new(),
+            shape,
         };
         fit.judge(seen, range == Range::Physical);
         Ok(fit)
+    }
+
+    /// The value of a parameter, 0 if there is none of this `name`.
+    pub(crate) fn value(&self, name: &str) -> f64 {
+        let found = self.parameters.iter().find(|parameter| parameter.name == name);
+        found.map_or(0.0, |parameter| parameter.value)
+    }
+
+    /// The lobe's roughness along its axes, and where those lie.
+    pub(crate) const fn shape(&self) -> Shape {
+        self.shape
     }
 
     /// The residuals as a chart.
@@ -301,8 +285,9 @@ enum Beyond {
 
 fn beyond(solution: &Solution) -> Beyond {
     let mut worst = Beyond::Nothing;
-    for at in 2..solution.unknowns.len() {
-        let (pair, is_diffuse) = (at & !1, at.is_multiple_of(2));
+    for at in SHAPE..solution.unknowns.len() {
+        let is_diffuse = (at - SHAPE).is_multiple_of(2);
+        let pair = if is_diffuse { at } else { at - 1 };
         let [rho_d, strength] = solve::physical(solution.unknowns[pair], solution.unknowns[pair + 1]);
         let excess = (solution.unknowns[at] - if is_diffuse { rho_d } else { strength }).abs();
         if excess > CLEAR * solution.covariance[(at, at)].sqrt() {
@@ -317,12 +302,7 @@ fn beyond(solution: &Solution) -> Beyond {
 
 /// Whether there is a lobe: its strength in some channel is clear of 0.
 fn stands_out(solution: &Solution) -> bool {
-    (3..solution.unknowns.len()).step_by(2).any(|at| {
+    (SHAPE + 1..solution.unknowns.len()).step_by(2).any(|at| {
         solution.unknowns[at] > CLEAR * solution.covariance[(at, at)].sqrt() && solution.unknowns[at] > 0.0
     })
-}
-
-fn is_at_bound(rho_d: f64, strength: f64, is_diffuse: bool) -> bool {
-    let value = if is_diffuse { rho_d } else { strength };
-    value <= 0.0 || rho_d + strength >= 1.0
 }

@@ -3,13 +3,14 @@
 use std::f64::consts::FRAC_1_PI;
 
 use super::observations::Observation;
+use super::shape::Shape;
 use crate::brdf::quadrature::mean_f;
-use crate::brdf::sample::{Ggx, Sample, Ward};
+use crate::brdf::sample::{Ggx, Sample, Turned, Ward};
 
 /// Which model is fitted.
 ///
-/// Both have a roughness along +x and +y, αx and αy, common to all channels, and for each channel a diffuse reflectance
-/// ρd and the strength of the lobe, Ward's ρs or the reflectance F0 at normal incidence of GGX.
+/// Both have a roughness along two axes of the sample, αx and αy, and the azimuth of the first, common to all channels, and for each
+/// channel a diffuse reflectance ρd and the strength of the lobe, Ward's ρs or the reflectance F0 at normal incidence of GGX.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Model {
@@ -37,7 +38,16 @@ impl Model {
     }
 
     /// The model with the same numbers in all channels.
-    pub(crate) fn sample(self, [alpha_x, alpha_y]: [f64; 2], rho_d: f64, strength: f64) -> Box<dyn Sample> {
+    pub(crate) fn sample(self, shape: Shape, rho_d: f64, strength: f64) -> Box<dyn Sample> {
+        let along_axes = self.along_axes(shape.alpha, rho_d, strength);
+        if shape.azimuth_rad.abs() > 0.0 {
+            Box::new(Turned::new(along_axes, shape.azimuth_rad))
+        } else {
+            along_axes
+        }
+    }
+
+    fn along_axes(self, [alpha_x, alpha_y]: [f64; 2], rho_d: f64, strength: f64) -> Box<dyn Sample> {
         match self {
             Self::Ward => Box::new(Ward {
                 rho_d,
@@ -55,10 +65,11 @@ impl Model {
     }
 
     /// Means over light and pixel of the parts of f = ρd/π + `0` + strength·`1`, in sr⁻¹.
-    pub(super) fn parts(self, alpha: [f64; 2], seen: &Observation) -> [f64; 2] {
+    pub(super) fn parts(self, shape: Shape, seen: &Observation) -> [f64; 2] {
+        let (light, places) = (shape.along_axes(&seen.light), shape.along_axes(&seen.places));
         let mean = |strength| {
-            let sample = self.sample(alpha, 0.0, strength);
-            mean_f(&seen.light.map(|wi| sample.incident(wi)), &seen.places.map(Some))[0]
+            let sample = self.along_axes(shape.alpha, 0.0, strength);
+            mean_f(&light.map(|wi| sample.incident(wi)), &places.map(Some))[0]
         };
         let none = match self {
             Self::Ward => 0.0,

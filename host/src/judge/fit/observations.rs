@@ -21,6 +21,7 @@ const FEWEST: usize = 200;
 const KNOWN: f64 = 0.01;
 
 /// One sample: a pair of directions, f, and how its variance follows from f.
+#[derive(Clone, Copy)]
 pub(super) struct Observation {
     /// Four directions of light: ++, +−, −+, −−.
     pub(super) light: [DVec3; 4],
@@ -219,6 +220,14 @@ impl Observations {
                 side: ["+x", "+y", "−x", "−y"][side],
             }),
             None => Ok(self),
+        }
+    }
+
+    /// Every `stride`th of them.
+    pub(super) fn every(&self, stride: usize) -> Self {
+        Self {
+            all: self.all.iter().step_by(stride.max(1)).copied().collect(),
+            ..*self
         }
     }
 

@@ -1,8 +1,8 @@
 //! The least-squares problem.
 //!
 //! # Design
-//! Unknowns are ln αx, ln αy and per channel ρd and the strength of the lobe. f is linear in the latter two, so their
-//! derivatives are exact and their start values follow from the roughness by linear least squares; those of the roughness
+//! Unknowns are the three of the lobe's [`Shape`] and per channel ρd and the strength of the lobe. f is linear in the latter two, so
+//! their derivatives are exact and their start values follow from the shape by linear least squares; those of the shape
 //! are the best of a coarse grid.
 //!
 //! First the unknowns are free, so that their estimates are not biased. Only if one of them leaves its physical range, ρd ≥ 0,
@@ -18,12 +18,13 @@ use rayon::prelude::*;
 use super::FitError;
 use super::model::{Model, WHITE, combine};
 use super::observations::Observations;
+use super::shape::{SHAPE, Shape};
 use super::systematic;
 
 /// Share of the blur of a single sample that is not known (k = 1). Linear interpolation adds w(1−w) pixels² to the 1/12 of
 /// a pixel, where w, the place between two pixels, is any: 1/4 ± √(1/180), which is 30 %.
 const PHASE: f64 = 0.3;
-/// Difference in ln α for its derivative.
+/// Difference in an unknown of the shape for its derivative.
 const STEP: f64 = 1e-4;
 /// A step ends the search that changes χ², or the unknowns, by no more than this share: far less than their uncertainty. A
 /// material without a lobe has no minimum to speak of, and would be searched for long.
@@ -33,14 +34,17 @@ const UNKNOWNS_STEP: f64 = 1e-6;
 /// does not come back.
 const LEGS: usize = 10;
 const PATIENCE: usize = 10;
-/// Roughness from which fits start.
+/// Roughness from which fits start, and how many azimuths of half a turn.
 const STARTS: [f64; 5] = [0.03, 0.07, 0.15, 0.35, 0.8];
+const AZIMUTHS: usize = 8;
+/// So many samples are enough to choose among them.
+const TRIED: usize = 20_000;
 /// Roughness beyond which there is no lobe, or one that no pixel resolves.
 pub(super) const ALPHA: std::ops::RangeInclusive<f64> = 0.001..=1.5;
 
 /// A solution.
 pub(super) struct Solution {
-    /// ln αx, ln αy, then ρd and strength of each channel.
+    /// Those of the [`Shape`], then ρd and strength of each channel.
     pub(super) unknowns: DVector<f64>,
     /// Covariance of those as the residuals show it.
     pub(super) covariance: DMatrix<f64>,
@@ -78,15 +82,15 @@ struct Problem<'a> {
     parts: Vec<[f64; 2]>,
 }
 
-fn alpha(unknowns: &DVector<f64>) -> [f64; 2] {
-    [unknowns[0].exp(), unknowns[1].exp()]
+fn shape(unknowns: &DVector<f64>) -> Shape {
+    Shape::of_unknowns([unknowns[0], unknowns[1], unknowns[2]])
 }
 
 impl Problem<'_> {
-    fn parts_at(&self, alpha: [f64; 2], seen: &Observations) -> Vec<[f64; 2]> {
+    fn parts_at(&self, shape: Shape, seen: &Observations) -> Vec<[f64; 2]> {
         seen.all
             .par_iter()
-            .map(|seen| self.model.parts(alpha, seen))
+            .map(|seen| self.model.parts(shape, seen))
             .collect()
     }
 
@@ -98,7 +102,10 @@ impl Problem<'_> {
 
     /// ρd and strength of a channel as they count.
     fn linear(&self, channel: usize) -> [f64; 2] {
-        let (rho_d, strength) = (self.unknowns[2 + 2 * channel], self.unknowns[3 + 2 * channel]);
+        let (rho_d, strength) = (
+            self.unknowns[SHAPE + 2 * channel],
+            self.unknowns[SHAPE + 1 + 2 * channel],
+        );
         match self.range {
             Range::Free => [rho_d, strength],
             Range::Physical => physical(rho_d, strength),
@@ -107,7 +114,10 @@ impl Problem<'_> {
 
     /// Whether its lobe is one that pixels resolve.
     fn is_in_range(&self) -> bool {
-        alpha(&self.unknowns).iter().all(|alpha| ALPHA.contains(alpha))
+        shape(&self.unknowns)
+            .alpha
+            .iter()
+            .all(|alpha| ALPHA.contains(alpha))
     }
 
     /// Where a search from here ends, and whether that is a minimum.
@@ -131,7 +141,7 @@ impl Problem<'_> {
 
     fn weigh(&mut self) {
         let channels = self.seen.channels;
-        let sharp = self.parts_at(alpha(&self.unknowns), self.sharp);
+        let sharp = self.parts_at(shape(&self.unknowns), self.sharp);
         self.weights = (0..self.seen.all.len() * channels)
             .map(|at| {
                 let f = self.f(self.parts[at / channels], at % channels);
@@ -149,7 +159,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     type JacobianStorage = Owned<f64, Dyn, Dyn>;
 
     fn set_params(&mut self, unknowns: &DVector<f64>) {
-        self.parts = self.parts_at(alpha(unknowns), self.seen);
+        self.parts = self.parts_at(shape(unknowns), self.seen);
         self.unknowns.copy_from(unknowns);
     }
 
@@ -167,12 +177,12 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
         let channels = self.seen.channels;
-        let mut jacobian = DMatrix::zeros(self.weights.len(), 2 + 2 * channels);
-        for axis in 0..2 {
+        let mut jacobian = DMatrix::zeros(self.weights.len(), SHAPE + 2 * channels);
+        for axis in 0..SHAPE {
             let shifted = |by: f64| {
                 let mut unknowns = self.unknowns.clone();
                 unknowns[axis] += by;
-                self.parts_at(alpha(&unknowns), self.seen)
+                self.parts_at(shape(&unknowns), self.seen)
             };
             let (up, down) = (shifted(STEP), shifted(-STEP));
             for at in 0..self.weights.len() {
@@ -185,11 +195,12 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
             let (sample, channel) = (at / channels, at % channels);
             let [rho_d, strength] = self.linear(channel);
             let is_free = |unknown: usize, value: f64| (self.unknowns[unknown] - value).abs() < f64::EPSILON;
-            if is_free(2 + 2 * channel, rho_d) {
-                jacobian[(at, 2 + 2 * channel)] = WHITE * self.weights[at];
+            let unknown = SHAPE + 2 * channel;
+            if is_free(unknown, rho_d) {
+                jacobian[(at, unknown)] = WHITE * self.weights[at];
             }
-            if is_free(3 + 2 * channel, strength) {
-                jacobian[(at, 3 + 2 * channel)] = self.parts[sample][1] * self.weights[at];
+            if is_free(unknown + 1, strength) {
+                jacobian[(at, unknown + 1)] = self.parts[sample][1] * self.weights[at];
             }
         }
         Some(jacobian)
@@ -218,7 +229,7 @@ pub(super) fn solve(
     let mut covariance = covariance(seen, &jacobian, &residuals, &bread);
     let weights = DVector::from_column_slice(&problem.weights);
     let fitted = |seen: &Observations| {
-        let parts = problem.parts_at(alpha(&problem.unknowns), seen);
+        let parts = problem.parts_at(shape(&problem.unknowns), seen);
         DVector::from_fn(weights.len(), |at, _| {
             problem.f(parts[at / seen.channels], at % seen.channels)
         })
@@ -291,25 +302,26 @@ fn minimum<'a>(
             (0..seen.channels).all(|channel| range == Range::Physical && problem.linear(channel)[1] <= 0.0);
         if !problem.is_in_range() || is_bare {
             return Err(FitError::NoLobe {
-                alpha: alpha(&problem.unknowns),
+                alpha: shape(&problem.unknowns).alpha,
             });
         }
         problem.weigh();
     }
     for channel in 0..seen.channels {
         let [rho_d, strength] = problem.linear(channel);
-        problem.unknowns[2 + 2 * channel] = rho_d;
-        problem.unknowns[3 + 2 * channel] = strength;
+        problem.unknowns[SHAPE + 2 * channel] = rho_d;
+        problem.unknowns[SHAPE + 1 + 2 * channel] = strength;
     }
     let mut jacobian = problem.jacobian().expect("invariant: always there");
     // What sits at a bound does not vary.
     let at_bound: Vec<usize> = match range {
         Range::Free => Vec::new(),
-        Range::Physical => (2..problem.unknowns.len())
+        Range::Physical => (SHAPE..problem.unknowns.len())
             .filter(|&at| {
-                let [rho_d, strength] = problem.linear((at - 2) / 2);
-                let value = if at.is_multiple_of(2) { rho_d } else { strength };
-                value <= 0.0 || value >= 1.0 || (at % 2 == 1 && rho_d + strength >= 1.0)
+                let [rho_d, strength] = problem.linear((at - SHAPE) / 2);
+                let is_diffuse = (at - SHAPE).is_multiple_of(2);
+                let value = if is_diffuse { rho_d } else { strength };
+                value <= 0.0 || value >= 1.0 || (!is_diffuse && rho_d + strength >= 1.0)
             })
             .collect(),
     };
@@ -328,7 +340,7 @@ fn minimum<'a>(
         normal[(i, j)] * scale[i] * scale[j]
     });
     let inverse = scaled.cholesky().ok_or(FitError::NoLobe {
-        alpha: alpha(&problem.unknowns),
+        alpha: shape(&problem.unknowns).alpha,
     })?;
     let inverse = inverse.inverse();
     let bread = DMatrix::from_fn(normal.nrows(), normal.ncols(), |i, j| {
@@ -389,8 +401,9 @@ fn covariance(
     })
 }
 
-/// Unknowns to begin at: the best of a grid of roughness, with the others by linear least squares, within `range`.
+/// Unknowns to begin at: the best of a grid of shapes, with the others by linear least squares, within `range`.
 pub(super) fn start(model: Model, seen: &Observations, range: Range) -> DVector<f64> {
+    let seen = &seen.every(seen.all.len().div_ceil(TRIED));
     let channels = seen.channels;
     let mut problem = Problem {
         model,
@@ -398,7 +411,7 @@ pub(super) fn start(model: Model, seen: &Observations, range: Range) -> DVector<
         sharp: seen,
         weights: Vec::new(),
         range,
-        unknowns: DVector::zeros(2 + 2 * channels),
+        unknowns: DVector::zeros(SHAPE + 2 * channels),
         parts: Vec::new(),
     };
     // The variances of the values as they are: only the start depends on them.
@@ -412,26 +425,41 @@ pub(super) fn start(model: Model, seen: &Observations, range: Range) -> DVector<
         })
         .collect();
     let (mut least, mut best) = (f64::INFINITY, problem.unknowns.clone());
-    for alpha_x in STARTS {
-        for alpha_y in STARTS {
-            problem.unknowns[0] = alpha_x.ln();
-            problem.unknowns[1] = alpha_y.ln();
-            problem.parts = problem.parts_at([alpha_x, alpha_y], seen);
-            for channel in 0..channels {
-                let [rho_d, strength] = match (range, linear(&problem, channel)) {
-                    (Range::Free, found) => found,
-                    (Range::Physical, [rho_d, strength]) => physical(rho_d, strength),
-                };
-                problem.unknowns[2 + 2 * channel] = rho_d;
-                problem.unknowns[3 + 2 * channel] = strength;
-            }
-            let chi_squared = problem.residuals().map_or(f64::INFINITY, |r| r.norm_squared());
-            if chi_squared < least {
-                (least, best) = (chi_squared, problem.unknowns.clone());
-            }
+    for shape in starts() {
+        for (unknown, value) in problem.unknowns.iter_mut().zip(shape.unknowns()) {
+            *unknown = value;
+        }
+        problem.parts = problem.parts_at(shape, seen);
+        for channel in 0..channels {
+            let [rho_d, strength] = match (range, linear(&problem, channel)) {
+                (Range::Free, found) => found,
+                (Range::Physical, [rho_d, strength]) => physical(rho_d, strength),
+            };
+            problem.unknowns[SHAPE + 2 * channel] = rho_d;
+            problem.unknowns[SHAPE + 1 + 2 * channel] = strength;
+        }
+        let chi_squared = problem.residuals().map_or(f64::INFINITY, |r| r.norm_squared());
+        if chi_squared < least {
+            (least, best) = (chi_squared, problem.unknowns.clone());
         }
     }
     best
+}
+
+/// Shapes from which a fit may start.
+fn starts() -> impl Iterator<Item = Shape> {
+    let pairs = STARTS
+        .into_iter()
+        .enumerate()
+        .flat_map(|(at, wide)| STARTS[..=at].iter().map(move |narrow| [*narrow, wide]));
+    pairs.flat_map(|alpha| {
+        // A lobe that is as wide both ways has no azimuth.
+        let azimuths = if alpha[0] < alpha[1] { AZIMUTHS } else { 1 };
+        (0..azimuths).map(move |turn| Shape {
+            alpha,
+            azimuth_rad: std::f64::consts::PI * turn as f64 / AZIMUTHS as f64,
+        })
+    })
 }
 
 /// ρd and strength of one channel at the roughness of `problem`.

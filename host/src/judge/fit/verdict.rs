@@ -129,8 +129,8 @@ impl Fit {
     }
 
     fn seen(&self, seen: &Observations) -> Vec<Seen> {
-        let alpha = [self.parameters[0].value, self.parameters[1].value];
-        let linear = |channel: usize, part: usize| self.parameters[2 + 2 * channel + part].value;
+        let first = self.parameters.len() - 2 * seen.channels;
+        let linear = |channel: usize, part: usize| self.parameters[first + 2 * channel + part].value;
         let of = |sample: &Observation| {
             let (light, place) = (
                 sample.light[0] + sample.light[3],
@@ -139,7 +139,7 @@ impl Fit {
             let half = (light + place).normalize();
             let half_deg = half.z.clamp(0.0, 1.0).acos().to_degrees();
             let incident_deg = light.normalize().z.clamp(0.0, 1.0).acos().to_degrees();
-            let parts = self.model.parts(alpha, sample);
+            let parts = self.model.parts(self.shape, sample);
             let mut one = Seen {
                 half_deg,
                 range: range(half, half_deg, incident_deg),
