@@ -57,8 +57,13 @@ pub(super) struct Merged {
     pub(super) of_row: Vec<Vec4>,
     /// Whether more than one exposure took part, in any channel.
     pub(super) several: Vec<bool>,
-    /// Which exposure counts most.
-    pub(super) heaviest: Vec<u8>,
+    /// Which exposure counts most, of each channel.
+    pub(super) heaviest: Vec<[u8; 4]>,
+}
+
+/// The numbers `of` an exposure and a lane that stand for each lane of a pixel: those of its `heaviest` exposures.
+pub(super) fn by_lane(heaviest: [u8; 4], of: impl Fn(usize, usize) -> f32) -> Vec4 {
+    Vec4::from_array(std::array::from_fn(|lane| of(usize::from(heaviest[lane]), lane)))
 }
 
 impl<'a> Merge<'a> {
@@ -149,10 +154,14 @@ impl<'a> Merge<'a> {
             let part = takes_part * weight / bracket.time;
             of_row += part * part * bracket.row_variance;
         }
-        let all = |weight: &Vec4| weight.to_array()[..CHANNELS].iter().sum::<f32>();
-        let heaviest = (0..numbers.len()).max_by(|a, b| all(&weight[*a]).total_cmp(&all(&weight[*b])));
+        let heaviest = |lane: usize| {
+            let of = |exposure: &usize| weight[*exposure][lane];
+            (0..numbers.len())
+                .max_by(|a, b| of(a).total_cmp(&of(b)))
+                .map_or(0, |exposure| exposure as u8)
+        };
         Pixel {
-            heaviest: heaviest.unwrap_or(0) as u8,
+            heaviest: std::array::from_fn(heaviest),
             signal: sum / weights,
             variance: 1.0 / weights,
             of_row: sqrt(of_row) / weights,
@@ -171,7 +180,7 @@ struct Pixel {
     of_row: Vec4,
     /// How many exposures made it, and which of them counts most.
     used: Vec4,
-    heaviest: u8,
+    heaviest: [u8; 4],
 }
 
 /// One pixel of one exposure, channels in the lanes.

@@ -56,11 +56,16 @@ impl Lag {
         self.share + self.uncertainty
     }
 
-    /// What a number would be without the pattern before, which showed `before`, and how uncertain that is.
+    /// What a number would be without the pattern before, which showed `before`.
     #[inline]
-    pub(super) fn clear(self, dn: f32, before: f32) -> [f32; 2] {
-        let clear = dn + self.share / (1.0 - self.share) * (dn - before);
-        [clear, self.uncertainty * (clear - before).abs()]
+    pub(super) fn clear(self, dn: f32, before: f32) -> f32 {
+        dn + self.share / (1.0 - self.share) * (dn - before)
+    }
+
+    /// How uncertain numbers are that differ by so `much` from those of the pattern before.
+    #[inline]
+    pub(super) const fn doubt(self, much: f32) -> f32 {
+        self.uncertainty * much.abs()
     }
 }
 
@@ -117,17 +122,46 @@ fn shown_before(records: &[ExposureRecord], brackets: usize, place: usize) -> Op
     (0..place / brackets).rev().find(was_shown)
 }
 
-/// What the `frames` of a pattern, of these relative times and so many values each, show in a time of 1, as a linear camera would give it above
-/// the dark level: by the longest that is not saturated, NaN if all are.
-pub(super) fn light(numbers: &Numbers, frames: &[u16], times: &[f32], light: &mut Vec<f32>) {
+/// What a pattern shows in a time of 1, as a linear camera would give it above the dark level, and the variance of that by noise; NaN where
+/// it saturated.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Light {
+    pub(super) dn: f32,
+    pub(super) variance: f32,
+}
+
+/// What the `frames` of a pattern, of these relative times, show of what is left in its `exposure`: by the frame of that, so that the
+/// lamp is the same in all of the image, as far as it is linear, else by the longest that is, else by the shortest, if that is not saturated.
+/// What is left is little, whatever the camera bends.
+pub(super) fn light(
+    numbers: &Numbers,
+    frames: &[u16],
+    times: &[f32],
+    exposure: usize,
+    light: &mut Vec<Light>,
+) {
     let values = frames.len() / times.len();
     light.clear();
     light.extend((0..values).map(|value| {
-        let longest = (0..times.len())
-            .rev()
+        let linear = std::iter::once(exposure)
+            .chain((0..times.len()).rev())
             .map(|exposure| (frames[exposure * values + value], times[exposure]))
             .find(|(dn, _)| *dn < numbers.trusted);
-        longest.map_or(f32::NAN, |(dn, time)| (numbers.linear(dn) - numbers.level) / time)
+        let shortest = (frames[value], times[0]);
+        let of = linear.or(Some(shortest).filter(|(dn, _)| *dn < numbers.saturation));
+        of.map_or(
+            Light {
+                dn: f32::NAN,
+                variance: f32::NAN,
+            },
+            |(dn, time)| {
+                let dn = numbers.linear(dn) - numbers.level;
+                Light {
+                    dn: dn / time,
+                    variance: numbers.noise_variance(dn) / (time * time),
+                }
+            },
+        )
     }));
 }
 
@@ -140,7 +174,8 @@ mod tests {
     fn what_is_left_of_the_pattern_before_is_taken_away_and_the_own_made_whole() {
         let lag = Lag::of(0.01, [0.02 / 1e-8, 1e8]);
         let (own, before) = (100.0, 3000.0);
-        let [clear, doubt] = lag.clear(0.98 * own + 0.02 * before, before);
+        let clear = lag.clear(0.98 * own + 0.02 * before, before);
+        let doubt = lag.doubt(clear - before);
         assert!((clear - own).abs() < 0.01, "{clear}");
         // A fifth of what was taken away.
         assert!(
@@ -149,8 +184,8 @@ mod tests {
         );
         // Where nothing tells it, it is as uncertain as it usually is large.
         let unknown = Lag::of(0.01, [0.0; 2]);
-        assert_eq!(unknown.clear(own, before)[0].to_bits(), own.to_bits());
-        assert!((unknown.clear(own, before)[1] - 29.0).abs() < 1e-3);
+        assert_eq!(unknown.clear(own, before).to_bits(), own.to_bits());
+        assert!((unknown.doubt(own - before) - 29.0).abs() < 1e-3);
         assert!(Lag::of(0.0, [5.0, 100.0]).is_none());
     }
 

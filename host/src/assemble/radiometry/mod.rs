@@ -1,25 +1,26 @@
 //! From the digital numbers of one pattern's frames to f on the disk.
 
+mod bench;
 mod black;
 mod lag;
 mod numbers;
 mod shown;
 
 use glam::Vec4;
-use half::{f16, slice::HalfFloatSliceExt as _};
+use half::slice::HalfFloatSliceExt as _;
 
-use super::merge::{Merge, Merged, lanes};
+use super::merge::{Merge, Merged, by_lane, lanes};
 use crate::assemble::resample::{Resampling, Taps};
-use crate::instrument::calibration::stray::{Bias, Level, PROJECTOR_TERMS, Removal, Room, Told, hypot, sqrt};
+use crate::instrument::calibration::stray::{Bias, Level, PROJECTOR_TERMS, Removal, Room, hypot, sqrt};
 use crate::store::provenance::Provenance;
-use crate::store::{BrdfRows, LEAST_SIGMA, USELESS_SIGMA};
+use crate::store::{LEAST_SIGMA, USELESS_SIGMA};
 
+pub(super) use bench::{Bench, Common, Out, Work};
 #[cfg(test)]
 pub(super) use black::of_black;
 pub(super) use black::{Black, BlackFrames, Drift, Offset};
 pub(super) use lag::{Lag, before, usual as usual_lag};
 pub(super) use numbers::Numbers;
-pub(super) use shown::Shown;
 
 /// Share of the range from which on a mean may hold saturated numbers.
 const FULL: f32 = 0.95;
@@ -32,7 +33,9 @@ pub(super) struct Radiometry {
     pub(super) numbers: Numbers,
     /// Mean of the black frames, [pixel, channel], linear.
     pub(super) dark: Vec<f32>,
-    /// The same of those without what watches the lamp; empty if there are none.
+    /// What the patterns before them showed; empty if nothing is left of those.
+    pub(super) before: Vec<f32>,
+    /// Mean of those without what watches the lamp; empty if there are none.
     pub(super) unwatched: Vec<f32>,
     /// Frames of both means.
     pub(super) counts: [usize; 2],
@@ -113,49 +116,6 @@ impl Radiometry {
     }
 }
 
-/// What one worker keeps from chunk to chunk.
-#[derive(Default)]
-pub(super) struct Work {
-    /// What the exposures of a pattern show of it alone.
-    pub(super) shown: Shown,
-    /// Dark-corrected signal of each pixel in DN, its channels in the lanes; NaN where it saturated.
-    pub(super) signal: Vec<Vec4>,
-    /// The same from several exposures.
-    pub(super) merged: Merged,
-    /// What of it came other ways.
-    pub(super) room: Room,
-    /// Standard uncertainties of a row, before they are halved in width.
-    pub(super) sigma: Vec<f32>,
-    /// What of them neighbours have in common, of all rows.
-    pub(super) common: Common,
-    /// The lamp in each exposure of a pattern, and what told it.
-    pub(super) levels: Vec<Level>,
-    pub(super) told: Vec<Option<Told>>,
-    pub(super) rows: BrdfRows,
-}
-
-/// Standard uncertainties that neighbours have in common, of all values of some rows, and the part of that by the lamp which all of the
-/// measurement share, of each row.
-#[derive(Default)]
-pub(super) struct Common {
-    pub(super) stray: Vec<f32>,
-    pub(super) lamp: Vec<f32>,
-    pub(super) lamp_share: Vec<f32>,
-}
-
-/// Where f, sigma and provenance of one incident direction go.
-pub(super) struct Out<'a> {
-    pub(super) f: &'a mut [f32],
-    pub(super) sigma: &'a mut [f16],
-    pub(super) provenance: &'a mut [u8],
-    /// Standard uncertainties before they are halved in width.
-    pub(super) wide_sigma: &'a mut [f32],
-    /// What of them stray light makes, and the lamp, and which part of that all of the measurement share.
-    pub(super) stray_sigma: &'a mut [f32],
-    pub(super) lamp_sigma: &'a mut [f32],
-    pub(super) lamp_share: &'a mut f32,
-}
-
 /// How the frames of one pattern come onto the disk.
 pub(super) struct Way<'a> {
     /// Σ E·cosθ·Δω of the lit pixels, in sr.
@@ -188,53 +148,11 @@ impl Way<'_> {
 
     /// Adds to what is uncertain in the `room` what the camera's offset makes, of which `share_of`(pixel) is in the signal, and what
     /// is `left`(pixel) of the pattern before.
-    fn doubt(&self, room: &mut Room, share_of: impl Fn(usize) -> f32, left: impl Fn(usize) -> Vec4) {
+    fn doubt(&self, room: &mut Room, share_of: impl Fn(usize) -> Vec4, left: impl Fn(usize) -> Vec4) {
         for (pixel, doubt) in room.doubt.iter_mut().enumerate() {
-            let by_offset = Vec4::splat(self.offset.uncertainty * share_of(pixel));
+            let by_offset = self.offset.uncertainty * share_of(pixel);
             *doubt = hypot(hypot(*doubt, by_offset), left(pixel));
         }
-    }
-}
-
-/// What a worker makes of the frames of one pattern on their way to the disk.
-pub(super) struct Bench<'a> {
-    pub(super) shown: &'a mut Shown,
-    pub(super) signal: &'a mut Vec<Vec4>,
-    pub(super) merged: &'a mut Merged,
-    pub(super) room: &'a mut Room,
-    pub(super) levels: &'a mut Vec<Level>,
-    pub(super) told: &'a mut Vec<Option<Told>>,
-}
-
-impl<'a> Bench<'a> {
-    /// Of what a worker keeps, and what else there is of that.
-    pub(super) fn of(work: &'a mut Work) -> (Self, &'a mut Vec<f32>, &'a mut Common, &'a mut BrdfRows) {
-        let Work {
-            shown,
-            signal,
-            merged,
-            room,
-            sigma,
-            common,
-            levels,
-            told,
-            rows,
-        } = work;
-        let bench = Self {
-            shown,
-            signal,
-            merged,
-            room,
-            levels,
-            told,
-        };
-        (bench, sigma, common, rows)
-    }
-
-    /// Part of the lamp's uncertainty that all of the measurement share, as far as the exposures of a pattern do.
-    fn lamp_share(&self) -> f32 {
-        let of = |level: &Level| level.common / level.uncertainty.max(f32::MIN_POSITIVE);
-        self.levels.iter().map(of).fold(0.0, f32::max)
     }
 }
 
@@ -314,7 +232,11 @@ pub(super) fn image<const CHANNELS: usize>(
         *signal = level.steady(*signal, black);
         room.lamp.push((*signal + black).abs() * level.uncertainty);
     }
-    way.doubt(room, |_| 1.0, |pixel| shown.left::<CHANNELS>(0, pixel, values));
+    way.doubt(
+        room,
+        |_| Vec4::ONE,
+        |pixel| shown.left::<CHANNELS>(0, pixel, values),
+    );
 }
 
 /// One frame onto the disk. Returns how many cells were measured and how many saturated.
@@ -380,15 +302,22 @@ pub(super) fn image_merged<const CHANNELS: usize>(
         } = bench;
         merge.frames::<CHANNELS>(&shown.linear, levels, way.offset, merged);
         for (pixel, (signal, heaviest)) in merged.signal.iter_mut().zip(&merged.heaviest).enumerate() {
-            let level = levels[usize::from(*heaviest)];
-            *signal -= room.stray[pixel] / level.light;
+            let [light, uncertainty] = [|level: &Level| level.light, |level: &Level| level.uncertainty]
+                .map(|of| by_lane(*heaviest, |exposure, _| of(&levels[exposure])));
+            *signal -= room.stray[pixel] / light;
             let black = radiometry[0].black_light::<CHANNELS>(pixel);
-            room.lamp.push((*signal + black).abs() * level.uncertainty);
+            room.lamp.push((*signal + black).abs() * uncertainty);
         }
-        let heaviest = |pixel: usize| usize::from(merged.heaviest[pixel]);
-        let share_of = |pixel| (radiometry[0].exposure_s / radiometry[heaviest(pixel)].exposure_s) as f32;
-        let left = |pixel| shown.left_of_merged::<CHANNELS>(heaviest(pixel), pixel, radiometry);
-        way.doubt(room, share_of, left);
+        let shares: Vec<f32> = radiometry
+            .iter()
+            .map(|one| (radiometry[0].exposure_s / one.exposure_s) as f32)
+            .collect();
+        let heaviest = |pixel: usize| merged.heaviest[pixel];
+        way.doubt(
+            room,
+            |pixel| by_lane(heaviest(pixel), |exposure, _| shares[exposure]),
+            |pixel| shown.left_of_merged::<CHANNELS>(heaviest(pixel), pixel, &shares),
+        );
     }
 }
 

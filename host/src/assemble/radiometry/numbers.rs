@@ -75,6 +75,12 @@ impl Numbers {
         }
     }
 
+    /// Variance of so much light by reading out and photons, in DN².
+    #[inline]
+    pub(super) fn noise_variance(&self, dn: f32) -> f32 {
+        self.read_variance + dn.max(0.0) * self.shot_per_dn
+    }
+
     /// Largest signal, DN.
     pub(super) fn range(&self) -> f32 {
         self.linear(self.trusted) - self.level

@@ -3,8 +3,8 @@
 use glam::Vec4;
 
 use super::Radiometry;
-use super::lag::light;
-use crate::assemble::merge::lanes;
+use super::lag::{Light, light};
+use crate::assemble::merge::{by_lane, lanes};
 use crate::instrument::calibration::stray::{Removal, Told};
 
 /// What the exposures of a pattern show of it alone, [exposure, pixel, channel].
@@ -15,7 +15,7 @@ pub(in super::super) struct Shown {
     /// How uncertain they are by the pattern before; nothing if none is left of it.
     left: Vec<f32>,
     /// What the pattern before showed in the first exposure time.
-    before: Vec<f32>,
+    before: Vec<Light>,
 }
 
 impl Shown {
@@ -45,7 +45,7 @@ impl Shown {
             }
             let frames = before.get(exposure).copied().flatten();
             if let Some(frames) = frames {
-                light(numbers, frames, &times, &mut self.before);
+                light(numbers, frames, &times, exposure, &mut self.before);
             }
             let nothing = if one.unwatched.is_empty() {
                 &one.dark
@@ -61,11 +61,14 @@ impl Shown {
             for (value, (dn, left)) in linear.iter_mut().zip(left).enumerate() {
                 // Before the first pattern nothing is shown, not even what watches the lamp.
                 let before = match frames {
-                    Some(_) if self.before[value].is_nan() => saturated,
-                    Some(_) => numbers.level + self.before[value] * times[exposure],
+                    Some(_) if self.before[value].dn.is_nan() => saturated,
+                    Some(_) => numbers.level + self.before[value].dn * times[exposure],
                     None => nothing[value],
                 };
-                [*dn, *left] = one.lag.clear(*dn, before);
+                *dn = one.lag.clear(*dn, before);
+                // A wrong share is wrong in the black frames too.
+                let of_dark = one.dark[value] - one.before[value];
+                *left = one.lag.doubt(*dn - before - of_dark);
             }
         }
     }
@@ -78,25 +81,20 @@ impl Shown {
         lanes::<CHANNELS, f32>(&self.left[exposure * values + pixel * CHANNELS..])
     }
 
-    /// The same of what was merged, as in the first exposure, mostly from that exposure: where a channel saturated there, from the longest
-    /// in which it did not.
+    /// The same of what was merged, as in the first exposure, of which these exposures count most and have such `shares` of their light in
+    /// the first.
     pub(super) fn left_of_merged<const CHANNELS: usize>(
         &self,
-        heaviest: usize,
+        heaviest: [u8; 4],
         pixel: usize,
-        radiometry: &[Radiometry],
+        shares: &[f32],
     ) -> Vec4 {
-        let values = radiometry[0].dark.len();
-        let mut left = Vec4::NAN;
-        for exposure in (0..=heaviest).rev() {
-            let time = (radiometry[exposure].exposure_s / radiometry[0].exposure_s) as f32;
-            let of_exposure = self.left::<CHANNELS>(exposure, pixel, values) / time;
-            left = Vec4::select(left.is_nan_mask(), of_exposure, left);
-            if !left.is_nan() {
-                break;
-            }
-        }
-        left
+        let values = self.left.len() / shares.len();
+        by_lane(heaviest, |exposure, lane| {
+            let at = exposure * values + pixel * CHANNELS + lane;
+            let left = self.left.get(at).filter(|_| lane < CHANNELS);
+            left.map_or(0.0, |left| left * shares[exposure])
+        })
     }
 
     /// What the uncertainty by the pattern before would tell of the lamp in this `exposure`, which is as in `one`; `None` if nothing is left
@@ -127,7 +125,7 @@ mod tests {
     use crate::store::{ExposureRecord, Segment};
 
     #[test]
-    fn a_channel_that_saturated_is_as_uncertain_as_in_a_shorter_exposure() {
+    fn each_channel_is_as_uncertain_as_in_the_exposure_that_counts_most() {
         let rig = Rig::load("rcg-1-16bit").unwrap();
         let radiometry = [1e-3, 4e-3].map(|exposure_s| {
             let record = ExposureRecord {
@@ -141,7 +139,7 @@ mod tests {
                 ..Segment::default()
             };
             let mut one = of_black(&rig, None, &black, exposure_s, 3).unwrap();
-            one.lag = Lag::of(0.01, [0.0; 2]);
+            (one.lag, one.before) = (Lag::of(0.01, [0.0; 2]), one.dark.clone());
             one
         });
         let mut shown = Shown::default();
@@ -149,7 +147,9 @@ mod tests {
         let left = |shown: &mut Shown, frames: [u16; 6]| {
             let before = [1300; 6];
             shown.learn(&frames, &[Some(&before), Some(&before)], &radiometry);
-            shown.left_of_merged::<3>(1, 0, &radiometry).to_array()
+            shown
+                .left_of_merged::<3>([1, u8::from(frames[4] != full), 1, 0], 0, &[1.0, 0.25])
+                .to_array()
         };
         let whole = left(&mut shown, [10_300, 10_300, 10_300, 40_300, 40_300, 40_300]);
         let saturated = left(&mut shown, [10_300, 10_300, 10_300, 40_300, full, 40_300]);

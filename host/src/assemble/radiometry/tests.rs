@@ -1,5 +1,6 @@
 //! Numbers of the camera as f, and how certain that is.
 
+use half::f16;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_distr::StandardNormal;
 use rand_xoshiro::Xoshiro256PlusPlus;

@@ -116,35 +116,46 @@ struct Means {
 }
 
 impl Means {
-    fn add(&mut self, frame: &[Seen], has_before: bool) {
+    /// Adds a frame; what `saturated` before it was as bright as that, or brighter.
+    fn add(&mut self, frame: &[Seen], has_before: bool, saturated: f32) {
         self.shown.add(frame.iter().map(|seen| seen.dn));
         if has_before {
-            self.before.add(frame.iter().map(|seen| seen.before));
+            let before = |seen: &Seen| {
+                if seen.before.is_nan() {
+                    saturated
+                } else {
+                    seen.before
+                }
+            };
+            self.before.add(frame.iter().map(before));
         }
     }
 
-    /// What frames show of their own patterns; before the first pattern `nothing` was shown.
-    fn get(&self, lag: Lag, nothing: &[f32]) -> Vec<f32> {
+    /// What frames show of their own patterns, and what those before them did, if anything of that is left; before the first pattern `nothing` was shown.
+    fn get(&self, lag: Lag, nothing: &[f32]) -> (Vec<f32>, Vec<f32>) {
         let shown = self.shown.get();
         if lag.is_none() {
-            return shown;
+            return (shown, Vec::new());
         }
         let count = self.shown.count as f64;
         let alone = count - self.before.count as f64;
         let own = |(value, dn): (usize, &f32)| {
             let nothing = nothing.get(value).copied().unwrap_or(*dn);
             let before = self.before.sum.get(value).copied().unwrap_or(0.0) + alone * f64::from(nothing);
-            lag.clear(*dn, (before / count) as f32)[0]
+            let before = (before / count) as f32;
+            (lag.clear(*dn, before), before)
         };
-        shown.iter().enumerate().map(own).collect()
+        shown.iter().enumerate().map(own).unzip()
     }
 }
 
-/// A number of a black frame, linear, and what the pattern before showed; the same if nothing was before.
+/// A number of a black frame, linear, and what the pattern before showed, NaN where it saturated; the same if nothing was before.
 #[derive(Clone, Copy)]
 struct Seen {
     dn: f32,
     before: f32,
+    /// Variance of that by noise.
+    before_variance: f32,
 }
 
 /// What the black frames of a measurement say.
@@ -201,6 +212,7 @@ impl BlackFrames {
         let brackets = self.of_each.len();
         let times: Vec<f32> = self.of_each.iter().map(|of| of.exposure_s as f32).collect();
         let camera = (&self.numbers, self.rows);
+        let saturated = self.numbers.linear(self.numbers.saturation);
         let frames = segment.frames.chunks_exact(values);
         for (place, (record, frame)) in segment.records.iter().zip(frames).enumerate() {
             let is = |exposure: Exposure| record.incident == exposure.code();
@@ -221,13 +233,13 @@ impl BlackFrames {
                 &self.numbers,
                 frame,
                 before.map(|frames| (frames, times.as_slice())),
-                of.exposure_s as f32,
+                place % brackets,
             );
             if is(Exposure::Unwatched) {
-                of.unwatched.add(&frame, has_before);
+                of.unwatched.add(&frame, has_before, saturated);
                 continue;
             }
-            of.black.add(&frame, has_before);
+            of.black.add(&frame, has_before, saturated);
             let Some(lamp_variance) = self.lamp_variance else {
                 continue;
             };
@@ -296,10 +308,12 @@ impl BlackFrames {
             let means = 1.0 + 1.0 / black as f32;
             let lag = Lag::of(of.usual_lag, of.told);
             tracing::debug!(exposure_s = of.exposure_s, ?lag, "of the pattern before");
+            let (dark, before) = of.black.get(lag, &of.unwatched.shown.get());
             Ok(Radiometry {
                 exposure_s: of.exposure_s,
-                dark: of.black.get(lag, &of.unwatched.shown.get()),
-                unwatched: of.unwatched.get(lag, &[]),
+                dark,
+                before,
+                unwatched: of.unwatched.get(lag, &[]).0,
                 counts: [black, unwatched],
                 lag,
                 means,
@@ -342,20 +356,25 @@ impl BlackFrames {
     }
 }
 
-/// A black `frame` of `exposure_s` seconds, and what the frames of the pattern before it, of those times, show.
-fn seen(numbers: &Numbers, frame: &[u16], before: Option<(&[u16], &[f32])>, exposure_s: f32) -> Vec<Seen> {
-    let mut light = Vec::new();
+/// A black `frame`, and what the frames of the pattern before it, of those times, show of what is left in this `exposure`.
+fn seen(numbers: &Numbers, frame: &[u16], before: Option<(&[u16], &[f32])>, exposure: usize) -> Vec<Seen> {
+    let (mut light, mut exposure_s) = (Vec::new(), 0.0);
     if let Some((frames, times_s)) = before {
-        lag::light(numbers, frames, times_s, &mut light);
+        exposure_s = times_s[exposure];
+        lag::light(numbers, frames, times_s, exposure, &mut light);
     }
-    let saturated = numbers.linear(numbers.saturation);
     let of = |(value, dn): (usize, &u16)| {
         let dn = numbers.linear(*dn);
-        let before = light.get(value).map_or(dn, |light| {
-            let before = numbers.level + light * exposure_s;
-            if before.is_nan() { saturated } else { before }
-        });
-        Seen { dn, before }
+        let nothing = Seen {
+            dn,
+            before: dn,
+            before_variance: 0.0,
+        };
+        light.get(value).map_or(nothing, |light| Seen {
+            dn,
+            before: numbers.level + light.dn * exposure_s,
+            before_variance: light.variance * exposure_s * exposure_s,
+        })
     };
     frame.iter().enumerate().map(of).collect()
 }
@@ -372,7 +391,7 @@ struct Beside {
 }
 
 /// What the black `frame` says beside the `first`; both have so many rows, the lamp is brighter with this relative variance, and the
-/// share of the pattern before has that one. `None` if all is saturated.
+/// share of the pattern before has that one; what saturated says nothing. `None` if all did.
 fn beside(
     frame: &[Seen],
     first: &[Seen],
@@ -382,18 +401,19 @@ fn beside(
     let full = numbers.linear(numbers.trusted);
     let usual = lag_variance.max(f64::MIN_POSITIVE).recip();
     let mut normal = DMat3::from_diagonal(DVec3::new(0.0, lamp_variance.recip(), usual));
-    let mut right = DVec3::ZERO;
+    let (mut right, mut by_noise) = (DVec3::ZERO, 0.0);
     for (seen, before) in frame
         .iter()
         .zip(first)
-        .filter(|(seen, before)| seen.dn.max(before.dn) < full)
+        .filter(|(seen, before)| seen.dn.max(before.dn) < full && (seen.before - before.before).is_finite())
     {
         let light = f64::from(before.dn - numbers.level);
         // What the frame itself shows has the same noise as what is to be explained.
         let before_it = f64::from(seen.before - before.before);
-        let noise = f64::from(numbers.read_variance) + light.max(0.0) * f64::from(numbers.shot_per_dn);
+        let variance = 2.0 * f64::from(numbers.noise_variance(light as f32));
         let row = DVec3::new(1.0, light, before_it);
-        let weighted = row / (2.0 * noise);
+        let weighted = row / variance;
+        by_noise += f64::from(seen.before_variance + before.before_variance) / variance;
         normal += DMat3::from_cols(weighted * row.x, weighted * row.y, weighted * row.z);
         right += weighted * f64::from(seen.dn - before.dn);
     }
@@ -407,11 +427,15 @@ fn beside(
     let inverse = DMat3::from_diagonal(unit) * scaled.inverse() * DMat3::from_diagonal(unit);
     let found = inverse * right;
     let weight = inverse.z_axis.z.recip();
+    // Noise of the pattern before tells nothing of its share, and scatters what it seems to be.
+    let all = (weight - usual).max(0.0);
+    let told = (all - by_noise).max(0.0);
+    let share = told / all.max(f64::MIN_POSITIVE);
     Some(Beside {
         offset: found.x,
         variance: inverse.x_axis.x + 2.0 * f64::from(numbers.row_variance) / rows as f64,
         lamp: [found.y, inverse.y_axis.y],
-        lag: [found.z * weight, (weight - usual).max(0.0)],
+        lag: [share * found.z * weight, share * told],
     })
 }
 

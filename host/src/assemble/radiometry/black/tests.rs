@@ -95,7 +95,8 @@ fn what_is_left_of_a_lobe_is_found_in_the_black_frames_and_taken_out_of_their_me
     show(-2, &|_| 0.0, &watching);
     frames.add(0, &segment, values);
     let radiometry = frames.radiometry().unwrap().remove(0);
-    let [cleared, doubt] = radiometry.lag.clear(1000.0 + share as f32 * 1000.0, 2000.0);
+    let cleared = radiometry.lag.clear(1000.0 + share as f32 * 1000.0, 2000.0);
+    let doubt = radiometry.lag.doubt(cleared - 2000.0);
     assert!((cleared - 1000.0).abs() < 0.1, "{cleared}");
     assert!((0.2..0.6).contains(&doubt), "{doubt}");
     let farthest = |mean: &[f32], own: &dyn Fn(usize) -> f64| {
@@ -108,6 +109,44 @@ fn what_is_left_of_a_lobe_is_found_in_the_black_frames_and_taken_out_of_their_me
         farthest(&radiometry.unwatched, &|_| 0.0),
     ];
     assert!(dark < 0.7 && unwatched < 0.8, "{dark} {unwatched}");
+}
+
+#[test]
+fn what_saturated_does_not_pass_for_a_little_more_light() {
+    let mut rig = Rig::load("rcg-3").unwrap().with_image_size(64).unwrap();
+    rig.camera.dark_dn = 1000.0;
+    let (values, share) = (4096, 1e-3);
+    let lamp = LampFound {
+        flicker: 0.005,
+        monitor: None,
+    };
+    let mut frames = BlackFrames::new(&rig, (None, Some(&lamp)), &[(0.01, 2e-3)]);
+    let mut segment = Segment::default();
+    let mut show = |incident: i64, light: &dyn Fn(usize) -> f64| {
+        let black = |at: usize| 1200.0 + 300.0 * (at as f64 / 90.0).sin();
+        segment
+            .frames
+            .extend((0..values).map(|at| (black(at) + light(at)).round() as u16));
+        segment.records.push(ExposureRecord {
+            incident,
+            exposure_s: 0.01,
+            attempts: 1,
+            ..ExposureRecord::default()
+        });
+    };
+    for number in 0..8 {
+        // Of which the middle is ten times what the camera shows.
+        let lit = |at: usize| {
+            let away = (at as f64 - 400.0 - 450.0 * f64::from(number)) / 100.0;
+            650_000.0 * (-away * away).exp()
+        };
+        show(number.into(), &lit);
+        show(-1, &|at| share * lit(at));
+    }
+    frames.add(0, &segment, values);
+    let lag = frames.radiometry().unwrap().remove(0).lag;
+    let own = lag.clear(1000.0 + share as f32 * 1000.0, 2000.0);
+    assert!((own - 1000.0).abs() < 0.1, "{own}");
 }
 
 #[test]
@@ -174,7 +213,8 @@ fn noise_does_not_pass_for_less_of_the_pattern_before() {
     }
     frames.add(0, &segment, values);
     let lag = frames.radiometry().unwrap().remove(0).lag;
-    let [own, doubt] = lag.clear(share as f32 * 1000.0, 1000.0);
+    let own = lag.clear(share as f32 * 1000.0, 1000.0);
+    let doubt = lag.doubt(own - 1000.0);
     assert!(own.abs() < 2.0 * doubt && doubt < 8.0, "{own} {doubt}");
     assert!(own.abs() < 5.0, "{own}");
 }
