@@ -23,6 +23,14 @@ pub(crate) struct Taps {
     pub(crate) weight: [f32; 4],
 }
 
+impl Taps {
+    /// The cell, and the pixel that makes most of it.
+    pub(crate) fn heaviest(&self) -> (usize, usize) {
+        let most = (0..self.weight.len()).max_by(|a, b| self.weight[*a].total_cmp(&self.weight[*b]));
+        (self.cell as usize, self.pixel[most.unwrap_or(0)] as usize)
+    }
+}
+
 /// A weight that is nothing but rounding.
 const NOTHING: f64 = 1e-9;
 
