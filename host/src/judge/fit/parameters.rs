@@ -7,7 +7,7 @@ use super::model::Model;
 use super::shape::{SHAPE, Shape};
 
 /// Relative standard uncertainty of every parameter by what is left of blur and rounding: in noise-free measurements of brass
-/// and other lobes on the virtual rigs ρd and strength come back within 0.25 %.
+/// and other lobes on the virtual rigs ρd and strength come back within 0.25 %, and azimuths as if half as much were left.
 const LEFT: f64 = 2e-3;
 /// Name of the parameter that says where the lobe's axes lie.
 pub const AZIMUTH: &str = "azimuth_deg";
@@ -80,9 +80,11 @@ impl Numbers {
         }
         let mut covariance = &derivatives * covariance * derivatives.transpose();
         for (at, (name, value)) in named.iter().enumerate() {
-            if name != AZIMUTH {
-                covariance[(at, at)] += (LEFT * value).powi(2);
-            }
+            covariance[(at, at)] += if name == AZIMUTH {
+                shape.azimuth_left_deg(LEFT).powi(2)
+            } else {
+                (LEFT * value).powi(2)
+            };
         }
         let parameter = |(at, (name, value))| {
             let is_at_bound = |at: usize| {

@@ -80,6 +80,12 @@ impl Shape {
         )
     }
 
+    /// By how much the azimuth is off, degrees, where half of the share `left` is left of the roughness along the diagonals.
+    pub(super) fn azimuth_left_deg(self, left: f64) -> f64 {
+        let half = 0.5 * (self.alpha[0] / self.alpha[1]).ln().abs();
+        (0.25 * left / half).to_degrees()
+    }
+
     /// Directions as the lobe's own axes see them.
     pub(super) fn along_axes(self, four: &[DVec3; 4]) -> [DVec3; 4] {
         let (sin, cos) = self.azimuth_rad.sin_cos();
