@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use rcg::assemble::fill::{FillError, Filled, fill};
+use rcg::assemble::fill::{FillError, Filled, Options, Way, fill};
 use rcg::base::progress::Silent;
 use rcg::brdf::Brdf;
 use rcg::hemisphere::direction::from_degrees;
@@ -28,6 +28,18 @@ fn measured(
     tilt: Option<&str>,
     seed: u64,
 ) -> PathBuf {
+    measured_of(SAMPLE, dir, rig, step_deg, truth, tilt, seed)
+}
+
+fn measured_of(
+    sample: &str,
+    dir: &Path,
+    rig: &Rig,
+    step_deg: f64,
+    truth: Option<&Truth>,
+    tilt: Option<&str>,
+    seed: u64,
+) -> PathBuf {
     let truth = truth.map(|truth| {
         let path = dir.with_extension("toml");
         std::fs::write(&path, truth.to_toml()).unwrap();
@@ -40,7 +52,7 @@ fn measured(
         ..Request::default()
     };
     let setup = Setup::from(Virtual {
-        sample: SAMPLE.to_owned(),
+        sample: sample.to_owned(),
         truth,
         seed,
         ..Virtual::default()
@@ -72,7 +84,7 @@ fn tilts_close_the_hole_and_every_origin_is_judged_by_itself() {
         .map(|(index, tilt)| measured(&at(&index.to_string()), &rig, 5.0, None, *tilt, index as u64))
         .collect();
     let out = at("whole.brdf.zarr");
-    let filled = fill(&files[0], &files[1..], &out, &Silent).unwrap();
+    let filled = fill(&files[0], &files[1..], &out, &Options::default(), &Silent).unwrap();
     let seen = share(&filled, "measured") + share(&filled, "merged");
     println!(
         "measured or merged: {seen:.4} with three tilts; {:?}",
@@ -89,7 +101,7 @@ fn tilts_close_the_hole_and_every_origin_is_judged_by_itself() {
 
     // One capture alone has to lean on the model, and says so.
     let alone = at("alone.brdf.zarr");
-    let filled = fill(&files[0], &[], &alone, &Silent).unwrap();
+    let filled = fill(&files[0], &[], &alone, &Options::default(), &Silent).unwrap();
     assert!(
         share(&filled, "modelled") > 0.15 && share(&filled, "interpolated") > 0.0,
         "{:?}",
@@ -134,7 +146,14 @@ fn the_scale_and_the_turn_of_a_capture_are_found() {
     truth.rig.light.full_scale_f_sr /= 1.03;
     truth.rig.sample.roll_deg = 0.4;
     let second = measured(&folder.path().join("b"), &rig, 10.0, Some(&truth), None, 2);
-    let filled = fill(&first, &[second], &folder.path().join("out.brdf.zarr"), &Silent).unwrap();
+    let filled = fill(
+        &first,
+        &[second],
+        &folder.path().join("out.brdf.zarr"),
+        &Options::default(),
+        &Silent,
+    )
+    .unwrap();
     let found = &filled.alignments[0];
     println!("{found:?}");
     assert!(
@@ -146,11 +165,40 @@ fn the_scale_and_the_turn_of_a_capture_are_found() {
 }
 
 #[test]
+fn another_sample_is_no_further_capture_unless_its_scale_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let rig = Rig::load("rcg-2").unwrap();
+    let [first, second] = ["0.5", "0.45"].map(|albedo| {
+        let sample = format!("lambert:{albedo}");
+        measured_of(&sample, &folder.path().join(albedo), &rig, 15.0, None, None, 1)
+    });
+    let out = folder.path().join("out.brdf.zarr");
+    let filled = |options: &Options| fill(&first, std::slice::from_ref(&second), &out, options, &Silent);
+    let error = filled(&Options::default()).unwrap_err().to_string();
+    assert!(
+        error.contains("0.45") && error.contains("1.11") && error.contains("--any-scale"),
+        "{error}"
+    );
+    assert!(!out.exists());
+    let options = Options {
+        without: vec![Way::Reciprocity, Way::Wire, Way::Model],
+        is_any_scale: true,
+    };
+    let found = filled(&options).unwrap();
+    assert!((found.alignments[0].scale / (0.5 / 0.45) - 1.0).abs() < 0.01);
+    // Merged, and nothing else.
+    assert!(found.model.is_none() && share(&found, "missing") > 1e-3);
+    for way in ["reciprocal", "interpolated", "modelled"] {
+        assert!(share(&found, way) < 1e-12, "{way}: {:?}", found.shares);
+    }
+}
+
+#[test]
 fn files_that_do_not_go_together_are_refused_and_nothing_is_lost() {
     let folder = tempfile::tempdir().unwrap();
     let rig = Rig::load("rcg-2").unwrap();
     let file = measured(&folder.path().join("a"), &rig, 15.0, None, None, 1);
-    let error = fill(&file, &[], &file, &Silent).unwrap_err();
+    let error = fill(&file, &[], &file, &Options::default(), &Silent).unwrap_err();
     assert!(
         matches!(error, FillError::Differs { field: "output", .. }),
         "{error}"
@@ -161,15 +209,21 @@ fn files_that_do_not_go_together_are_refused_and_nothing_is_lost() {
     copied(&file, &copy);
     std::os::unix::fs::symlink(&file, &link).unwrap();
     let out = folder.path().join("out.brdf.zarr");
-    let filled = fill(&file, &[], &out, &Silent).unwrap();
+    let filled = fill(&file, &[], &out, &Options::default(), &Silent).unwrap();
     // A tilted rig has no hole; cells beside the horizon have no pixels all around them.
     let measured = share(&filled, "measured");
     assert!(measured >= 0.98, "{measured}");
     let other = folder.path().join("other.brdf.zarr");
     for same in [&file, &copy, &link, &out] {
-        let error = fill(&file, std::slice::from_ref(same), &other, &Silent)
-            .unwrap_err()
-            .to_string();
+        let error = fill(
+            &file,
+            std::slice::from_ref(same),
+            &other,
+            &Options::default(),
+            &Silent,
+        )
+        .unwrap_err()
+        .to_string();
         let path = same.to_str().unwrap();
         assert!(error.contains(path) && error.contains("the same one"), "{error}");
         assert!(!other.exists());
@@ -199,7 +253,14 @@ fn captures_without_common_directions_are_refused_by_name() {
     };
     let (left, right) = (half("left", 0.0), half("right", 2048.0));
     let out = folder.path().join("out.brdf.zarr");
-    let error = fill(&left, std::slice::from_ref(&right), &out, &Silent).unwrap_err();
+    let error = fill(
+        &left,
+        std::slice::from_ref(&right),
+        &out,
+        &Options::default(),
+        &Silent,
+    )
+    .unwrap_err();
     assert!(matches!(error, FillError::NoOverlap { .. }), "{error}");
     let text = error.to_string();
     assert!(

@@ -8,7 +8,6 @@ use rcg::brdf::sample::Sample;
 use rcg::brdf::{Brdf, KnownBrdf};
 use rcg::judge::evaluate::{Evaluation, Repeatability, evaluate, repeatability};
 use rcg::measure::budget_text;
-use rcg::measure::report::quantile;
 
 use crate::Done;
 use crate::failure::Failure;
@@ -67,13 +66,17 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         let mut lines = rcg::measure::report::evaluation_lines(&answer.evaluation);
         if let Some(found) = &answer.repeatability {
             let figure = |figure: Option<String>| figure.unwrap_or_else(|| "none".to_owned());
+            let percent = |share: Option<f64>| figure(share.map(|share| format!("{:.2} %", 100.0 * share)));
             lines.push((
                 "repeatability",
                 format!(
-                    "{} standard deviation (median), {} of the stated uncertainty, from {} of the pairs",
-                    quantile(found.relative_standard_deviation),
+                    "the second is brighter by {} ± {} (k = 1); beside that {} standard deviation (median); differences are {} of the stated \
+                     uncertainty; from {} of the pairs",
+                    percent(found.relative_bias),
+                    percent(found.relative_bias_uncertainty),
+                    percent(found.relative_standard_deviation),
                     figure(found.normalised_difference.map(|share| format!("{share:.2}"))),
-                    figure(found.share.map(|share| format!("{:.2} %", 100.0 * share)))
+                    percent(found.share)
                 ),
             ));
         }

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use rcg::assemble::fill::{Filled, fill};
+use rcg::assemble::fill::{Filled, Options, Way, fill};
 use rcg::capture::directory::Measurement;
 
 use crate::Done;
@@ -23,6 +23,24 @@ pub(crate) struct Args {
     /// The brdf.zarr to write
     #[arg(long, value_name = "OUT")]
     out: PathBuf,
+    /// Leave out ways to fill; without all of them captures are merged and nothing else
+    #[arg(long, value_name = "WAY,...", value_enum, value_delimiter = ',')]
+    without: Vec<Kind>,
+    /// Bring further captures to the brightness of the first, however far they are from it; else they are refused where that is more than the
+    /// uncertainty that both state as common to all values
+    #[arg(long)]
+    any_scale: bool,
+}
+
+/// Ways to fill on the command line.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Kind {
+    /// The exchanged pair of directions
+    Reciprocity,
+    /// From both sides of the wire
+    Wire,
+    /// A fitted GGX with a Lambert base
+    Model,
 }
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
@@ -34,7 +52,16 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         }
     });
     let first = paths.next().expect("invariant: at least one is required");
-    let filled = fill(&first, &paths.collect::<Vec<_>>(), &args.out, output)?;
+    let way = |kind: &Kind| match kind {
+        Kind::Reciprocity => Way::Reciprocity,
+        Kind::Wire => Way::Wire,
+        Kind::Model => Way::Model,
+    };
+    let options = Options {
+        without: args.without.iter().map(way).collect(),
+        is_any_scale: args.any_scale,
+    };
+    let filled = fill(&first, &paths.collect::<Vec<_>>(), &args.out, &options, output)?;
     output.print(&filled, || text(&filled))?;
     output.warn(&filled.warnings);
     Ok(())

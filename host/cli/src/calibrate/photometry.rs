@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use rcg::base::progress::Progress as _;
 use rcg::brdf::sample::parse;
-use rcg::calibrate::photometry::{Height, Request, Views, Weakness, calibrate, capture, height, weaknesses};
+use rcg::calibrate::photometry::{
+    Height, NONE, Request, Said, Views, Weakness, calibrate, capture, height, weaknesses,
+};
 use rcg::instrument::calibration::{CameraFound, LampFound, Photometry, RIG};
 use rcg::instrument::rig::{Rig, Tilt};
 use rcg::store::Lock;
@@ -24,9 +26,10 @@ pub(crate) struct Args {
     /// The directory of the calibration
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// The reflectance standard: a .bsdf file or a model such as lambert:0.98
-    #[arg(long, value_name = "SAMPLE", default_value = "lambert:0.98")]
-    standard: String,
+    /// The reflectance standard: a .bsdf file or a model such as lambert:0.98; captures that are there already are fitted again with it
+    /// [default: as when captured, else lambert:0.98]
+    #[arg(long, value_name = "SAMPLE")]
+    standard: Option<String>,
     /// A second standard, darker by 0.3 or more, which shows the interreflection; none to do without [default: lambert:0.2, none
     /// for a camera whose steps are coarser than 4 times its noise, as of 8 bits]
     #[arg(long, value_name = "SAMPLE")]
@@ -51,14 +54,18 @@ pub(crate) struct Args {
     /// Longest exposure time in milliseconds [default: the longest that does not saturate]
     #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = exposure_ms)]
     exposure_ms: Option<f64>,
-    /// Pixels a side of the camera's image
-    #[arg(long, value_name = "N", default_value_t = 96, value_parser = image_size)]
-    image_size: u32,
+    /// Pixels a side of the camera's image [default: 96]
+    #[arg(long, value_name = "N", value_parser = image_size)]
+    image_size: Option<u32>,
     #[command(flatten)]
     conditions: ConditionArgs,
     #[command(flatten)]
     port: PortArgs,
 }
+
+/// What stands in the holder if nobody says, and pixels a side of its images.
+const STANDARD: &str = "lambert:0.98";
+const IMAGE_SIZE: u32 = 96;
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let uncertainty = args.standard_uncertainty_percent / 100.0;
@@ -68,8 +75,17 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             args.standard_uncertainty_percent
         )));
     }
+    let exposure_s = args.exposure_ms.map(|ms| ms * 1e-3);
+    let mut said = Said::default();
     let _lock = Lock::folder(&args.out)?;
     if Views::exist(&args.out) {
+        said = Said {
+            standard: args.standard.clone(),
+            second_standard: args.second_standard.clone(),
+            tilts: args.tilts.clone(),
+            exposure_s,
+            image_size: args.image_size,
+        };
         output.remark(&format!(
             "{}: holds captures, which are fitted again",
             args.out.display()
@@ -80,11 +96,11 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         let kept = path.display().to_string();
         let full = Rig::load(if is_new { rig } else { &kept })?;
         let request = Request {
-            standard: args.standard.clone(),
+            standard: args.standard.clone().unwrap_or_else(|| STANDARD.to_owned()),
             second_standard: second_standard(args, &full, output),
             tilts: args.tilts.clone(),
-            exposure_s: args.exposure_ms.map(|ms| ms * 1e-3),
-            image_size: args.image_size,
+            exposure_s,
+            image_size: args.image_size.unwrap_or(IMAGE_SIZE),
         };
         let world = super::world(&args.conditions, &args.port)?;
         for standard in std::iter::once(&request.standard).chain(&request.second_standard) {
@@ -95,8 +111,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         }
         capture(&request, &args.out, &world, output)?;
     }
-    let photometry =
-        calibrate(&args.out, uncertainty).map_err(|error| Failure::from(error).at(args.out.display()))?;
+    let photometry = calibrate(&args.out, &said, uncertainty)
+        .map_err(|error| Failure::from(error).at(args.out.display()))?;
     let rig = Rig::load(&args.out.join(RIG).display().to_string())?;
     let summary = Summary {
         weaknesses: weaknesses(&photometry, &rig)?,
@@ -115,7 +131,7 @@ fn second_standard(args: &Args, rig: &Rig, output: &Output) -> Option<String> {
             "no second standard: this camera's steps would hide what a dark one shows; interreflection stays unknown",
         );
     }
-    asked.or(usual).filter(|spec| *spec != "none").map(str::to_owned)
+    asked.or(usual).filter(|spec| *spec != NONE).map(str::to_owned)
 }
 
 /// What was found, and what is weak in it.

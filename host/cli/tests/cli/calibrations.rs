@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use rcg::store::provenance::Provenance;
+use serde_json::Value;
 
 use crate::answers::number;
 use crate::command::{is_full, refuses, run, text};
@@ -82,6 +83,32 @@ fn lamp_is_compared(lab: &Lab, with: &[&str], median: &dyn Fn(&str, &[&str]) -> 
     fs::write(&path, &truth).unwrap();
 }
 
+/// Whoever learns that the standard is another one than was thought says so: the same frames are fitted with it. How they were captured
+/// stays.
+fn the_standard_is_what_is_said_of_it(lab: &Lab) {
+    let again = |rest: &[&str]| lab.calibrate("photometry", "32", &[rest, &["--json"]].concat());
+    let none = ["--second-standard", "none"];
+    let alone = run(&again(&none), "").object();
+    assert_eq!(alone["interreflection"], Value::Null);
+    let other = run(&again(&[&none[..], &["--standard", "lambert:0.9"]].concat()), "").object();
+    assert_eq!(other["standard"], "lambert:0.9");
+    let sensitivity = |found: &Value| found["sensitivity"][0].as_f64().unwrap();
+    let ratio = sensitivity(&other) / sensitivity(&alone);
+    assert!((ratio / (0.98 / 0.9) - 1.0).abs() < 1e-6, "{ratio}");
+    for (rest, captured) in [
+        (["--tilts", "54:45:60"], "--tilts as captured, 51:84:40"),
+        (["--exposure-ms", "1"], "--exposure-ms as captured"),
+        (["--second-standard", "lambert:0.9"], "differ by"),
+        // Beside the other one it is too bright for that.
+        (
+            ["--standard", "lambert:0.9"],
+            "are both standards what they are said to be",
+        ),
+    ] {
+        refuses(&again(&rest), "", 2, &["expected", captured]);
+    }
+}
+
 #[test]
 fn a_calibrated_rig_measures_what_is_there_tilted_too() {
     let lab = Lab::new();
@@ -104,6 +131,8 @@ fn a_calibrated_rig_measures_what_is_there_tilted_too() {
         assert!(Path::new(&calibration).join(file).is_file(), "{file}");
     }
     // What was captured is fitted again without a new capture, and found again.
+    assert_eq!(run(&standards, "").object(), photometry);
+    the_standard_is_what_is_said_of_it(&lab);
     assert_eq!(run(&standards, "").object(), photometry);
     // What says what was captured belongs to the frames.
     for (what, size) in [("geometry", "64"), ("photometry", "32")] {

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::model::Modelled;
 use super::near::Near;
-use super::{FillError, directions, facts, finish, writer_like};
+use super::{FillError, Options, Way, directions, facts, finish, writer_like};
 use crate::base::progress::Progress;
 use crate::brdf::Brdf;
 use crate::instrument::optics::Unmeasurable;
@@ -18,42 +18,70 @@ use crate::store::{BrdfRows, StoreError, stored_sigma};
 const REACH: usize = 8;
 /// Incident directions beyond an occluded one, degrees, where its neighbours are looked for.
 const REACH_DEG: f64 = 12.0;
-/// Fills what `brdf`, which holds these `captures`, lacks into the file at `path`; the model, if one was needed and found.
+/// Fills what `brdf`, which holds these `captures`, lacks into the file at `path`, as `options` say; the model, if one was needed and
+/// found.
 pub(super) fn fill(
     brdf: &Brdf,
     captures: &[String],
     path: &Path,
+    options: &Options,
     progress: &dyn Progress,
 ) -> Result<Option<Fit>, FillError> {
-    let modelled = Modelled::of(brdf)?;
-    let near = Near::of(brdf, &|wi, wo| modelled.f(wi, wo))?;
+    // Across the wire the model tells how f is bent.
+    let (has_wire, has_model) = (options.takes(Way::Wire), options.takes(Way::Model));
+    let modelled = if has_wire || has_model {
+        Some(Modelled::of(brdf)?)
+    } else {
+        None
+    };
+    let near = match modelled.as_ref().filter(|_| has_model) {
+        Some(modelled) => Some(Near::of(brdf, &|wi, wo| modelled.f(wi, wo))?),
+        None => None,
+    };
     let incident = vec![None; brdf.grid().len()];
     let outgoing: Vec<Option<Unmeasurable>> = directions(brdf)
         .iter()
         .map(|above| above.is_none().then_some(Unmeasurable::BelowHorizon))
         .collect();
-    let text = "reciprocal, interpolated across the wire, modelled as ggx with lambert base, in this order";
+    let ways = [
+        (Way::Reciprocity, "reciprocal"),
+        (Way::Wire, "interpolated across the wire"),
+        (Way::Model, "modelled as ggx with lambert base"),
+    ];
+    let taken = ways.iter().filter(|(way, _)| options.takes(*way));
+    let taken: Vec<&str> = taken.map(|(_, text)| *text).collect();
+    let text = match taken.as_slice() {
+        [] => "nothing".to_owned(),
+        [one] => (*one).to_owned(),
+        several => format!("{}, in this order", several.join(", ")),
+    };
     let writer = writer_like(
         brdf,
         brdf.grid(),
         path,
         &incident,
         &outgoing,
-        facts(text, &[], captures),
+        facts(&text, &[], captures),
     )?;
     progress.begin("fill", brdf.chunks(), "chunks");
     for chunk in 0..brdf.chunks() {
         let mut image = Chunk::read(brdf, chunk)?;
-        image.exchange(brdf)?;
-        image.bridge_cells(brdf, &modelled);
-        image.bridge_rows(brdf, &modelled)?;
-        image.model(brdf, &modelled, &near);
+        if options.takes(Way::Reciprocity) {
+            image.exchange(brdf)?;
+        }
+        if let Some(modelled) = modelled.as_ref().filter(|_| has_wire) {
+            image.bridge_cells(brdf, modelled);
+            image.bridge_rows(brdf, modelled)?;
+        }
+        if let (Some(modelled), Some(near)) = (&modelled, &near) {
+            image.model(brdf, modelled, near);
+        }
         writer.write_chunk(chunk, &image.rows)?;
         progress.reach(chunk + 1);
     }
     progress.end();
     finish(writer)?;
-    Ok(modelled.fit)
+    Ok(modelled.and_then(|modelled| modelled.fit))
 }
 
 /// The rows of one chunk on their way.

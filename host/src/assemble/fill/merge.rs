@@ -8,6 +8,8 @@
 //! three times the usual take no part. Light comes from directions of the first capture's grid: mostly the other has them too,
 //! and nothing has to be interpolated over steps of many degrees.
 //!
+//! What the captures state as common to all their values bounds the scale: two samples are not made one by it, nor a wrong standard right.
+//!
 //! Errors of one incident direction are alike. So the uncertainties are those of a jackknife that leaves out a
 //! [`GROUPS`]th of the incident directions at a time (Efron, *The Jackknife, the Bootstrap and Other Resampling Plans*, 1982).
 //!
@@ -48,6 +50,10 @@ const ROUNDS: usize = 4;
 const CLEAR: f64 = 3.0;
 /// Groups of incident directions of the jackknife.
 const GROUPS: usize = 16;
+/// Standard uncertainties that a scale may be off by.
+const MOST: f64 = 3.5;
+/// Relative standard uncertainty that all values of a capture share of which nobody calibrated that.
+const UNCALIBRATED_SCALE: f64 = 0.015;
 
 /// How a further capture stands to the first.
 #[derive(Clone, Debug, Serialize)]
@@ -73,12 +79,20 @@ pub(super) fn merge(
     base: &Brdf,
     others: &[Brdf],
     path: &Path,
+    is_any_scale: bool,
     progress: &dyn Progress,
 ) -> Result<Vec<Alignment>, FillError> {
+    let aligned = |other: &Brdf| {
+        let alignment = align(base, other)?;
+        if !is_any_scale {
+            check_scale(base, other, &alignment)?;
+        }
+        Ok(alignment)
+    };
     let alignments = others
         .iter()
-        .map(|other| align(base, other))
-        .collect::<Result<Vec<_>, _>>()?;
+        .map(aligned)
+        .collect::<Result<Vec<_>, FillError>>()?;
     let all: Vec<&Brdf> = std::iter::once(base).chain(others).collect();
     let union = Union::of(&all).map_err(|error| FillError::Brdf(base.content(&error)))?;
     // Where one capture reaches, all do; a direction that a capture does not have has no reason there.
@@ -201,6 +215,23 @@ fn drawn_pairs(base: &Brdf) -> (Vec<(DVec3, DVec3)>, Vec<usize>) {
         groups.push(place % GROUPS);
     }
     (pairs, groups)
+}
+
+/// Refuses an `alignment` of `other` against `base` whose scale is not within what both state.
+fn check_scale(base: &Brdf, other: &Brdf, alignment: &Alignment) -> Result<(), FillError> {
+    let stated = |brdf: &Brdf| brdf.common_uncertainty().unwrap_or(UNCALIBRATED_SCALE);
+    let relative = alignment.scale_uncertainty / alignment.scale;
+    let allowed = MOST * stated(base).hypot(stated(other)).hypot(relative);
+    if alignment.scale.ln().abs() <= allowed {
+        return Ok(());
+    }
+    Err(FillError::Scale {
+        path: other.path().display().to_string(),
+        first: base.path().display().to_string(),
+        scale: alignment.scale,
+        uncertainty: alignment.scale_uncertainty,
+        allowed_percent: 100.0 * allowed,
+    })
 }
 
 /// Scale and turn of `other` against `base`.

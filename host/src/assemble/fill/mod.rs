@@ -93,6 +93,24 @@ pub enum FillError {
         /// How many there are.
         found: usize,
     },
+    /// Captures that are not equally bright.
+    #[error(
+        "{path}: expected f as {first} has it within {allowed_percent:.1} %, which is what both state as common uncertainty, found it \
+         to need a scale of {scale:.4} ± {uncertainty:.4}; is it the same sample, and the same standard? --any-scale brings it to the \
+         first one's"
+    )]
+    Scale {
+        /// The file.
+        path: String,
+        /// The first file.
+        first: String,
+        /// What its f would have to be multiplied with.
+        scale: f64,
+        /// Its standard uncertainty (k = 1).
+        uncertainty: f64,
+        /// By how much it may differ from 1.
+        allowed_percent: f64,
+    },
     /// Captures without common directions.
     #[error(
         "{path}: expected at least {expected} samples that {first} has too, found {found}; capture the sample at tilts \
@@ -116,8 +134,34 @@ impl Blame for FillError {
             Self::Brdf(error) => error.is_input(),
             Self::Store(error) => error.is_input(),
             Self::Fit(error) => error.is_input(),
-            Self::Differs { .. } | Self::NoOverlap { .. } | Self::Nothing { .. } => true,
+            Self::Differs { .. } | Self::Scale { .. } | Self::NoOverlap { .. } | Self::Nothing { .. } => true,
         }
+    }
+}
+
+/// What of the ways to fill is left out, and what else is asked for.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Options {
+    /// Ways that are not taken.
+    pub without: Vec<Way>,
+    /// Whether further captures may be brighter or darker than the first by more than what they state.
+    pub is_any_scale: bool,
+}
+
+/// A way to fill what no capture has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Way {
+    /// The exchanged pair of directions.
+    Reciprocity,
+    /// Across the wire, from both its sides.
+    Wire,
+    /// A fitted model.
+    Model,
+}
+
+impl Options {
+    fn takes(&self, way: Way) -> bool {
+        !self.without.contains(&way)
     }
 }
 
@@ -145,7 +189,7 @@ pub struct Filled {
     pub warnings: Vec<String>,
 }
 
-/// Fills the file at `first` with the help of `others` into `out`, which must not be one of them.
+/// Fills the file at `first` with the help of `others` into `out`, which must not be one of them, as `options` say.
 ///
 /// # Errors
 /// [`FillError`]; the files that are read stay as they are.
@@ -153,6 +197,7 @@ pub fn fill(
     first: &Path,
     others: &[PathBuf],
     out: &Path,
+    options: &Options,
     progress: &dyn Progress,
 ) -> Result<Filled, FillError> {
     let base = Brdf::open(first)?;
@@ -183,10 +228,10 @@ pub fn fill(
     let (merged, alignments) = if further.is_empty() {
         (base, Vec::new())
     } else {
-        let alignments = merge::merge(&base, &further, &merged_path, progress)?;
+        let alignments = merge::merge(&base, &further, &merged_path, options.is_any_scale, progress)?;
         (Brdf::open(&merged_path)?, alignments)
     };
-    let filled = gaps::fill(&merged, &captures, out, progress);
+    let filled = gaps::fill(&merged, &captures, out, options, progress);
     drop(merged);
     if !alignments.is_empty() {
         // A leftover costs space and harms nothing.
@@ -200,7 +245,8 @@ pub fn fill(
     let missing = shares
         .iter()
         .find(|share| share.provenance == Provenance::Missing.name());
-    if let Some(missing) = missing.filter(|missing| missing.share > WORTH_SAYING) {
+    if let Some(missing) = missing.filter(|missing| missing.share > WORTH_SAYING && options.takes(Way::Model))
+    {
         warnings.push(format!(
             "coverage: {:.1} % of the pairs of directions stay without a value, because nothing was measured with half vectors and \
              difference angles near theirs, where a lobe may be; measure at further --tilt",

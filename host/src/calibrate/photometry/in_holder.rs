@@ -79,7 +79,7 @@ impl Standards {
 }
 
 /// Refuses a standard that is not above 0 all over, before it costs a capture.
-fn check_standard(sample: &dyn Sample, spec: &str) -> Result<(), CalibrateError> {
+pub(super) fn check_standard(sample: &dyn Sample, spec: &str) -> Result<(), CalibrateError> {
     let directions = || {
         let rings = (0..=8).map(|ring| 10.0 * f64::from(ring));
         rings.flat_map(|theta_deg| (0..8).map(move |turn| from_degrees(theta_deg, 45.0 * f64::from(turn))))

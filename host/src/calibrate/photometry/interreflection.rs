@@ -12,6 +12,10 @@ use crate::instrument::calibration::Interreflection;
 
 /// The reflectances of two standards differ at least by this.
 const APART: f64 = 0.3;
+/// No optics throw back more than this share: lenses and splitters reflect some percent of what reaches them, and little of that comes
+/// back through the mirror. More by so many standard uncertainties is another standard.
+const LARGEST: f64 = 0.02;
+const CLEAR: f64 = 2.0;
 /// What returns onto the standard is not less than nothing by so many standard uncertainties.
 const CERTAIN: f64 = 4.0;
 
@@ -46,6 +50,16 @@ pub(super) fn interreflection(
         own: a,
     };
     let doubt = found.standard_uncertainty.hypot(found.by_standards);
+    if found.share > LARGEST + CLEAR * doubt {
+        return Err(CalibrateError::Views {
+            expected: format!(
+                "standards of which no more than {:.0} % of their light would have to return for what they show",
+                100.0 * LARGEST
+            ),
+            found: format!("{:.1} %", 100.0 * found.share),
+            advice: "are both standards what they are said to be, and do they lie alike? Or --second-standard none",
+        });
+    }
     if found.share >= -CERTAIN * doubt {
         return Ok(found);
     }

@@ -28,6 +28,7 @@
 //!
 //! Assembly takes all of it into account; what it does about interreflection stands there.
 
+mod again;
 mod camera;
 mod capture;
 mod captured;
@@ -49,6 +50,7 @@ mod weakness;
 
 use std::path::Path;
 
+pub use again::{NONE, Said};
 pub use capture::{Request, Views, capture};
 pub use weakness::{Height, Weakness, height, weaknesses};
 
@@ -84,13 +86,14 @@ fn level(index: usize) -> u8 {
     (17 * index) as u8
 }
 
-/// Fits the photometry to the captures in `dir` and writes what was found beside them; the standard's reflectance is known
-/// to `standard_uncertainty` (relative, k = 1).
+/// Fits the photometry to the captures in `dir`, of which that is `said`, and writes what was found beside them; the standard's
+/// reflectance is known to `standard_uncertainty` (relative, k = 1).
 ///
 /// # Errors
 /// [`CalibrateError`].
-pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, CalibrateError> {
-    let (views, raw) = Views::read(dir)?;
+pub fn calibrate(dir: &Path, said: &Said, standard_uncertainty: f64) -> Result<Photometry, CalibrateError> {
+    let (mut views, raw) = Views::read(dir)?;
+    let second_standard = said.apply(&mut views)?;
     let calibrated = Rig::load(&dir.join(RIG).display().to_string())?;
     check_rig(&dir.join(capture::RAW), &calibrated, &rig_hash(&views.rig))?;
     let rig = views.rig_of(0)?;
@@ -123,7 +126,7 @@ pub fn calibrate(dir: &Path, standard_uncertainty: f64) -> Result<Photometry, Ca
     let mut camera = linear.sensor;
     (camera.prnu, camera.prnu_is_assumed) = (prnu.unwrap_or(MOST_PRNU), prnu.is_none());
     let own = interreflected(&standard);
-    let interreflection = match &views.second_standard {
+    let interreflection = match &second_standard {
         None => None,
         Some(spec) => {
             let second = AsSeen::new(spec, crosstalk)?;

@@ -284,8 +284,25 @@ fn no_capture_is_evidence_twice() {
     }
     // 0.16 ± 0.0058 (uniform over 0.02), twice.
     let found = repeatability(&a, &b).unwrap();
-    let deviation = found.relative_standard_deviation.value().unwrap();
+    let deviation = found.relative_standard_deviation.unwrap();
     assert!((0.02..0.06).contains(&deviation), "{found:?}");
+    assert!(found.relative_bias.unwrap().abs() < 0.01, "{found:?}");
+    // One that is brighter scatters no more for that.
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(3);
+    let brighter = file(&at("brighter"), 1, &mut |_, _| {
+        Some((
+            vec![1.1 * rng.random_range(0.15..0.17)],
+            0.006,
+            Provenance::Measured,
+        ))
+    });
+    let apart = repeatability(&a, &brighter).unwrap();
+    assert!(
+        (apart.relative_bias.unwrap() / (0.1 / 1.05) - 1.0).abs() < 0.1,
+        "{apart:?}"
+    );
+    let ratio = apart.relative_standard_deviation.unwrap() / deviation;
+    assert!((0.8..1.2).contains(&ratio), "{apart:?}");
     let normalised = found.normalised_difference.unwrap();
     assert!((0.9..1.02).contains(&normalised), "{found:?}");
     assert!((found.share.unwrap() - 1.0).abs() < 1e-12 && found.warnings.is_empty());
