@@ -105,7 +105,12 @@ fn the_standard_is_what_is_said_of_it(lab: &Lab) {
             "are both standards what they are said to be",
         ),
     ] {
-        refuses(&again(&rest), "", 2, &["expected", captured]);
+        refuses(
+            &lab.calibrate("photometry", "32", &rest),
+            "",
+            2,
+            &["expected", captured],
+        );
     }
 }
 
