@@ -21,17 +21,6 @@ const SAMPLE: &str = "ggx:satin";
 const TILTS: [Option<&str>; 4] = [None, Some("51:84:40"), Some("52:100:-44"), Some("54:45:60")];
 
 fn measured(
-    dir: &Path,
-    rig: &Rig,
-    step_deg: f64,
-    truth: Option<&Truth>,
-    tilt: Option<&str>,
-    seed: u64,
-) -> PathBuf {
-    measured_of(SAMPLE, dir, rig, step_deg, truth, tilt, seed)
-}
-
-fn measured_of(
     sample: &str,
     dir: &Path,
     rig: &Rig,
@@ -81,7 +70,17 @@ fn tilts_close_the_hole_and_every_origin_is_judged_by_itself() {
     let files: Vec<PathBuf> = TILTS
         .iter()
         .enumerate()
-        .map(|(index, tilt)| measured(&at(&index.to_string()), &rig, 5.0, None, *tilt, index as u64))
+        .map(|(index, tilt)| {
+            measured(
+                SAMPLE,
+                &at(&index.to_string()),
+                &rig,
+                5.0,
+                None,
+                *tilt,
+                index as u64,
+            )
+        })
         .collect();
     let out = at("whole.brdf.zarr");
     let filled = fill(&files[0], &files[1..], &out, &Options::default(), &Silent).unwrap();
@@ -140,12 +139,20 @@ fn tilts_close_the_hole_and_every_origin_is_judged_by_itself() {
 fn the_scale_and_the_turn_of_a_capture_are_found() {
     let folder = tempfile::tempdir().unwrap();
     let rig = Rig::load("rcg-2").unwrap();
-    let first = measured(&folder.path().join("a"), &rig, 10.0, None, None, 1);
+    let first = measured(SAMPLE, &folder.path().join("a"), &rig, 10.0, None, None, 1);
     // 3 % more light, and the sample leans by 0.4° more than anybody knows.
     let mut truth = Truth::of(&rig);
     truth.rig.light.full_scale_f_sr /= 1.03;
     truth.rig.sample.roll_deg = 0.4;
-    let second = measured(&folder.path().join("b"), &rig, 10.0, Some(&truth), None, 2);
+    let second = measured(
+        SAMPLE,
+        &folder.path().join("b"),
+        &rig,
+        10.0,
+        Some(&truth),
+        None,
+        2,
+    );
     let filled = fill(
         &first,
         &[second],
@@ -170,7 +177,7 @@ fn another_sample_is_no_further_capture_unless_its_scale_is_asked_for() {
     let rig = Rig::load("rcg-2").unwrap();
     let [first, second] = ["0.5", "0.45"].map(|albedo| {
         let sample = format!("lambert:{albedo}");
-        measured_of(&sample, &folder.path().join(albedo), &rig, 15.0, None, None, 1)
+        measured(&sample, &folder.path().join(albedo), &rig, 15.0, None, None, 1)
     });
     let out = folder.path().join("out.brdf.zarr");
     let filled = |options: &Options| fill(&first, std::slice::from_ref(&second), &out, options, &Silent);
@@ -197,7 +204,7 @@ fn another_sample_is_no_further_capture_unless_its_scale_is_asked_for() {
 fn files_that_do_not_go_together_are_refused_and_nothing_is_lost() {
     let folder = tempfile::tempdir().unwrap();
     let rig = Rig::load("rcg-2").unwrap();
-    let file = measured(&folder.path().join("a"), &rig, 15.0, None, None, 1);
+    let file = measured(SAMPLE, &folder.path().join("a"), &rig, 15.0, None, None, 1);
     let error = fill(&file, &[], &file, &Options::default(), &Silent).unwrap_err();
     assert!(
         matches!(error, FillError::Differs { field: "output", .. }),
@@ -249,7 +256,7 @@ fn captures_without_common_directions_are_refused_by_name() {
     let half = |name: &str, centre_px: f64| {
         let mut rig = Rig::load("rcg-1-16bit").unwrap();
         rig.camera.lens.centre_px[0] = centre_px;
-        measured(&folder.path().join(name), &rig, 15.0, None, None, 1)
+        measured(SAMPLE, &folder.path().join(name), &rig, 15.0, None, None, 1)
     };
     let (left, right) = (half("left", 0.0), half("right", 2048.0));
     let out = folder.path().join("out.brdf.zarr");

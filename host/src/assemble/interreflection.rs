@@ -87,6 +87,11 @@ impl Albedo {
     }
 }
 
+/// The direction from which a mirror sends light to `w`.
+fn mirrored(w: DVec3) -> DVec3 {
+    w * DVec3::new(-1.0, -1.0, 1.0)
+}
+
 /// What light pixels see: that of directions which the projector lights, as far as both see the same part of the sample.
 struct Reach {
     /// Number of cells, after whose mirrored directions come those that stand for the hemisphere.
@@ -102,7 +107,7 @@ struct Reach {
 impl Reach {
     fn new(rig: &Rig, photometry: &Photometry, disk: Disk) -> Self {
         let projector = View::projector(rig);
-        let mirrored = (0..disk.len()).map(|cell| Some(disk.direction(cell)? * DVec3::new(-1.0, -1.0, 1.0)));
+        let mirrored = (0..disk.len()).map(|cell| disk.direction(cell).map(mirrored));
         let coarse = Disk::new(COARSE);
         let all = (0..coarse.len()).filter_map(|cell| coarse.direction(cell));
         let cosines = all.clone().map(|w| w.z).collect();
@@ -341,10 +346,7 @@ mod tests {
                 .collect()
         };
         returned.albedo = albedo.map(|value| {
-            let sees = |cell: usize| {
-                let mirrored = disk.direction(cell).map(|w| w * DVec3::new(-1.0, -1.0, 1.0));
-                (1.0, mirrored.is_some_and(seen))
-            };
+            let sees = |cell: usize| (1.0, disk.direction(cell).map(mirrored).is_some_and(seen));
             returned.albedo(of(value), sees)
         });
         (returned, of(0.02))

@@ -1,6 +1,6 @@
 //! A sample that lies turned in its holder.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use super::{Outgoing, Sample};
 
@@ -8,13 +8,13 @@ use super::{Outgoing, Sample};
 #[derive(Debug)]
 pub struct Turned {
     sample: Box<dyn Sample>,
-    sin: f64,
-    cos: f64,
+    /// From the frame in which it is asked to its own axes.
+    to_own: DMat3,
 }
 
 /// The same under one incident direction.
 struct Lit<'a> {
-    turned: &'a Turned,
+    to_own: DMat3,
     lobe: Box<dyn Outgoing + 'a>,
 }
 
@@ -22,22 +22,16 @@ impl Turned {
     /// `sample` with its +x at `azimuth_rad` (radians, from the frame's +x towards its +y).
     #[must_use]
     pub fn new(sample: Box<dyn Sample>, azimuth_rad: f64) -> Self {
-        let (sin, cos) = azimuth_rad.sin_cos();
-        Self { sample, sin, cos }
-    }
-
-    /// A direction as the material's own axes see it.
-    fn own(&self, w: DVec3) -> DVec3 {
-        let Self { sin, cos, .. } = self;
-        DVec3::new(cos * w.x + sin * w.y, cos * w.y - sin * w.x, w.z)
+        let to_own = DMat3::from_rotation_z(-azimuth_rad);
+        Self { sample, to_own }
     }
 }
 
 impl Sample for Turned {
     fn incident(&self, wi: DVec3) -> Box<dyn Outgoing + '_> {
         Box::new(Lit {
-            turned: self,
-            lobe: self.sample.incident(self.own(wi)),
+            to_own: self.to_own,
+            lobe: self.sample.incident(self.to_own * wi),
         })
     }
 
@@ -48,10 +42,10 @@ impl Sample for Turned {
 
 impl Outgoing for Lit<'_> {
     fn f(&self, wo: DVec3) -> [f64; 3] {
-        self.lobe.f(self.turned.own(wo))
+        self.lobe.f(self.to_own * wo)
     }
 
     fn across(&self, wo: DVec3) -> [f64; 3] {
-        self.lobe.across(self.turned.own(wo))
+        self.lobe.across(self.to_own * wo)
     }
 }

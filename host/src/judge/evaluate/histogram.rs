@@ -28,16 +28,6 @@ impl Quantile {
             Self::None | Self::Above(_) => None,
         }
     }
-
-    /// The quantile of numbers that are `factor` times as large.
-    #[must_use]
-    pub fn times(self, factor: f64) -> Self {
-        match self {
-            Self::None => Self::None,
-            Self::At(value) => Self::At(value * factor),
-            Self::Above(least) => Self::Above(least * factor),
-        }
-    }
 }
 
 impl Serialize for Quantile {

@@ -7,7 +7,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use nalgebra::DMatrix;
 
 /// Number of its unknowns.
@@ -88,8 +88,8 @@ impl Shape {
 
     /// Directions as the lobe's own axes see them.
     pub(super) fn along_axes(self, four: &[DVec3; 4]) -> [DVec3; 4] {
-        let (sin, cos) = self.azimuth_rad.sin_cos();
-        four.map(|w| DVec3::new(cos * w.x + sin * w.y, cos * w.y - sin * w.x, w.z))
+        let to_own = DMat3::from_rotation_z(-self.azimuth_rad);
+        four.map(|w| to_own * w)
     }
 }
 

@@ -131,7 +131,8 @@ impl Means {
         }
     }
 
-    /// What frames show of their own patterns, and what those before them did, if anything of that is left; before the first pattern `nothing` was shown.
+    /// What frames show of their own patterns, and what those before them did, if anything of that is left; before the first pattern
+    /// `nothing` was shown.
     fn get(&self, lag: Lag, nothing: &[f32]) -> (Vec<f32>, Vec<f32>) {
         let shown = self.shown.get();
         if lag.is_none() {

@@ -7,16 +7,33 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use super::*;
 use crate::store::ExposureRecord;
 
-/// A measurement of `count` patterns with a black one at each of `black`, whose offset and lamp are as `of` says of the pattern.
-fn found(black: &[usize], of: impl Fn(usize) -> [f64; 2]) -> Black {
+const LAMP: LampFound = LampFound {
+    flicker: 0.005,
+    monitor: None,
+};
+
+fn rig() -> Rig {
     let mut rig = Rig::load("rcg-3").unwrap().with_image_size(64).unwrap();
     rig.camera.dark_dn = 1000.0;
+    rig
+}
+
+/// Adds a frame of `numbers` to the `segment`, of 10 ms, taken at the first attempt.
+fn show(segment: &mut Segment, incident: i64, numbers: impl Iterator<Item = f64>) {
+    segment.frames.extend(numbers.map(|dn| dn.round() as u16));
+    segment.records.push(ExposureRecord {
+        incident,
+        exposure_s: 0.01,
+        attempts: 1,
+        ..ExposureRecord::default()
+    });
+}
+
+/// A measurement of `count` patterns with a black one at each of `black`, whose offset and lamp are as `of` says of the pattern.
+fn found(black: &[usize], of: impl Fn(usize) -> [f64; 2]) -> Black {
+    let rig = rig();
     let values = 4096;
-    let lamp = LampFound {
-        flicker: 0.005,
-        monitor: None,
-    };
-    let mut frames = BlackFrames::new(&rig, (None, Some(&lamp)), &[(0.01, 0.0)]);
+    let mut frames = BlackFrames::new(&rig, (None, Some(&LAMP)), &[(0.01, 0.0)]);
     for pattern in black {
         let [offset, lamp] = of(*pattern);
         let light = |at: usize| 10.0 + 2000.0 * (at as f64 / values as f64).powi(2);
@@ -57,42 +74,30 @@ fn the_offset_is_found_between_black_patterns_whatever_the_lamp_does() {
 
 #[test]
 fn what_is_left_of_a_lobe_is_found_in_the_black_frames_and_taken_out_of_their_mean() {
-    let mut rig = Rig::load("rcg-3").unwrap().with_image_size(64).unwrap();
-    rig.camera.dark_dn = 1000.0;
+    let rig = rig();
     let (values, share) = (4096, 1.5e-3);
-    let lamp = LampFound {
-        flicker: 0.005,
-        monitor: None,
-    };
-    let mut frames = BlackFrames::new(&rig, (None, Some(&lamp)), &[(0.01, 2e-3)]);
+    let mut frames = BlackFrames::new(&rig, (None, Some(&LAMP)), &[(0.01, 2e-3)]);
     let black = |at: usize| 10.0 + 200.0 * (at as f64 / values as f64).powi(2);
     // A lobe here and there, each before a black frame.
     let lit = |number: usize, at: usize| {
         let away = at as f64 - 100.0 - 300.0 * number as f64;
         20_000.0 * (-away * away / 800.0).exp()
     };
-    let record = |incident: i64| ExposureRecord {
-        incident,
-        exposure_s: 0.01,
-        attempts: 1,
-        ..ExposureRecord::default()
-    };
     // What watches the lamp shines over all of the image, in all frames but one.
     let watching = |at: usize| 600.0 * (1.0 - at as f64 / values as f64);
     let mut segment = Segment::default();
-    let mut show = |incident: i64, own: &dyn Fn(usize) -> f64, before: &dyn Fn(usize) -> f64| {
+    let mut shows = |incident: i64, own: &dyn Fn(usize) -> f64, before: &dyn Fn(usize) -> f64| {
         let dn = |at: usize| 1000.0 + black(at) + (1.0 - share) * own(at) + share * before(at);
-        segment.frames.extend((0..values).map(|at| dn(at).round() as u16));
-        segment.records.push(record(incident));
+        show(&mut segment, incident, (0..values).map(dn));
     };
     // Before the first one nothing is shown.
-    show(-1, &watching, &|_| 0.0);
+    shows(-1, &watching, &|_| 0.0);
     for number in 0..12 {
         let lit = |at: usize| watching(at) + lit(number, at);
-        show(number as i64, &lit, &watching);
-        show(-1, &watching, &lit);
+        shows(number as i64, &lit, &watching);
+        shows(-1, &watching, &lit);
     }
-    show(-2, &|_| 0.0, &watching);
+    shows(-2, &|_| 0.0, &watching);
     frames.add(0, &segment, values);
     let radiometry = frames.radiometry().unwrap().remove(0);
     let cleared = radiometry.lag.clear(1000.0 + share as f32 * 1000.0, 2000.0);
@@ -113,26 +118,17 @@ fn what_is_left_of_a_lobe_is_found_in_the_black_frames_and_taken_out_of_their_me
 
 #[test]
 fn what_saturated_does_not_pass_for_a_little_more_light() {
-    let mut rig = Rig::load("rcg-3").unwrap().with_image_size(64).unwrap();
-    rig.camera.dark_dn = 1000.0;
+    let rig = rig();
     let (values, share) = (4096, 1e-3);
-    let lamp = LampFound {
-        flicker: 0.005,
-        monitor: None,
-    };
-    let mut frames = BlackFrames::new(&rig, (None, Some(&lamp)), &[(0.01, 2e-3)]);
+    let mut frames = BlackFrames::new(&rig, (None, Some(&LAMP)), &[(0.01, 2e-3)]);
     let mut segment = Segment::default();
-    let mut show = |incident: i64, light: &dyn Fn(usize) -> f64| {
+    let mut shows = |incident: i64, light: &dyn Fn(usize) -> f64| {
         let black = |at: usize| 1200.0 + 300.0 * (at as f64 / 90.0).sin();
-        segment
-            .frames
-            .extend((0..values).map(|at| (black(at) + light(at)).round() as u16));
-        segment.records.push(ExposureRecord {
+        show(
+            &mut segment,
             incident,
-            exposure_s: 0.01,
-            attempts: 1,
-            ..ExposureRecord::default()
-        });
+            (0..values).map(|at| black(at) + light(at)),
+        );
     };
     for number in 0..8 {
         // Of which the middle is ten times what the camera shows.
@@ -140,8 +136,8 @@ fn what_saturated_does_not_pass_for_a_little_more_light() {
             let away = (at as f64 - 400.0 - 450.0 * f64::from(number)) / 100.0;
             650_000.0 * (-away * away).exp()
         };
-        show(number.into(), &lit);
-        show(-1, &|at| share * lit(at));
+        shows(number.into(), &lit);
+        shows(-1, &|at| share * lit(at));
     }
     frames.add(0, &segment, values);
     let lag = frames.radiometry().unwrap().remove(0).lag;
@@ -178,29 +174,18 @@ fn how_much_the_lamp_changes_is_found_whatever_the_offset_does() {
 
 #[test]
 fn noise_does_not_pass_for_less_of_the_pattern_before() {
-    let mut rig = Rig::load("rcg-3").unwrap().with_image_size(64).unwrap();
-    rig.camera.dark_dn = 1000.0;
+    let rig = rig();
     let (values, share) = (4096, 0.02);
-    let lamp = LampFound {
-        flicker: 0.005,
-        monitor: None,
-    };
-    let mut frames = BlackFrames::new(&rig, (None, Some(&lamp)), &[(0.01, 0.02)]);
+    let mut frames = BlackFrames::new(&rig, (None, Some(&LAMP)), &[(0.01, 0.02)]);
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(3);
     let mut segment = Segment::default();
-    let mut show = |incident: i64, light: &dyn Fn(usize) -> f64| {
-        let mut dn = |at: usize| {
+    let mut shows = |incident: i64, light: &dyn Fn(usize) -> f64| {
+        let dn = |at: usize| {
             let noise: f64 = rng.sample(StandardNormal);
             let black = 500.0 * at as f64 / values as f64;
-            (1200.0 + black + light(at) + 8.0 * noise).round() as u16
+            1200.0 + black + light(at) + 8.0 * noise
         };
-        segment.frames.extend((0..values).map(&mut dn));
-        segment.records.push(ExposureRecord {
-            incident,
-            exposure_s: 0.01,
-            attempts: 1,
-            ..ExposureRecord::default()
-        });
+        show(&mut segment, incident, (0..values).map(dn));
     };
     for number in 0..12 {
         // Hardly brighter than noise.
@@ -208,8 +193,8 @@ fn noise_does_not_pass_for_less_of_the_pattern_before() {
             let away = (at as f64 - 100.0 - 300.0 * f64::from(number)) / 400.0;
             200.0 * (-away * away).exp()
         };
-        show(number.into(), &before);
-        show(-1, &|at| share * before(at));
+        shows(number.into(), &before);
+        shows(-1, &|at| share * before(at));
     }
     frames.add(0, &segment, values);
     let lag = frames.radiometry().unwrap().remove(0).lag;
