@@ -77,6 +77,10 @@ pub(crate) struct Args {
     /// of how it leans [default: drawn between 0.02 and 0.1; 0.05 or 0.1]
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     seating_mm: Option<f64>,
+    /// Standard deviation of how far the flat mirror leans from the tilt that was set, in its plane and across it, degrees [default:
+    /// drawn between 0.01 and 0.05; 0.025 or 0.05]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    mirror_deg: Option<f64>,
     /// Standard deviation of where the light of a projector pixel goes, by defocus and leaks into its neighbours, projector pixels
     /// [default: drawn between 0.3 and 0.8; 0.4 or 0.8]
     #[arg(long, value_name = "PX", allow_negative_numbers = true)]
@@ -173,6 +177,8 @@ enum Flaw {
     Figure,
     /// Samples and standards lie as they should
     Seating,
+    /// The flat mirror stands as it was set
+    MirrorTilt,
     /// The projector's image is sharp
     Focus,
     /// The camera's black level stays
@@ -212,7 +218,8 @@ impl Flaw {
             Self::Pixels => flaws.pixels = none.pixels,
             Self::Pupils => flaws.pupils = none.pupils,
             Self::Figure => flaws.figure = none.figure,
-            Self::Seating => flaws.seating = none.seating,
+            Self::Seating => flaws.seating.height_m = none.seating.height_m,
+            Self::MirrorTilt => flaws.seating.mirror_deg = none.seating.mirror_deg,
             Self::Focus => flaws.focus = none.focus,
             Self::Wander => flaws.pixels.wander_e = 0.0,
         }
@@ -221,7 +228,7 @@ impl Flaw {
 
 /// Refuses what is out of range.
 fn check(args: &Args) -> Done {
-    let given: [(&str, Option<f64>, f64, f64); 20] = [
+    let given: [(&str, Option<f64>, f64, f64); 21] = [
         ("position-mm", args.position_mm, 0.0, 10.0),
         ("angle-deg", args.angle_deg, 0.0, 10.0),
         ("field-percent", Some(args.field_percent), 0.0, 90.0),
@@ -238,6 +245,7 @@ fn check(args: &Args) -> Done {
         ("knee-percent", args.knee_percent, 0.0, 20.0),
         ("figure-mrad", args.figure_mrad, 0.0, 10.0),
         ("seating-mm", args.seating_mm, 0.0, 10.0),
+        ("mirror-deg", args.mirror_deg, 0.0, 10.0),
         ("prnu-percent", args.prnu_percent, 0.0, 10.0),
         ("row-noise-e", args.row_noise_e, 0.0, 100.0),
         ("blur-px", args.blur_px, 0.0, 10.0),
@@ -287,6 +295,7 @@ fn tolerances(args: &Args, rig: &Rig) -> Tolerances {
         knee: share(args.knee_percent, 1e-2, 3e-2),
         figure_rad: of(args.figure_mrad, 1e-3, 1.5e-4, 5e-4),
         seating_m: of(args.seating_mm, 1e-3, 5e-5, 1e-4),
+        mirror_deg: of(args.mirror_deg, 1.0, 0.025, 0.05),
         blur_px: of(args.blur_px, 1.0, 0.4, 0.8),
         standard: args.standard_percent / 100.0,
         direct: args.flaws.pick(7e-4, 3e-3),

@@ -20,6 +20,9 @@ pub struct Rig {
     /// The wire that holds the sample, if it is in the way of the light.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wire: Option<Wire>,
+    /// What else is in the way of the light: clamps, cables, dust on the mirror.
+    #[serde(default, rename = "obstacle", skip_serializing_if = "Vec::is_empty")]
+    pub obstacles: Vec<Obstacle>,
     /// The camera near F2.
     pub camera: CameraPart,
     /// The projector near F2, seen through the beam splitter.
@@ -74,6 +77,16 @@ pub struct Wire {
     pub half_width_deg: f64,
 }
 
+/// Something dark in front of the mirror, which hides the directions within a polygon seen from F1.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Obstacle {
+    /// What it is, for people.
+    pub name: String,
+    /// Corners, one after the other: angle from the mirror's +z and azimuth about it from +x towards +y, mirror frame, degrees.
+    pub outline_deg: Vec<[f64; 2]>,
+}
+
 /// A pinhole with distortion and a pose, the same for camera and projector.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -97,6 +110,9 @@ pub struct Lens {
     /// degrees; the one about z acts first, then y, then x.
     #[serde(default, deserialize_with = "exactly")]
     pub rotation_deg: [f64; 3],
+    /// Whether the image is mirrored left to right, as a beam splitter does to what it reflects: u along −x.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub mirrored: bool,
     /// Diameter of the pupil, metres; 0 stands for a point. Its image is what a pixel sees, or lights, of the sample.
     #[serde(default, skip_serializing_if = "is_point")]
     pub pupil_m: f64,
@@ -222,6 +238,11 @@ const fn depolarised() -> f64 {
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
 fn is_depolarised(degree: &f64) -> bool {
     degree.total_cmp(&depolarised()).is_eq()
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_false(value: &bool) -> bool {
+    !value
 }
 
 /// Whether a diameter is that of a point: rigs of before there were pupils keep their hash.

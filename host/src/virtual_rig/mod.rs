@@ -77,7 +77,7 @@ pub use held::{FlatMirror, Held};
 pub use knee::{KNEES, Knee};
 pub use lag::{LAGS, Lag};
 pub use polarisation::{POLARISATIONS, Polarisation};
-pub use seating::{SEATINGS_M, Seating};
+pub use seating::{SEATINGS_M, Seating, TILTS_DEG};
 pub use sensor::Noise;
 pub use tolerances::{PixelTolerances, Tolerances};
 pub use truth::Truth;

@@ -195,9 +195,11 @@ impl World {
             },
             None => Truth::of(rig),
         };
-        if let Held::Sample(sample) = &held {
-            let seating = truth.flaws.seating;
-            seating.seat(&mut truth.rig, sample.as_ref(), tilt, self.behaviour.seed);
+        let (seating, seed) = (truth.flaws.seating, self.behaviour.seed);
+        let mut held = held;
+        match &mut held {
+            Held::Sample(sample) => seating.seat(&mut truth.rig, sample.as_ref(), tilt, seed),
+            Held::Mirror(mirror) => mirror.normal = seating.lean(mirror.normal, seed),
         }
         let opened = self.opened.fetch_add(1, Ordering::Relaxed);
         let behaviour = Behaviour {

@@ -58,6 +58,9 @@ pub struct Tolerances {
     /// Standard deviation of the height at which things are seated in the holder, metres; `None` draws it from
     /// [`SEATINGS_M`](super::SEATINGS_M), log-uniformly.
     pub seating_m: Option<f64>,
+    /// Standard deviation of how far the flat mirror leans from the tilt that was set, either way, degrees; `None` draws it from
+    /// [`TILTS_DEG`](super::TILTS_DEG), log-uniformly.
+    pub mirror_deg: Option<f64>,
     /// Standard deviation of where the light of a projector pixel goes, pixels; `None` draws it from [`BLURS_PX`](super::BLURS_PX),
     /// log-uniformly.
     pub blur_px: Option<f64>,
@@ -125,6 +128,7 @@ impl Tolerances {
         lag: None,
         polarisation: None,
         seating_m: None,
+        mirror_deg: None,
         blur_px: None,
         standard: 0.0,
         pixels: PixelTolerances::DRAWN,
@@ -179,6 +183,7 @@ impl Tolerances {
             flaws.polarisation = flaws.polarisation.of_degree(degree);
         }
         flaws.seating.height_m = self.seating_m.unwrap_or(flaws.seating.height_m);
+        flaws.seating.mirror_deg = self.mirror_deg.unwrap_or(flaws.seating.mirror_deg);
         flaws.focus.blur_px = self.blur_px.unwrap_or(flaws.focus.blur_px);
         flaws.figure.slope_rad = self.figure_rad.unwrap_or(flaws.figure.slope_rad);
         flaws.pupils.falloff = self.falloff.unwrap_or(flaws.pupils.falloff);

@@ -23,9 +23,9 @@ use super::held::Off;
 use super::tolerances::Tolerances;
 
 /// Version of a truth's file; 1 does not say so.
-const VERSION: u32 = 8;
+const VERSION: u32 = 9;
 /// What came with each later version.
-const NEWS: [(u32, &str); 7] = [
+const NEWS: [(u32, &str); 8] = [
     (2, "glare, the splitter's ghost and direct light"),
     (
         3,
@@ -42,6 +42,7 @@ const NEWS: [(u32, &str); 7] = [
     ),
     (7, "charge that leaks between the camera's colours"),
     (8, "the lag of liquid crystals and how far light is polarised"),
+    (9, "how far the flat mirror leans from the tilt that was set"),
 ];
 
 /// A virtual rig as it really is.
@@ -222,6 +223,7 @@ impl Truth {
             ("flaws.knee.start", knee.start, 0.0, 0.99),
             ("flaws.knee.loss", knee.loss, 0.0, 0.5),
             ("flaws.seating.height_m", seating.height_m, 0.0, 0.01),
+            ("flaws.seating.mirror_deg", seating.mirror_deg, 0.0, 10.0),
             ("flaws.lag.share", lag.share, 0.0, 0.5),
             ("flaws.polarisation.projector", polarisation.projector, -0.5, 0.5),
             ("flaws.polarisation.camera", polarisation.camera, -0.5, 0.5),
@@ -311,14 +313,14 @@ mod tests {
             std::fs::write(&path, text).unwrap();
             Truth::load(&path).unwrap_err().to_string()
         };
-        let older = refusal(truth.to_toml().replacen("version = 8\n", "", 1));
+        let older = refusal(truth.to_toml().replacen("version = 9\n", "", 1));
         assert!(
-            older.contains("version: expected 8, which also has glare") && older.ends_with("found none"),
+            older.contains("version: expected 9, which also has glare") && older.ends_with("found none"),
             "{older}"
         );
-        let before = refusal(truth.to_toml().replacen("version = 8\n", "version = 2\n", 1));
+        let before = refusal(truth.to_toml().replacen("version = 9\n", "version = 2\n", 1));
         assert!(
-            before.contains("version: expected 8, which also has the lamp's drift")
+            before.contains("version: expected 9, which also has the lamp's drift")
                 && before.ends_with("found 2"),
             "{before}"
         );
@@ -344,6 +346,9 @@ mod tests {
             }),
             ("flaws.knee.start", |flaws| flaws.knee.start = 1.0),
             ("flaws.seating.height_m", |flaws| flaws.seating.height_m = -1e-4),
+            ("flaws.seating.mirror_deg", |flaws| {
+                flaws.seating.mirror_deg = 11.0;
+            }),
             ("flaws.focus.blur_px", |flaws| flaws.focus.blur_px = 11.0),
             ("flaws.pixels.wander_e", |flaws| flaws.pixels.wander_e = -1.0),
             ("flaws.black_level", |flaws| flaws.black_level = f64::NAN),

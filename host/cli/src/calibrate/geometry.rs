@@ -4,8 +4,8 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use rcg::base::progress::Progress as _;
-use rcg::calibrate::geometry::{Request, Views, calibrate, capture};
-use rcg::instrument::calibration::Geometry;
+use rcg::calibrate::geometry::{Request, Said, Views, calibrate, capture};
+use rcg::instrument::calibration::{AS_STATED, Geometry};
 use rcg::instrument::rig::Rig;
 use rcg::store::Lock;
 
@@ -13,6 +13,14 @@ use crate::Done;
 use crate::failure::Failure;
 use crate::output::Output;
 use crate::request::{ConditionArgs, PortArgs, image_size};
+
+/// Where the flat mirror stands if nobody says otherwise: tilt and azimuth, degrees.
+const TILTS: [[f64; 2]; 4] = [[0.0, 0.0], [15.0, 0.0], [15.0, 120.0], [15.0, 240.0]];
+/// What a tilt is off by, degrees, k = 1: verniers of rotation and tilt stages are read to 5 minutes of arc, by hand to half of that,
+/// and what is mounted on them is straight to as much.
+const TILT_UNCERTAINTY_DEG: f64 = 0.05;
+/// Pixels a side of the camera's image.
+const IMAGE_SIZE: u32 = 256;
 
 /// Find poses, lenses, mirror and sample frame with a flat mirror and a diffuse standard in the sample's place.
 ///
@@ -25,18 +33,22 @@ pub(crate) struct Args {
     /// The directory of the calibration
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Tilts of the flat mirror against the holder and the azimuths towards which it is tilted, degrees
+    /// Tilts of the flat mirror against the holder and the azimuths towards which it is tilted, degrees; captures that are there already are
+    /// fitted again with them [default: as when captured, else 0:0,15:0,15:120,15:240]
     #[arg(
         long,
         value_name = "TILT:AZIMUTH,...",
         value_delimiter = ',',
-        value_parser = tilt,
-        default_value = "0:0,15:0,15:120,15:240"
+        value_parser = tilt
     )]
     tilts: Vec<[f64; 2]>,
-    /// Pixels a side of the camera's image
-    #[arg(long, value_name = "N", default_value_t = 256, value_parser = image_size)]
-    image_size: u32,
+    /// Standard uncertainty (k = 1) of each of these tilts, in its plane and across it, degrees [default: as when captured, else 0.05, of
+    /// mounts that are read to 5 minutes of arc]
+    #[arg(long, value_name = "DEG", value_parser = tilt_uncertainty)]
+    tilt_uncertainty_deg: Option<f64>,
+    /// Pixels a side of the camera's image [default: as when captured, else 256]
+    #[arg(long, value_name = "N", value_parser = image_size)]
+    image_size: Option<u32>,
     #[command(flatten)]
     conditions: ConditionArgs,
     #[command(flatten)]
@@ -53,9 +65,23 @@ fn tilt(text: &str) -> Result<[f64; 2], String> {
         })
 }
 
+fn tilt_uncertainty(text: &str) -> Result<f64, String> {
+    let found = text.trim().parse::<f64>().ok();
+    found
+        .filter(|deg| (0.001..=5.0).contains(deg))
+        .ok_or_else(|| "expected 0.001 to 5 degrees".to_owned())
+}
+
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let _lock = Lock::folder(&args.out)?;
+    let mut said = Said::default();
+    let tilts = (!args.tilts.is_empty()).then(|| args.tilts.clone());
     if Views::exist(&args.out) {
+        said = Said {
+            tilts,
+            tilt_uncertainty_deg: args.tilt_uncertainty_deg,
+            image_size: args.image_size,
+        };
         output.remark(&format!(
             "{}: holds captures, which are fitted again",
             args.out.display()
@@ -63,13 +89,15 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     } else {
         let request = Request {
             rig: Rig::load(rig)?,
-            tilts: args.tilts.clone(),
-            image_size: args.image_size,
+            tilts: tilts.unwrap_or_else(|| TILTS.to_vec()),
+            image_size: args.image_size.unwrap_or(IMAGE_SIZE),
+            tilt_uncertainty_deg: args.tilt_uncertainty_deg.unwrap_or(TILT_UNCERTAINTY_DEG),
         };
         let world = super::world(&args.conditions, &args.port)?;
         capture(&request, &args.out, &world, output)?;
     }
-    let geometry = calibrate(&args.out).map_err(|error| Failure::from(error).at(args.out.display()))?;
+    let geometry =
+        calibrate(&args.out, &said).map_err(|error| Failure::from(error).at(args.out.display()))?;
     output.print(&geometry, || text(&geometry))
 }
 
@@ -83,18 +111,43 @@ fn text(geometry: &Geometry) -> String {
         )
         .expect("strings take everything");
     }
+    for (device, image) in ["camera", "projector"].iter().zip(&geometry.images) {
+        if image != AS_STATED {
+            writeln!(
+                text,
+                "{device}: its image is {image}, against the rig file; the calibrated rig has it so"
+            )
+            .expect("strings take everything");
+        }
+    }
+    for tilt in &geometry.tilts {
+        let [stated, leans, uncertainty] = [tilt.stated_deg, tilt.leans_deg, tilt.standard_uncertainty_deg];
+        writeln!(
+            text,
+            "flat mirror at {}:{}: leans {:+.4} ± {:.4}° in the plane of the tilt, {:+.4} ± {:.4}° across, residual {:.4}°",
+            stated[0],
+            stated[1],
+            leans[0],
+            uncertainty[0],
+            leans[1],
+            uncertainty[1],
+            tilt.match_residual_deg
+        )
+        .expect("strings take everything");
+    }
     let edges = geometry
         .edge_residual_deg
         .map_or_else(|| "none".to_owned(), |deg| format!("{deg:.4}°"));
     writeln!(
         text,
         "{} matches, median residual {:.4}°; {} edge positions, {edges}\n\
-         standard uncertainty of directions (k = 1): camera {:.4}°, projector {:.4}°",
+         standard uncertainty of directions (k = 1): camera {:.4}°, projector {:.4}°; of where azimuth 0 of the holder lies {:.4}°",
         geometry.matches,
         geometry.match_residual_deg,
         geometry.edges,
         geometry.camera_deg,
-        geometry.projector_deg
+        geometry.projector_deg,
+        geometry.azimuth_deg
     )
     .expect("strings take everything");
     text

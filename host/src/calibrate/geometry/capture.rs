@@ -19,15 +19,15 @@ use crate::plan::schedule::{SHORTEST_EXPOSURE_S, Timing};
 use crate::plan::stripes::Stripes;
 use crate::store::whole_file::FileError;
 use crate::store::{RawLayout, RawStore};
-use crate::virtual_rig::Held;
 use crate::virtual_rig::setup::{SetupError, World};
+use crate::virtual_rig::{FlatMirror, Held};
 
 /// Name of the raw frames.
 pub(super) const RAW: &str = "geometry.raw.zarr";
 /// Name of the file that says what the frames are.
 const VIEWS: &str = crate::instrument::calibration::VIEWS[0];
 /// Share of the light that the flat mirror of the virtual rig reflects: black glass.
-pub(super) const REFLECTANCE: f64 = 0.04;
+const REFLECTANCE: f64 = 0.04;
 /// What the diffuse standard of the virtual rig is.
 const STANDARD: &str = "lambert:0.5";
 /// Opening of the cone that lights the diffuse standard, degrees.
@@ -43,6 +43,8 @@ pub struct Request {
     pub tilts: Vec<[f64; 2]>,
     /// Pixels a side of the camera's image.
     pub image_size: u32,
+    /// Standard uncertainty (k = 1) of each tilt, in its plane and across it, degrees.
+    pub tilt_uncertainty_deg: f64,
 }
 
 /// What was captured.
@@ -55,6 +57,50 @@ pub struct Views {
     pub tilts: Vec<[f64; 2]>,
     /// As in [`Request::image_size`].
     pub image_size: u32,
+    /// As in [`Request::tilt_uncertainty_deg`].
+    pub tilt_uncertainty_deg: f64,
+}
+
+/// What is said of captures when they are fitted; what is not is as when they were made.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Said {
+    /// As in [`Request::tilts`]: how the mirror stood, view by view.
+    pub tilts: Option<Vec<[f64; 2]>>,
+    /// As in [`Request::tilt_uncertainty_deg`].
+    pub tilt_uncertainty_deg: Option<f64>,
+    /// Pixels a side of the image.
+    pub image_size: Option<u32>,
+}
+
+impl Said {
+    /// Puts what is said in place of what `views` say.
+    ///
+    /// # Errors
+    /// [`CalibrateError`] if something is said that the captures are not.
+    pub(super) fn apply(&self, views: &mut Views) -> Result<(), CalibrateError> {
+        let otherwise = |what: &str, captured: String, found: String| {
+            Err(CalibrateError::Views {
+                expected: format!("{what} as captured, {captured}"),
+                found,
+                advice: "leave it out, or capture into another directory",
+            })
+        };
+        if let Some(tilts) = &self.tilts {
+            if tilts.len() != views.tilts.len() {
+                let count = |tilts: &[[f64; 2]]| format!("{} of them", tilts.len());
+                return otherwise("--tilts", count(&views.tilts), count(tilts));
+            }
+            check_tilts(tilts)?;
+            views.tilts.clone_from(tilts);
+        }
+        if let Some(size) = self.image_size
+            && size != views.image_size
+        {
+            return otherwise("--image-size", views.image_size.to_string(), size.to_string());
+        }
+        views.tilt_uncertainty_deg = self.tilt_uncertainty_deg.unwrap_or(views.tilt_uncertainty_deg);
+        Ok(())
+    }
 }
 
 impl Views {
@@ -73,6 +119,18 @@ impl Views {
     pub(super) fn stripes(&self) -> Stripes {
         let lens = &self.rig.projector.lens;
         Stripes::new(lens.width_px as usize, lens.height_px as usize)
+    }
+
+    /// The flat mirror of each view: on the virtual rig, of black glass.
+    fn mirrors(&self) -> Vec<FlatMirror> {
+        // Behind a neutral filter where its image would fill more than a quarter of the well in the shortest exposures.
+        let electrons = self.rig.projector.irradiance * self.rig.sensitivity_e() * 2.0 * SHORTEST_EXPOSURE_S;
+        let reflectance = REFLECTANCE.min(self.rig.camera.full_well_e / 4.0 / electrons);
+        let of = |&[tilt_deg, azimuth_deg]: &[f64; 2]| FlatMirror {
+            normal: from_degrees(tilt_deg, azimuth_deg),
+            reflectance,
+        };
+        self.tilts.iter().map(of).collect()
     }
 
     /// Whether `dir` holds captures of views.
@@ -98,6 +156,7 @@ pub fn capture(
         rig: request.rig.clone(),
         tilts: request.tilts.clone(),
         image_size: request.image_size,
+        tilt_uncertainty_deg: request.tilt_uncertainty_deg,
     };
     let rig = views.scaled()?;
     let stripes = views.stripes();

@@ -4,14 +4,17 @@
 //! | file | holds |
 //! |---|---|
 //! | `capture` | the views: what is shown and taken |
+//! | `orientation` | which way round the images of camera and projector are |
+//! | `mounts` | how the flat mirror stood: tilts are stated by hand |
 //! | `sightings` | frames → matches of camera and projector, edges of the mirror |
+//! | `shadows` | where the wire is, and what else hides the standard |
 //! | `parameters` | the unknowns and their tolerances |
 //! | `solve` | robust least squares |
 //! | `leftover` | what the fit leaves that is no chance |
 //! | `picture` | the residuals over the camera's image |
 //!
 //! Two kinds of view make the unknowns observable:
-//! - a flat first-surface mirror in the sample's place, at tilts that are known against the holder. Structured light
+//! - a flat first-surface mirror in the sample's place, at tilts that are stated against the holder. Structured light
 //!   ([`crate::plan::stripes`]) tells for each camera pixel which projector position it sees in it. The mirrored direction of the
 //!   one is that of the other, so the matches of one tilt tie the two maps of directions together, and those of several
 //!   tilts fix both in the sample's frame: no rotation but the identity commutes with reflections at three normals.
@@ -23,8 +26,11 @@
 
 mod capture;
 mod leftover;
+mod mounts;
+mod orientation;
 mod parameters;
 mod picture;
+mod shadows;
 mod sightings;
 mod solve;
 #[cfg(test)]
@@ -32,23 +38,24 @@ mod tests;
 
 use std::path::Path;
 
+use glam::{DVec2, DVec3};
 use nalgebra::{DMatrix, DVector};
 
-pub use capture::{Request, Views, capture};
-use leftover::Leftover;
+pub use capture::{Request, Said, Views, capture};
+use mounts::{Agreement, Mount};
+use orientation::{orientations, turned};
 use parameters::{Parameter, parameters};
+use shadows::{Shadows, Wire};
 use sightings::Sightings;
-use solve::{Solution, moved, solve};
+use solve::{Residual, Solution, Task, moved, sketch, solve};
 
 use super::{CalibrateError, RIG};
-use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::judged::is_judged;
-use crate::instrument::calibration::{Found, GEOMETRY, Geometry, WORST_DEG, file, rig_hash};
+use crate::instrument::calibration::{Found, GEOMETRY, Geometry, TiltFound, WORST_DEG, file, rig_hash};
 use crate::instrument::optics::View;
+use crate::instrument::parts::Obstacle;
 use crate::instrument::rig::Rig;
-use crate::plan::schedule::SHORTEST_EXPOSURE_S;
 use crate::store::whole_file::write_whole;
-use crate::virtual_rig::FlatMirror;
 
 /// Name of the picture of the residuals.
 pub const RESIDUALS: &str = "geometry-residuals.png";
@@ -56,13 +63,19 @@ pub const RESIDUALS: &str = "geometry-residuals.png";
 const FEWEST: usize = 500;
 /// Positions along each side of an image at which the uncertainty of its directions is found.
 const PROBES: u32 = 12;
+/// Tolerances by which a rig differs from its file, at most.
+const FARTHEST: f64 = 6.0;
+/// Matches of each view of a rough fit.
+const SKETCHED: usize = 300;
 
-/// Fits the geometry to the captures in `dir` and writes the calibrated rig, what was found and the residuals beside them.
+/// Fits the geometry to the captures in `dir`, of which is `said` what they do not show, and writes the calibrated rig, what was
+/// found and the residuals beside them.
 ///
 /// # Errors
-/// [`CalibrateError::Views`] if the captures do not determine it.
-pub fn calibrate(dir: &Path) -> Result<Geometry, CalibrateError> {
-    let (views, raw) = Views::read(dir)?;
+/// [`CalibrateError::Views`] if the captures do not determine it, or are not what is said of them.
+pub fn calibrate(dir: &Path, said: &Said) -> Result<Geometry, CalibrateError> {
+    let (mut views, raw) = Views::read(dir)?;
+    said.apply(&mut views)?;
     let seen = Sightings::read(&views, &raw)?;
     if seen.matches.len() < FEWEST {
         return Err(CalibrateError::Views {
@@ -71,58 +84,168 @@ pub fn calibrate(dir: &Path) -> Result<Geometry, CalibrateError> {
             advice: "look at the frames: is the mirror in place, and lit?",
         });
     }
-    let nominal = &views.scaled()?;
+    let stated = views.scaled()?;
+    let mounts: Vec<Mount> = views.tilts.iter().copied().map(Mount::of).collect();
+    let task = Task {
+        nominal: &stated,
+        parameters: &parameters(&stated),
+        mounts: &mounts,
+        tilt_deg: views.tilt_uncertainty_deg,
+        seen: &seen,
+    };
+    let orientations = orientations(task);
+    let mut nominal = turned(&stated, orientations);
+    let seen = &seen.clone().with_edges_of(&nominal);
+    // Views that determine nothing show no wire either.
+    let placed = place_wire(&mut nominal, Task { seen, ..task });
+    let nominal = &nominal;
     let unknowns = parameters(nominal);
-    let mirrors = views.mirrors();
-    let mut solution = solve(nominal, &unknowns, &mirrors, &seen).ok_or_else(|| CalibrateError::Views {
+    let mut solution = solve(Task {
+        nominal,
+        parameters: &unknowns,
+        seen,
+        ..task
+    })
+    .ok_or_else(|| CalibrateError::Views {
         expected: "views that a rig near the nominal one explains".to_owned(),
         found: "a fit that does not converge".to_owned(),
         advice: "check the tilts that were stated, and the nominal rig",
     })?;
-    let lens = &nominal.camera.lens;
-    let size_px = [lens.width_px, lens.height_px];
-    let left = Leftover::of(
-        &seen,
-        &solution.residuals,
-        solution.scales_rad[0],
-        unknowns.len(),
-        size_px,
-    );
-    solution.covariance *= left.design_effect;
-    let [camera, projector] = uncertainties(nominal, &unknowns, &solution);
+    let found = found(&views, seen, &unknowns, &mounts, &solution)?;
+    placed?;
+    let hidden = hidden(&solution.rig, seen)?;
+    solution.rig.obstacles.extend(hidden);
+    let rig = solution.rig.with_sensor_of(&views.rig)?;
+    let geometry = Geometry {
+        images: orientations.map(|orientation| orientation.to_string()),
+        rig_sha256: rig_hash(&rig),
+        ..found
+    };
+    super::check(&geometry)?;
+    picture::save_panels(&views, seen, &solution, &dir.join(RESIDUALS))?;
+    file::write(&dir.join(GEOMETRY), &geometry)?;
+    write_whole(&dir.join(RIG), rig.to_toml().as_bytes())?;
+    Ok(geometry)
+}
+
+/// Puts the wire of `nominal`, the images of which are turned as they should be, where the standard of `task` shows it.
+///
+/// # Errors
+/// [`CalibrateError::Views`] if there is none.
+fn place_wire(nominal: &mut Rig, task: Task) -> Result<(), CalibrateError> {
+    let bare = without_obstacles(nominal);
+    let Some(wire) = &mut nominal.wire else {
+        return Ok(());
+    };
+    let sketch = sketch(Task {
+        nominal: &bare,
+        parameters: &parameters(&bare),
+        seen: &task.seen.thinned(SKETCHED),
+        ..task
+    });
+    let near = sketch.map_or(bare, |sketch| sketch.rig);
+    let camera = View::camera(&near);
+    let Some(shadows) = Shadows::of(task.seen, &camera)? else {
+        return Ok(());
+    };
+    match shadows.wire(wire.half_width_deg, wire.azimuth_deg) {
+        Wire::At(azimuth_deg) => {
+            wire.azimuth_deg = azimuth_deg;
+            Ok(())
+        }
+        Wire::OutOfSight => Ok(()),
+        Wire::Missing => Err(CalibrateError::Views {
+            expected: format!(
+                "a wire {:.2}° wide before the diffuse standard, as the rig file has it at {}°",
+                2.0 * wire.half_width_deg,
+                wire.azimuth_deg
+            ),
+            found: "none at any azimuth".to_owned(),
+            advice: "look at the frames; if there is none, leave [wire] out of the rig file, if it is not straight, state it as [[obstacle]]",
+        }),
+    }
+}
+
+/// What hides the diffuse standard from the camera of `rig`, as fitted, beyond what the rig has.
+fn hidden(rig: &Rig, seen: &Sightings) -> Result<Vec<Obstacle>, CalibrateError> {
+    let bare = without_obstacles(rig);
+    let camera = View::camera(&bare);
+    Ok(Shadows::of(seen, &camera)?.map_or(Vec::new(), |shadows| shadows.obstacles(rig)))
+}
+
+/// `rig` with nothing before its mirror.
+fn without_obstacles(rig: &Rig) -> Rig {
+    Rig {
+        wire: None,
+        obstacles: Vec::new(),
+        ..rig.clone()
+    }
+}
+
+/// What `solution` makes of the `views`, if it determines the geometry and agrees with what is stated.
+fn found(
+    views: &Views,
+    seen: &Sightings,
+    unknowns: &[Parameter],
+    mounts: &[Mount],
+    solution: &Solution,
+) -> Result<Geometry, CalibrateError> {
+    let undetermined_at_all = || CalibrateError::Views {
+        expected: "views that determine the rig".to_owned(),
+        found: "some that tell nothing of it".to_owned(),
+        advice: "add views of the flat mirror at other tilts, in other azimuths (three or more)",
+    };
+    let nominal = &views.scaled()?;
+    let left = solution.left;
+    let covariance = |birge: f64| solution.covariance(birge).ok_or_else(undetermined_at_all);
+    let of_tilts = |covariance: &DMatrix<f64>| {
+        let count = solution.leans.len();
+        covariance
+            .view((unknowns.len(), unknowns.len()), (count, count))
+            .into_owned()
+    };
+    let agreement = Agreement::of(&solution.leans, &of_tilts(&covariance(1.0)?));
+    let covariance = covariance(agreement.birge)?;
+    let tilts = tilts(views, mounts, seen, solution, &of_tilts(&covariance));
+    agreement.check(mounts, &tilts, views.tilt_uncertainty_deg)?;
+    let covariance = in_units(unknowns, &covariance);
+    let of_directions = uncertainties(nominal, unknowns, &solution.rig, &covariance);
     let with_left = |deg: f64| deg.hypot((left.rad / 2_f64.sqrt()).to_degrees());
-    let (camera_deg, projector_deg) = (with_left(camera.rms_deg), with_left(projector.rms_deg));
+    let [camera_deg, projector_deg] = of_directions.devices_deg.map(with_left);
     let is_determined = camera_deg.hypot(projector_deg) <= WORST_DEG;
     if !is_determined {
         return Err(CalibrateError::Views {
             expected: format!("views that determine the directions to {WORST_DEG}° (k = 1)"),
             found: format!(
                 "{camera_deg:.2}° for the camera and {projector_deg:.2}° for the projector, with {} least of all",
-                undetermined(&unknowns, [&camera, &projector])
+                undetermined(unknowns, &of_directions.shares)
             ),
-            advice: "add views of the flat mirror at other tilts, in other azimuths (three or more)",
+            advice: "add views of the flat mirror at other tilts, in other azimuths (three or more), and know their tilts \
+                     better (--tilt-uncertainty-deg)",
         });
     }
-    let rig = solution.rig.with_sensor_of(&views.rig)?;
+    near_stated(unknowns, solution)?;
     let edges = solution.residuals[seen.matches.len()..].iter().flatten().count();
     let mut at_nominal = nominal.clone();
     let mut at_found = solution.rig.clone();
-    let geometry = Geometry {
+    Ok(Geometry {
         nominal_sha256: rig_hash(&views.rig),
-        rig_sha256: rig_hash(&rig),
+        rig_sha256: String::new(),
         parameters: unknowns
             .iter()
             .enumerate()
             .map(|(at, parameter)| Found {
                 name: parameter.name.clone(),
                 value: *parameter.of(&mut at_found),
-                standard_uncertainty: solution.covariance[(at, at)].sqrt(),
+                standard_uncertainty: covariance[(at, at)].sqrt(),
                 nominal: *parameter.of(&mut at_nominal),
                 tolerance: parameter.tolerance,
             })
             .collect(),
-        covariance: solution
-            .covariance
+        images: Default::default(),
+        tilts,
+        tilt_uncertainty_deg: views.tilt_uncertainty_deg,
+        covariance: covariance
             .row_iter()
             .map(|row| row.iter().copied().collect())
             .collect(),
@@ -132,88 +255,160 @@ pub fn calibrate(dir: &Path) -> Result<Geometry, CalibrateError> {
         edge_residual_deg: (edges > 0).then(|| (solution.scales_rad[1] / 1.4826).to_degrees()),
         camera_deg,
         projector_deg,
-    };
-    super::check(&geometry)?;
-    picture::save_panels(&views, &seen, &solution, &dir.join(RESIDUALS))?;
-    file::write(&dir.join(GEOMETRY), &geometry)?;
-    write_whole(&dir.join(RIG), rig.to_toml().as_bytes())?;
-    Ok(geometry)
-}
-
-/// How uncertain the directions of one device are.
-struct Uncertainty {
-    /// Standard uncertainty, RMS over what of the image is judged, degrees.
-    rms_deg: f64,
-    /// What each parameter by itself would make of it, squared.
-    shares: Vec<f64>,
-}
-
-/// Uncertainty of the directions of camera and projector.
-fn uncertainties(nominal: &Rig, parameters: &[Parameter], solution: &Solution) -> [Uncertainty; 2] {
-    // A difference that is small against the uncertainty and large against rounding.
-    let step = 1e-4;
-    let mut rigs = vec![solution.rig.clone()];
-    rigs.extend((0..parameters.len()).map(|at| {
-        let mut by = DVector::zeros(parameters.len());
-        by[at] = step;
-        moved(&solution.rig, parameters, &by)
-    }));
-    [View::camera as fn(&Rig) -> View, View::projector].map(|view| {
-        let (views, reference): (Vec<View>, View) = (rigs.iter().map(view).collect(), view(nominal));
-        let (width, height) = (reference.pinhole().width_px(), reference.pinhole().height_px());
-        let (mut sum, mut count) = (0.0, 0_u32);
-        let mut shares = vec![0.0; parameters.len()];
-        for row in 0..PROBES {
-            for column in 0..PROBES {
-                let at =
-                    |index: u32, size: u32| (f64::from(index) + 0.5) / f64::from(PROBES) * f64::from(size);
-                let (u, v) = (at(column, width), at(row, height));
-                // Towards the border of the hemisphere nothing holds the lenses, and nothing is judged.
-                if !views[0].direction(u, v).is_ok_and(is_judged) {
-                    continue;
-                }
-                let Some(w) = views[0].sight(u, v) else { continue };
-                let jacobian = DMatrix::from_fn(3, parameters.len(), |axis, at| {
-                    let moved = views[at + 1].sight(u, v).unwrap_or(w);
-                    (moved - w)[axis] / (step * parameters[at].tolerance)
-                });
-                sum += (&jacobian * &solution.covariance * jacobian.transpose()).trace();
-                for (at, share) in shares.iter_mut().enumerate() {
-                    *share += jacobian.column(at).norm_squared() * solution.covariance[(at, at)];
-                }
-                count += 1;
-            }
-        }
-        Uncertainty {
-            rms_deg: (sum / f64::from(count.max(1))).sqrt().to_degrees(),
-            shares,
-        }
+        azimuth_deg: of_directions.turn_deg,
     })
 }
 
+/// Refuses a rig that no workshop builds from this rig file.
+fn near_stated(unknowns: &[Parameter], solution: &Solution) -> Result<(), CalibrateError> {
+    let changes = unknowns.iter().zip(&solution.changes);
+    let Some((unknown, change)) = changes.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs())) else {
+        return Ok(());
+    };
+    if change.abs() <= FARTHEST {
+        return Ok(());
+    }
+    Err(CalibrateError::Views {
+        expected: format!(
+            "{} as in the rig file, to {} (k = 1)",
+            unknown.name, unknown.tolerance
+        ),
+        found: format!("a difference of {:+.4}", change * unknown.tolerance),
+        advice: "put right what the rig file says; are lens, mirror and image those that it describes?",
+    })
+}
+
+/// The part of `covariance` that is of the rig's unknowns, in the units of the rig file.
+fn in_units(unknowns: &[Parameter], covariance: &DMatrix<f64>) -> DMatrix<f64> {
+    DMatrix::from_fn(unknowns.len(), unknowns.len(), |row, column| {
+        covariance[(row, column)] * unknowns[row].tolerance * unknowns[column].tolerance
+    })
+}
+
+/// How the flat mirror stood; `covariance` is that of its leans.
+fn tilts(
+    views: &Views,
+    mounts: &[Mount],
+    seen: &Sightings,
+    solution: &Solution,
+    covariance: &DMatrix<f64>,
+) -> Vec<TiltFound> {
+    let unit_deg = views.tilt_uncertainty_deg;
+    let residual = |view: usize| {
+        let of_view = |(found, residual): (&sightings::Match, &Residual)| {
+            residual.filter(|_| found.view == view).map(DVec2::length)
+        };
+        let matches = seen.matches.iter().zip(&solution.residuals);
+        let mut of_view: Vec<f64> = matches.filter_map(of_view).collect();
+        of_view.sort_unstable_by(f64::total_cmp);
+        of_view.get(of_view.len() / 2).copied().unwrap_or(0.0)
+    };
+    mounts
+        .iter()
+        .enumerate()
+        .map(|(view, mount)| TiltFound {
+            stated_deg: mount.stated_deg,
+            leans_deg: [0, 1].map(|axis| unit_deg * solution.leans[2 * view + axis]),
+            standard_uncertainty_deg: [0, 1].map(|axis| {
+                let at = 2 * view + axis;
+                unit_deg * covariance[(at, at)].sqrt()
+            }),
+            match_residual_deg: residual(view).to_degrees(),
+        })
+        .collect()
+}
+
+/// How uncertain directions are, apart from a turn of all of them about the sample's normal.
+struct Uncertainty {
+    /// Standard uncertainty of camera and projector, RMS over what of their images is judged, degrees.
+    devices_deg: [f64; 2],
+    /// Standard uncertainty of the turn, degrees.
+    turn_deg: f64,
+    /// What each unknown by itself would make of the directions of both, squared.
+    shares: Vec<f64>,
+}
+
+/// What each of some unknowns makes of the directions `w` of one device, [direction, [unknown]], radians per unit.
+type Moves = Vec<(DVec3, Vec<DVec3>)>;
+
+/// Uncertainty of the directions of camera and projector.
+///
+/// A turn of both about the normal changes nothing but where azimuth 0 lies, which is by definition where the tilts, on average, say: it
+/// is no uncertainty of directions and is stated apart.
+fn uncertainties(
+    nominal: &Rig,
+    parameters: &[Parameter],
+    found: &Rig,
+    covariance: &DMatrix<f64>,
+) -> Uncertainty {
+    // A difference that is small against the uncertainty and large against rounding.
+    let step = 1e-4;
+    let mut rigs = vec![found.clone()];
+    rigs.extend((0..parameters.len()).map(|at| {
+        let mut by = DVector::zeros(parameters.len());
+        by[at] = step;
+        moved(found, parameters, &by)
+    }));
+    let moves = [View::camera as fn(&Rig) -> View, View::projector].map(|view| -> Moves {
+        let (views, reference): (Vec<View>, View) = (rigs.iter().map(view).collect(), view(nominal));
+        let size = |px: usize| px as f64 / f64::from(PROBES);
+        let (width, height) = reference.size_px();
+        let probes = (0..PROBES).flat_map(|row| (0..PROBES).map(move |column| (column, row)));
+        let probes = probes.filter_map(|(column, row)| {
+            let (u, v) = (
+                (f64::from(column) + 0.5) * size(width),
+                (f64::from(row) + 0.5) * size(height),
+            );
+            // Towards the border of the hemisphere nothing holds the lenses, and nothing is judged.
+            views[0].direction(u, v).ok().filter(|w| is_judged(*w))?;
+            let w = views[0].sight(u, v)?;
+            let moved = parameters
+                .iter()
+                .zip(&views[1..])
+                .map(|(parameter, view)| (view.sight(u, v).unwrap_or(w) - w) / (step * parameter.tolerance));
+            Some((w, moved.collect()))
+        });
+        probes.collect()
+    });
+    let across = |w: DVec3| DVec3::Z.cross(w);
+    let of_turn: f64 = moves
+        .iter()
+        .flatten()
+        .map(|(w, _)| across(*w).length_squared())
+        .sum();
+    let turns = DVector::from_fn(parameters.len(), |at, _| {
+        let along = moves.iter().flatten().map(|(w, moved)| moved[at].dot(across(*w)));
+        along.sum::<f64>() / of_turn.max(f64::MIN_POSITIVE)
+    });
+    let mut shares = vec![0.0; parameters.len()];
+    let devices_deg = moves.map(|moves| {
+        let mut sum = 0.0;
+        for (w, moved) in &moves {
+            let jacobian = DMatrix::from_fn(3, parameters.len(), |axis, at| {
+                (moved[at] - turns[at] * across(*w))[axis]
+            });
+            sum += (&jacobian * covariance * jacobian.transpose()).trace();
+            for (at, share) in shares.iter_mut().enumerate() {
+                *share += jacobian.column(at).norm_squared() * covariance[(at, at)];
+            }
+        }
+        (sum / moves.len().max(1) as f64).sqrt().to_degrees()
+    });
+    Uncertainty {
+        devices_deg,
+        turn_deg: turns.dot(&(covariance * &turns)).sqrt().to_degrees(),
+        shares,
+    }
+}
+
 /// Names of the unknowns whose uncertainty turns the directions most.
-fn undetermined(parameters: &[Parameter], devices: [&Uncertainty; 2]) -> String {
-    let share = |at: usize| devices.iter().map(|device| device.shares[at]).sum::<f64>();
+fn undetermined(parameters: &[Parameter], shares: &[f64]) -> String {
     let mut order: Vec<usize> = (0..parameters.len()).collect();
-    order.sort_by(|a, b| share(*b).total_cmp(&share(*a)));
+    order.sort_by(|a, b| shares[*b].total_cmp(&shares[*a]));
     let names: Vec<&str> = order
         .iter()
         .take(3)
         .map(|at| parameters[*at].name.as_str())
         .collect();
     names.join(", ")
-}
-
-impl Views {
-    /// The flat mirror of each view: on the virtual rig, of black glass.
-    fn mirrors(&self) -> Vec<FlatMirror> {
-        // Behind a neutral filter where its image would fill more than a quarter of the well in the shortest exposures.
-        let electrons = self.rig.projector.irradiance * self.rig.sensitivity_e() * 2.0 * SHORTEST_EXPOSURE_S;
-        let reflectance = capture::REFLECTANCE.min(self.rig.camera.full_well_e / 4.0 / electrons);
-        let of = |&[tilt_deg, azimuth_deg]: &[f64; 2]| FlatMirror {
-            normal: from_degrees(tilt_deg, azimuth_deg),
-            reflectance,
-        };
-        self.tilts.iter().map(of).collect()
-    }
 }

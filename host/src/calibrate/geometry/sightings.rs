@@ -4,6 +4,8 @@ use glam::DVec2;
 
 use super::Views;
 use crate::instrument::frame_format::pixel_centre;
+use crate::instrument::optics::View;
+use crate::instrument::rig::Rig;
 use crate::plan::stripes::Stripes;
 use crate::store::{RawStore, StoreError};
 
@@ -19,6 +21,8 @@ const WHOLE: f32 = 0.87;
 const DARK: f64 = 0.1;
 /// Pixels that an edge across a line may cut, and then one without light.
 const FADE: usize = 3;
+/// Farther from the normal no edge is asked for, degrees.
+const FARTHEST_DEG: f64 = 75.0;
 /// Pixels in which a wire may be seen as a whole.
 const NARROW: usize = 3;
 
@@ -37,6 +41,9 @@ pub(super) struct Sightings {
     pub(super) matches: Vec<Match>,
     /// Camera positions at which the diffuse standard ceases to be seen.
     pub(super) edges_px: Vec<DVec2>,
+    /// The light of the diffuse standard, row by row, and the width of that image.
+    pub(super) standard: Vec<f32>,
+    pub(super) width: usize,
 }
 
 impl Sightings {
@@ -58,6 +65,34 @@ impl Sightings {
             }
         }
         Ok(sightings)
+    }
+
+    /// No more than so many matches of each view, and no edges.
+    pub(super) fn thinned(&self, most: usize) -> Self {
+        let views = self.matches.last().map_or(0, |last| last.view + 1);
+        let of_view = |view: usize| -> Vec<Match> {
+            self.matches
+                .iter()
+                .copied()
+                .filter(|found| found.view == view)
+                .collect()
+        };
+        Self {
+            matches: (0..views)
+                .flat_map(|view| thinned(&of_view(view), most))
+                .collect(),
+            ..Self::default()
+        }
+    }
+
+    /// With those edges only that may be of hole, rim or wire of `rig`, which is not quite the true one: where the standard is seen
+    /// from the side, its light ends at its own edge and at the horizon too.
+    pub(super) fn with_edges_of(mut self, rig: &Rig) -> Self {
+        let camera = View::camera(rig);
+        let lowest = FARTHEST_DEG.to_radians().cos();
+        self.edges_px
+            .retain(|at| camera.sight(at.x, at.y).is_some_and(|w| w.z > lowest));
+        self
     }
 
     fn add_matches(&mut self, view: usize, stripes: &Stripes, frames: &[Vec<f32>], width: usize) {
@@ -89,6 +124,8 @@ impl Sightings {
             .zip(&frames[1])
             .map(|(lit, dark)| lit - dark)
             .collect();
+        self.width = width;
+        self.standard.clone_from(&light);
         let highest = light.iter().copied().fold(0.0, f32::max);
         let mut bright: Vec<f32> = light.iter().copied().filter(|&dn| dn > 0.1 * highest).collect();
         if bright.is_empty() {

@@ -5,18 +5,22 @@
 //! mirrored direction of the camera position; of an edge position the angle by which its ray passes the nearest edge of
 //! hole, rim or wire. Both traces go forward only. Residuals count in units of their own scale (1.4826 times the median of
 //! their magnitudes), found anew in each round, with Cauchy's weights 1/(1 + (r/2)²) from the round before.
-//! The covariance is that of the last round, scaled with its χ² per degree of freedom if that is above 1.
+//! Unknowns are those of the rig, then two of each tilt of the flat mirror ([`super::mounts`]), all in units of their
+//! tolerances, and each is itself an observation.
+//! The covariance is that of the last round: what the matches and edges tell, less by their χ² per degree of freedom if that is
+//! above 1 and by what neighbours share, with what is stated of the unknowns.
 
 use glam::{DVec2, DVec3};
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
 use rayon::prelude::*;
 
+use super::leftover::Leftover;
+use super::mounts::Mount;
 use super::parameters::Parameter;
-use super::sightings::Sightings;
-use crate::instrument::optics::View;
+use super::sightings::{Match, Sightings};
+use crate::instrument::optics::{View, reflect};
 use crate::instrument::rig::Rig;
-use crate::virtual_rig::FlatMirror;
 
 /// Rounds of weights.
 const ROUNDS: usize = 6;
@@ -30,12 +34,20 @@ const LEAST_RAD: f64 = 1e-7;
 /// What a match or an edge says of a rig, radians; edges have one component. `None`: nothing.
 pub(super) type Residual = Option<DVec2>;
 
-/// The problem: rig, unknowns and sightings.
-pub(super) struct Problem<'a> {
-    nominal: &'a Rig,
-    parameters: &'a [Parameter],
-    mirrors: &'a [FlatMirror],
-    seen: &'a Sightings,
+/// What is fitted to what.
+#[derive(Clone, Copy)]
+pub(super) struct Task<'a> {
+    pub(super) nominal: &'a Rig,
+    pub(super) parameters: &'a [Parameter],
+    pub(super) mounts: &'a [Mount],
+    /// Standard uncertainty of the tilts as stated, either way, degrees.
+    pub(super) tilt_deg: f64,
+    pub(super) seen: &'a Sightings,
+}
+
+/// The problem: a task and where the fit stands.
+struct Problem<'a> {
+    task: Task<'a>,
     unknowns: DVector<f64>,
     /// √weight over scale of each match and each edge, radians⁻¹.
     weights: Vec<f64>,
@@ -44,12 +56,30 @@ pub(super) struct Problem<'a> {
 /// The solution.
 pub(super) struct Solution {
     pub(super) rig: Rig,
-    /// Covariance of the parameters in the units of the rig file.
-    pub(super) covariance: DMatrix<f64>,
+    /// Changes of the rig's unknowns, in tolerances.
+    pub(super) changes: Vec<f64>,
+    /// Leans of the flat mirror, two of each mount, in units of the stated uncertainty.
+    pub(super) leans: Vec<f64>,
+    /// What matches and edges tell of the unknowns, in units of their tolerances: the inverse of a covariance.
+    information: DMatrix<f64>,
     /// Residual of each match, then of each edge.
     pub(super) residuals: Vec<Residual>,
     /// Scales of matches and of edges, radians.
     pub(super) scales_rad: [f64; 2],
+    pub(super) left: Leftover,
+}
+
+impl Solution {
+    /// Covariance of the unknowns in units of their tolerances, where what is stated of tilts has so many times its variance.
+    /// `None` if it has none.
+    pub(super) fn covariance(&self, tilts: f64) -> Option<DMatrix<f64>> {
+        let mut information = self.information.clone();
+        let of_rig = information.nrows() - self.leans.len();
+        for at in 0..information.nrows() {
+            information[(at, at)] += if at < of_rig { 1.0 } else { tilts.recip() };
+        }
+        Some(information.cholesky()?.inverse())
+    }
 }
 
 /// `nominal` with the parameters moved by `unknowns` tolerances.
@@ -61,38 +91,83 @@ pub(super) fn moved(nominal: &Rig, parameters: &[Parameter], unknowns: &DVector<
     rig
 }
 
-/// Residuals of all matches, then of all edges.
-fn residuals_of(rig: &Rig, mirrors: &[FlatMirror], seen: &Sightings) -> Vec<Residual> {
-    let (camera, projector) = (View::camera(rig), View::projector(rig));
-    let of_match = |found: &super::sightings::Match| -> Residual {
-        let out = camera.sight(found.camera_px.x, found.camera_px.y)?;
-        let lit = projector.sight(found.projector_px.x, found.projector_px.y)?;
-        let (e1, e2) = lit.any_orthonormal_pair();
-        let missed: DVec3 = mirrors[found.view].mirrored(out) - lit;
-        Some(DVec2::new(missed.dot(e1), missed.dot(e2)))
-    };
-    let of_edge = |at: &DVec2| -> Residual {
-        let distances = camera.edge_distances_rad(at.x, at.y);
-        let nearest = distances
-            .into_iter()
-            .flatten()
-            .min_by(|a, b| a.abs().total_cmp(&b.abs()))?;
-        (nearest.abs() < EDGE_RAD).then_some(DVec2::new(nearest, 0.0))
-    };
-    let matches = seen.matches.iter().map(of_match);
-    matches.chain(seen.edges_px.iter().map(of_edge)).collect()
+/// The directions that the camera and the projector position of a match see, unit, sample frame.
+type Sights = Option<[DVec3; 2]>;
+
+impl Task<'_> {
+    fn rig(&self, unknowns: &DVector<f64>) -> Rig {
+        moved(self.nominal, self.parameters, unknowns)
+    }
+
+    /// What all matches see, and the residuals of all edges.
+    fn look(&self, rig: &Rig) -> (Vec<Sights>, Vec<Residual>) {
+        let (camera, projector) = (View::camera(rig), View::projector(rig));
+        let sights = |found: &Match| -> Sights {
+            Some([
+                camera.sight(found.camera_px.x, found.camera_px.y)?,
+                projector.sight(found.projector_px.x, found.projector_px.y)?,
+            ])
+        };
+        let of_edge = |at: &DVec2| -> Residual {
+            let distances = camera.edge_distances_rad(at.x, at.y);
+            let nearest = distances
+                .into_iter()
+                .flatten()
+                .min_by(|a, b| a.abs().total_cmp(&b.abs()))?;
+            (nearest.abs() < EDGE_RAD).then_some(DVec2::new(nearest, 0.0))
+        };
+        let Sightings {
+            matches, edges_px, ..
+        } = self.seen;
+        (
+            matches.iter().map(sights).collect(),
+            edges_px.iter().map(of_edge).collect(),
+        )
+    }
+
+    /// Residuals of the matches that see this, with mirrors that lean by `leans` of the stated uncertainties.
+    fn missed(&self, sights: &[Sights], leans: &[f64]) -> Vec<Residual> {
+        let unit_rad = self.tilt_deg.to_radians();
+        let of = |(mount, leans): (&Mount, &[f64])| mount.leaning([leans[0] * unit_rad, leans[1] * unit_rad]);
+        let normals: Vec<DVec3> = self.mounts.iter().zip(leans.chunks_exact(2)).map(of).collect();
+        let missed = |(found, sights): (&Match, &Sights)| -> Residual {
+            let [out, lit] = (*sights)?;
+            let (e1, e2) = lit.any_orthonormal_pair();
+            let missed = -reflect(out, normals[found.view]) - lit;
+            Some(DVec2::new(missed.dot(e1), missed.dot(e2)))
+        };
+        self.seen.matches.iter().zip(sights).map(missed).collect()
+    }
+
+    /// Residuals of all matches, then of all edges.
+    fn residuals(&self, unknowns: &DVector<f64>) -> Vec<Residual> {
+        let (sights, edges) = self.look(&self.rig(unknowns));
+        let mut residuals = self.missed(&sights, self.leans(unknowns));
+        residuals.extend(edges);
+        residuals
+    }
+
+    /// The leans among the `unknowns`.
+    fn leans<'a>(&self, unknowns: &'a DVector<f64>) -> &'a [f64] {
+        &unknowns.as_slice()[self.parameters.len()..]
+    }
 }
 
 impl Problem<'_> {
-    fn residuals_at(&self, unknowns: &DVector<f64>) -> Vec<Residual> {
-        let rig = moved(self.nominal, self.parameters, unknowns);
-        residuals_of(&rig, self.mirrors, self.seen)
+    /// With the unknowns at which these weights have their least sum of squares; `None` if there is no convergence.
+    fn minimized(self) -> Option<Self> {
+        let (solved, report) = LevenbergMarquardt::new().minimize(self);
+        let is_done = report.termination.was_successful();
+        if !is_done {
+            tracing::debug!(?report, "no convergence");
+        }
+        is_done.then_some(solved)
     }
 
     /// Rows: two of each match, one of each edge, then the unknowns themselves.
     fn rows(&self, residuals: &[Residual], unknowns: &DVector<f64>) -> DVector<f64> {
-        let matches = self.seen.matches.len();
-        let rows = 2 * matches + self.seen.edges_px.len() + unknowns.len();
+        let matches = self.task.seen.matches.len();
+        let rows = 2 * matches + self.task.seen.edges_px.len() + unknowns.len();
         let mut out = DVector::zeros(rows);
         for (at, (residual, weight)) in residuals.iter().zip(&self.weights).enumerate() {
             let residual = residual.unwrap_or(DVec2::ZERO) * *weight;
@@ -110,8 +185,8 @@ impl Problem<'_> {
 
     /// Finds scales and weights from the residuals as they are; returns the scales.
     fn weigh(&mut self) -> [f64; 2] {
-        let residuals = self.residuals_at(&self.unknowns);
-        let (matches, edges) = residuals.split_at(self.seen.matches.len());
+        let residuals = self.task.residuals(&self.unknowns);
+        let (matches, edges) = residuals.split_at(self.task.seen.matches.len());
         let scales = [scale(matches), scale(edges)];
         let weight = |residual: &Residual, scale: f64| {
             residual.map_or(0.0, |residual| {
@@ -151,65 +226,101 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     }
 
     fn residuals(&self) -> Option<DVector<f64>> {
-        Some(self.rows(&self.residuals_at(&self.unknowns), &self.unknowns))
+        Some(self.rows(&self.task.residuals(&self.unknowns), &self.unknowns))
     }
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
-        let columns: Vec<DVector<f64>> = (0..self.unknowns.len())
-            .into_par_iter()
-            .map(|at| {
-                let side = |by: f64| {
-                    let mut unknowns = self.unknowns.clone();
-                    unknowns[at] += by;
-                    self.rows(&self.residuals_at(&unknowns), &unknowns)
+        let (sights, edges) = self.task.look(&self.task.rig(&self.unknowns));
+        let column = |at: usize| {
+            let side = |by: f64| {
+                let mut unknowns = self.unknowns.clone();
+                unknowns[at] += by;
+                let residuals = if at < self.task.parameters.len() {
+                    self.task.residuals(&unknowns)
+                } else {
+                    // How the mirrors stand changes nothing of what is seen.
+                    let mut residuals = self.task.missed(&sights, self.task.leans(&unknowns));
+                    residuals.extend(&edges);
+                    residuals
                 };
-                (side(STEP) - side(-STEP)) / (2.0 * STEP)
-            })
-            .collect();
+                self.rows(&residuals, &unknowns)
+            };
+            (side(STEP) - side(-STEP)) / (2.0 * STEP)
+        };
+        let columns: Vec<DVector<f64>> = (0..self.unknowns.len()).into_par_iter().map(column).collect();
         Some(DMatrix::from_columns(&columns))
     }
 }
 
-/// The rig that explains best what was seen with the mirrors `mirrors`, beginning at `nominal`; `None` if the fit does not
-/// converge.
-pub(super) fn solve(
-    nominal: &Rig,
-    parameters: &[Parameter],
-    mirrors: &[FlatMirror],
-    seen: &Sightings,
-) -> Option<Solution> {
+/// How well a rough fit explains the matches.
+#[derive(Clone, Debug)]
+pub(super) struct Sketch {
+    pub(super) rig: Rig,
+    /// Median angle of the residuals, radians.
+    pub(super) missed_rad: f64,
+    /// Sum of squares of what the fit changes, in tolerances.
+    pub(super) changes: f64,
+}
+
+/// Fits roughly; `None` if that does not converge.
+pub(super) fn sketch(task: Task) -> Option<Sketch> {
     let mut problem = Problem {
-        nominal,
-        parameters,
-        mirrors,
-        seen,
-        unknowns: DVector::zeros(parameters.len()),
+        task,
+        unknowns: DVector::zeros(task.parameters.len() + 2 * task.mounts.len()),
+        weights: Vec::new(),
+    };
+    for _ in 0..2 {
+        problem.weigh();
+        problem = problem.minimized()?;
+    }
+    Some(Sketch {
+        rig: task.rig(&problem.unknowns),
+        missed_rad: scale(&task.residuals(&problem.unknowns)) / 1.4826,
+        changes: problem.unknowns.norm_squared(),
+    })
+}
+
+/// The rig, and the leans of the mirrors, that explain best what was seen, beginning at the nominal ones; `None` if the fit does
+/// not converge.
+pub(super) fn solve(task: Task) -> Option<Solution> {
+    let unknowns = task.parameters.len() + 2 * task.mounts.len();
+    let mut problem = Problem {
+        task,
+        unknowns: DVector::zeros(unknowns),
         weights: Vec::new(),
     };
     let mut scales_rad = problem.weigh();
     for _ in 0..ROUNDS {
-        let (solved, report) = LevenbergMarquardt::new().minimize(problem);
-        problem = solved;
-        if !report.termination.was_successful() {
-            tracing::debug!(?report, "no convergence");
-            return None;
-        }
+        problem = problem.minimized()?;
         scales_rad = problem.weigh();
     }
-    let rows = problem.residuals()?;
-    let jacobian = problem.jacobian()?;
+    let seen = problem.residuals()?;
+    // Without what is stated of the unknowns.
+    let seen = seen.rows(0, seen.len() - unknowns);
     let taking_part = problem.weights.iter().filter(|weight| **weight > 0.0).count();
-    let degrees = (2 * taking_part).saturating_sub(parameters.len()).max(1);
-    let excess = (rows.norm_squared() / degrees as f64).max(1.0);
-    let tolerance = DMatrix::from_diagonal(&DVector::from_iterator(
-        parameters.len(),
-        parameters.iter().map(|parameter| parameter.tolerance),
-    ));
-    let inverse = jacobian.tr_mul(&jacobian).cholesky()?.inverse() * excess;
+    let degrees = (2 * taking_part).saturating_sub(unknowns).max(1);
+    let excess = (seen.norm_squared() / degrees as f64).max(1.0);
+    let lens = &task.nominal.camera.lens;
+    let left = Leftover::of(
+        task.seen,
+        &task.residuals(&problem.unknowns),
+        scales_rad[0],
+        unknowns,
+        [lens.width_px, lens.height_px],
+    );
+    // What is stated of the unknowns counts against what is seen as it is worth.
+    let worth = (excess * left.design_effect).sqrt().recip();
+    problem.weights.iter_mut().for_each(|weight| *weight *= worth);
+    let problem = problem.minimized()?;
+    let jacobian = problem.jacobian()?;
+    let jacobian = jacobian.rows(0, jacobian.nrows() - unknowns);
     Some(Solution {
-        rig: moved(nominal, parameters, &problem.unknowns),
-        covariance: &tolerance * inverse * &tolerance,
-        residuals: problem.residuals_at(&problem.unknowns),
+        rig: task.rig(&problem.unknowns),
+        changes: problem.unknowns.as_slice()[..task.parameters.len()].to_vec(),
+        leans: task.leans(&problem.unknowns).to_vec(),
+        information: jacobian.tr_mul(&jacobian),
+        residuals: task.residuals(&problem.unknowns),
         scales_rad,
+        left,
     })
 }

@@ -14,6 +14,9 @@ pub(crate) const COMMAND: &str = "rcg calibrate geometry --out DIR";
 /// are off by half a milliradian bends light by 0.06°, and by some times as much what a fit without it makes of lenses.
 pub const WORST_DEG: f64 = 0.2;
 
+/// What is said of an image that is as the rig file has it.
+pub const AS_STATED: &str = "as stated";
+
 /// One number of the calibrated rig.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Found {
@@ -29,6 +32,19 @@ pub struct Found {
     pub tolerance: f64,
 }
 
+/// How the flat mirror stood in one view.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TiltFound {
+    /// Tilt and azimuth towards which, as stated, degrees.
+    pub stated_deg: [f64; 2],
+    /// By how much its normal leans otherwise, in the plane of the tilt (positive: more) and across it, degrees.
+    pub leans_deg: [f64; 2],
+    /// Standard uncertainty of either (k = 1), degrees.
+    pub standard_uncertainty_deg: [f64; 2],
+    /// Median angle of the residuals of this view's matches, degrees.
+    pub match_residual_deg: f64,
+}
+
 /// What calibration found, as `geometry.json` has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Geometry {
@@ -36,9 +52,15 @@ pub struct Geometry {
     pub nominal_sha256: String,
     /// Hash of the calibrated rig.
     pub rig_sha256: String,
-    /// The unknowns.
+    /// The unknowns of the rig.
     pub parameters: Vec<Found>,
-    /// Their covariance, [row, column], in the units of the rig file.
+    /// How the images of camera and projector are turned and mirrored against the nominal rig; [`AS_STATED`] if they are not.
+    pub images: [String; 2],
+    /// How the flat mirror stood, view by view.
+    pub tilts: Vec<TiltFound>,
+    /// Standard uncertainty (k = 1) of either lean of a tilt as stated, degrees.
+    pub tilt_uncertainty_deg: f64,
+    /// The covariance of the unknowns of the rig, [row, column], in the units of the rig file.
     pub covariance: Vec<Vec<f64>>,
     /// Matches of camera and projector that took part.
     pub matches: usize,
@@ -48,10 +70,13 @@ pub struct Geometry {
     pub match_residual_deg: f64,
     /// Median angle of an edge's residual, degrees; `None` if the mirror shows no edge.
     pub edge_residual_deg: Option<f64>,
-    /// Standard uncertainty (k = 1, RMS over what of the image is judged) of the directions of the camera, degrees.
+    /// Standard uncertainty (k = 1, RMS over what of the image is judged) of the directions of the camera, apart from a turn about
+    /// the sample's normal, degrees.
     pub camera_deg: f64,
     /// The same of the projector's.
     pub projector_deg: f64,
+    /// Standard uncertainty (k = 1) of where azimuth 0 of the holder lies, by a turn of all directions about the normal, degrees.
+    pub azimuth_deg: f64,
 }
 
 impl Geometry {

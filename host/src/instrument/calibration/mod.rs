@@ -41,7 +41,7 @@ pub(crate) use crosstalk::COLOURS;
 pub use crosstalk::Crosstalk;
 pub use field::SmoothField;
 pub(crate) use field::{HIGHEST, TERMS, degree, terms};
-pub use geometry::{Found, GEOMETRY, Geometry, WORST_DEG};
+pub use geometry::{AS_STATED, Found, GEOMETRY, Geometry, TiltFound, WORST_DEG};
 pub use lamp::{LampFound, Monitor};
 pub(crate) use photometry::PHOTOMETRY_VERSION;
 pub use photometry::{CameraFound, Interreflection, PHOTOMETRY, Photometry};

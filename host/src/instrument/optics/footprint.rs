@@ -1,7 +1,7 @@
 //! Which pixels see the sample with all of their area.
 //!
 //! # Design
-//! A pixel that the horizon, an edge of the sample, of the hole or of the rim, or the wire cuts collects light from a part
+//! A pixel that the horizon, an edge of the sample, of the hole or of the rim, the wire or an obstacle cuts collects light from a part
 //! of its area only, and what it reads is less than its direction's. A pixel is whole if its centre and its four corners
 //! see the sample, each clear of the edges, and no two of them lie on different sides of the wire. Edges are straight
 //! enough over a pixel for the corners to speak for all of its border.
@@ -28,6 +28,9 @@ impl View {
     /// Whether the pixel whose upper left corner is `corner` is whole.
     fn sees_whole(&self, corner: DVec2, clearance_rad: f64) -> Result<(), Unmeasurable> {
         const PLACES: [[f64; 2]; 5] = [[0.5, 0.5], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
+        if !self.obstacles.is_empty() && self.may_hold_obstacle(corner) {
+            return Err(Unmeasurable::Occluded);
+        }
         let mut side_before = None;
         for place in PLACES {
             let at = corner + DVec2::from_array(place);
@@ -45,6 +48,21 @@ impl View {
             }
         }
         Ok(())
+    }
+}
+
+impl View {
+    /// Whether an obstacle, be it smaller than the pixel whose upper left corner is `corner`, may be in it.
+    fn may_hold_obstacle(&self, corner: DVec2) -> bool {
+        let at = |x: f64, y: f64| self.from_f1(corner.x + x, corner.y + y);
+        let Some(middle) = at(0.5, 0.5) else { return false };
+        let corners = [at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0), at(1.0, 1.0)];
+        let radius_rad = corners
+            .into_iter()
+            .flatten()
+            .map(|w| w.angle_between(middle))
+            .fold(0.0, f64::max);
+        self.is_behind_obstacle(middle, radius_rad)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Pinhole projection with Brown–Conrady distortion: pixel ↔ ray in the device's own frame.
 //!
 //! The device looks along its +z, u grows along +x and v along +y. Image coordinates (x, y) are the ray's
-//! (X/Z, Y/Z); distortion moves them, the focal length and the principal point make pixels of them.
+//! (X/Z, Y/Z), of a mirrored image (−X/Z, Y/Z); distortion moves them, the focal length and the principal point make pixels of them.
 //!
 //! # Design
 //! The distortion polynomial is meant for the image only: farther out it may fold back, so that a ray far
@@ -26,6 +26,8 @@ pub struct Pinhole {
     height_px: u32,
     focal_px: f64,
     centre_px: DVec2,
+    /// 1, or (−1, 1) of a mirrored image.
+    handedness: DVec2,
     /// k1, k2, p1, p2, k3; nothing when all are zero.
     distortion: Option<[f64; 5]>,
     /// Square of the largest undistorted radius in the image, with a margin; infinite without distortion.
@@ -41,6 +43,11 @@ impl Pinhole {
             height_px: lens.height_px,
             focal_px: lens.focal_px,
             centre_px: DVec2::from_array(lens.centre_px),
+            handedness: if lens.mirrored {
+                DVec2::new(-1.0, 1.0)
+            } else {
+                DVec2::ONE
+            },
             distortion: lens
                 .distortion
                 .iter()
@@ -106,17 +113,15 @@ impl Pinhole {
     /// Pixel of a ray in the device's frame, on or off the image; nothing behind the device or outside of
     /// the part that the distortion describes.
     pub fn project(&self, ray: DVec3) -> Option<DVec2> {
-        let xy = image_coordinates(ray)?;
+        let xy = image_coordinates(ray)? * self.handedness;
         (xy.length_squared() <= self.field_squared).then(|| self.distort(xy) * self.focal_px + self.centre_px)
     }
 
     /// Ray (x, y, 1) of a pixel in the device's frame, not of unit length; nothing where distortion cannot
     /// be undone.
     pub fn ray(&self, pixel: DVec2) -> Option<DVec3> {
-        Some(
-            self.undistort((pixel - self.centre_px) / self.focal_px)?
-                .extend(1.0),
-        )
+        let xy = self.undistort((pixel - self.centre_px) / self.focal_px)?;
+        Some((xy * self.handedness).extend(1.0))
     }
 
     fn distort_with_jacobian(&self, xy: DVec2) -> (DVec2, DMat2) {
@@ -193,6 +198,7 @@ mod tests {
             distortion,
             offset_m: [0.0; 3],
             rotation_deg: [0.0; 3],
+            mirrored: false,
             pupil_m: 0.0,
         }
     }
@@ -210,8 +216,9 @@ mod tests {
         }
 
         #[test]
-        fn a_ray_goes_through_its_pixel(u in 0.0..640.0_f64, v in 0.0..480.0_f64) {
-            let pinhole = Pinhole::of(&lens([-0.2, 0.05, 0.002, -0.003, 0.01]));
+        fn a_ray_goes_through_its_pixel(u in 0.0..640.0_f64, v in 0.0..480.0_f64, mirrored: bool) {
+            let lens = Lens { mirrored, ..lens([-0.2, 0.05, 0.002, -0.003, 0.01]) };
+            let pinhole = Pinhole::of(&lens);
             let pixel = DVec2::new(u, v);
             let back = pinhole.project(pinhole.ray(pixel).expect("in the image")).expect("in front");
             prop_assert!((back - pixel).length() < 1e-10);
@@ -258,6 +265,16 @@ mod tests {
             Some(DVec2::new(385.0, 244.0))
         );
         assert_eq!(pinhole.project(-DVec3::Z), None);
+    }
+
+    #[test]
+    fn a_mirrored_image_runs_the_other_way() {
+        let pinhole = Pinhole::of(&Lens {
+            mirrored: true,
+            ..lens([0.0; 5])
+        });
+        let at = pinhole.project(DVec3::new(0.1, 0.05, 1.0)).unwrap();
+        assert!((at - DVec2::new(245.0, 279.0)).length() < 1e-12, "{at}");
     }
 
     #[test]

@@ -6,13 +6,13 @@
 //! F1. With C beside F2 the pixels look at slightly different points of the sample, and the direction is
 //! that of the ray, not that of the line from F1. A sample whose centre is beside F1 changes no direction, but where the
 //! rays meet it.
-//! Hole, rim and wire are judged where the ray meets the mirror, seen from F1.
+//! Hole, rim, wire and obstacles are judged where the ray meets the mirror, seen from F1.
 
 use std::sync::Arc;
 
 use glam::{DMat3, DVec2, DVec3, EulerRot};
 
-use super::{Ellipsoid, Figure, Pinhole, SampleFrame, Unmeasurable, WireStrip, reflect};
+use super::{Ellipsoid, Figure, Outline, Pinhole, SampleFrame, Unmeasurable, WireStrip, reflect};
 use crate::hemisphere::direction::HORIZON_COS;
 use crate::instrument::parts::{Lens, Rig};
 
@@ -30,6 +30,7 @@ pub struct View {
     pub(super) pinhole: Pinhole,
     frame: SampleFrame,
     pub(super) wire: Option<WireStrip>,
+    pub(super) obstacles: Arc<[Outline]>,
     /// Optical centre, mirror frame, metres.
     pub(super) centre_m: DVec3,
     /// Whether the optical centre is exactly at F2, and the mirror images it to F1.
@@ -82,6 +83,7 @@ impl View {
             pinhole: Pinhole::of(lens),
             frame: SampleFrame::of(&rig.sample),
             wire: rig.wire.as_ref().map(WireStrip::of),
+            obstacles: rig.obstacles.iter().map(Outline::of).collect(),
             centre_m: ellipsoid.f2() + offset_m,
             at_focus: offset_m == DVec3::ZERO,
             // R_x · R_y · R_z: the rotation about z acts first.
@@ -173,8 +175,8 @@ impl View {
             .map_or([None; 3], |found| self.edge_distances_of(&found))
     }
 
-    /// Which edge of hole, rim or wire the ray of the position (`u_px`, `v_px`) passes closer than `clearance_rad` radians, or
-    /// is behind, if any.
+    /// Which edge of hole, rim, wire or obstacles the ray of the position (`u_px`, `v_px`) passes closer than `clearance_rad`
+    /// radians, or is behind, if any.
     pub fn edge_within(&self, u_px: f64, v_px: f64, clearance_rad: f64) -> Option<Unmeasurable> {
         let found = self.reflect_pixel(DVec2::new(u_px, v_px))?;
         self.edge_within_of(&found, clearance_rad)
@@ -188,7 +190,22 @@ impl View {
             Unmeasurable::Occluded,
         ];
         let mut edges = self.edge_distances_of(reflection).into_iter().zip(reasons);
-        edges.find_map(|(rad, reason)| rad.is_some_and(|rad| rad < clearance_rad).then_some(reason))
+        let from_f1 = (reflection.mirror_m - self.ellipsoid.f1()).normalize();
+        edges
+            .find_map(|(rad, reason)| rad.is_some_and(|rad| rad < clearance_rad).then_some(reason))
+            .or_else(|| {
+                self.is_behind_obstacle(from_f1, clearance_rad)
+                    .then_some(Unmeasurable::Occluded)
+            })
+    }
+
+    /// Whether the unit direction `from_f1` (mirror frame) is behind an obstacle, or closer to one than `clearance_rad` radians.
+    pub(super) fn is_behind_obstacle(&self, from_f1: DVec3, clearance_rad: f64) -> bool {
+        self.obstacles.iter().any(|outline| {
+            outline
+                .near_rad(from_f1, clearance_rad)
+                .is_some_and(|rad| rad < clearance_rad)
+        })
     }
 
     /// How far a ray passes the edges of hole, rim and wire, as [`View::edge_distances_rad`] says.
@@ -233,7 +250,14 @@ impl View {
         self.frame.to_sample(w_m)
     }
 
-    /// Checks horizon, hole, rim and wire, in this order.
+    /// The unit direction from F1 to where the ray of the position (`u_px`, `v_px`) meets the mirror, mirror frame, whatever is in
+    /// its way; `None` where there is no ray.
+    pub fn from_f1(&self, u_px: f64, v_px: f64) -> Option<DVec3> {
+        self.reflect_pixel(DVec2::new(u_px, v_px))
+            .map(|found| (found.mirror_m - self.ellipsoid.f1()).normalize())
+    }
+
+    /// Checks horizon, hole, rim, wire and obstacles, in this order.
     pub(super) fn admit(&self, reflection: &Reflection) -> Result<(), Unmeasurable> {
         if !is_above_horizon(self.to_sample(reflection.direction)) {
             return Err(Unmeasurable::BelowHorizon);
@@ -245,7 +269,9 @@ impl View {
         if self.ellipsoid.is_beyond_rim(reflection.mirror_m) {
             return Err(Unmeasurable::BeyondRim);
         }
-        if self.wire.is_some_and(|wire| wire.hides(from_f1)) {
+        let is_hidden = self.wire.is_some_and(|wire| wire.hides(from_f1))
+            || self.obstacles.iter().any(|outline| outline.hides(from_f1));
+        if is_hidden {
             return Err(Unmeasurable::Occluded);
         }
         Ok(())

@@ -186,7 +186,7 @@ const MISTAKES: &[(&str, &str, &str)] = &[
     (
         "[light]",
         "[licht]",
-        "licht: expected one of `name`, `mirror`, `sample`, `wire`, `camera`, `projector`, `light`, found unknown field `licht`",
+        "licht: expected one of `name`, `mirror`, `sample`, `wire`, `obstacle`, `camera`, `projector`, `light`, found unknown field `licht`",
     ),
     (
         "[camera.lens]\nwidth_px = 2048",
@@ -206,7 +206,7 @@ const MISTAKES: &[(&str, &str, &str)] = &[
     (
         "name = \"rcg-1-16bit\"",
         "name = \"rcg-1-16bit\"\nbaffle = 1",
-        "baffle: expected one of `name`, `mirror`, `sample`, `wire`, `camera`, `projector`, `light`, found unknown field `baffle`",
+        "baffle: expected one of `name`, `mirror`, `sample`, `wire`, `obstacle`, `camera`, `projector`, `light`, found unknown field `baffle`",
     ),
     (
         "spot_deg = 1.0",
@@ -391,7 +391,7 @@ const MISTAKES: &[(&str, &str, &str)] = &[
     (
         "[0.0, 0.0, 0.0]   # optional: degrees",
         "[0.0, 0.0, 400] # ",
-        "camera.lens.rotation_deg: expected numbers from -180 to 180 degrees, found 0, 0, 400",
+        "camera.lens.rotation_deg: expected numbers from -360 to 360 degrees, found 0, 0, 400",
     ),
     (
         "[0.0, 0.0, 0.0, 0.0, 0.0]  # optional",

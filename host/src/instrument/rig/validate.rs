@@ -9,7 +9,7 @@ use std::path::Path;
 
 use super::{Binned, Lens, Rig, RigError};
 use crate::base::text::listed;
-use crate::instrument::optics::{Ellipsoid, Unmeasurable, View};
+use crate::instrument::optics::{Ellipsoid, Outline, Unmeasurable, View, WIDEST_DEG};
 
 /// Side of the grid of pixels that is probed for a measurable direction.
 const PROBES: u32 = 48;
@@ -63,6 +63,27 @@ impl Rig {
         if let Some(wire) = &self.wire {
             check.range("wire.azimuth_deg", wire.azimuth_deg, -360.0, 360.0, "degrees")?;
             check.range("wire.half_width_deg", wire.half_width_deg, 0.0, 45.0, "degrees")?;
+        }
+        for (at, obstacle) in self.obstacles.iter().enumerate() {
+            let field = format!("obstacle[{at}].outline_deg");
+            let outline = &obstacle.outline_deg;
+            if outline.len() < 3 {
+                return Err(check.error(
+                    &field,
+                    "3 corners or more, each an angle from the mirror's axis and an azimuth",
+                    outline.len(),
+                ));
+            }
+            for corner in outline {
+                check.range(&field, corner[0], 0.0, 180.0, "degrees from the mirror's axis")?;
+                check.range(&field, corner[1], -360.0, 360.0, "degrees of azimuth")?;
+            }
+            let reach_deg = Outline::of(obstacle).reach_rad().to_degrees();
+            if reach_deg > WIDEST_DEG {
+                let expected =
+                    format!("corners within {WIDEST_DEG} degrees of their middle; make several of it");
+                return Err(check.error(&field, &expected, format!("{reach_deg:.1} degrees")));
+            }
         }
         Ok(())
     }
@@ -180,7 +201,7 @@ impl Rig {
         check.each(&field("centre_px"), &lens.centre_px, 1e6, "pixels")?;
         check.each(&field("distortion"), &lens.distortion, 1e3, "(no unit)")?;
         check.each(&field("offset_m"), &lens.offset_m, 1.0, "metres")?;
-        check.each(&field("rotation_deg"), &lens.rotation_deg, 180.0, "degrees")?;
+        check.each(&field("rotation_deg"), &lens.rotation_deg, 360.0, "degrees")?;
         check.range(&field("pupil_m"), lens.pupil_m, 0.0, 0.2, "metres")?;
         let ellipsoid = Ellipsoid::of(self);
         if !ellipsoid.contains(ellipsoid.f2() + glam::DVec3::from_array(lens.offset_m)) {

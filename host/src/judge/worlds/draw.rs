@@ -30,7 +30,7 @@ pub struct Flaw {
 }
 
 /// All flaws that are drawn.
-pub const FLAWS: [Flaw; 19] = [
+pub const FLAWS: [Flaw; 20] = [
     flaw("--position-mm", 0, [0.1, 3.0], 1.0),
     flaw("--angle-deg", 0, [0.05, 2.0], 0.5),
     flaw("--field-percent", 1, [5.0, 30.0], 30.0),
@@ -50,6 +50,7 @@ pub const FLAWS: [Flaw; 19] = [
     flaw("--crosstalk-percent", 8, [0.5, 3.0], 1.0),
     flaw("--lag-percent", 2, [0.2, 2.0], 0.5),
     flaw("--polarisation-percent", 4, [0.2, 2.0], 0.5),
+    flaw("--mirror-deg", 0, [0.01, 0.05], 0.025),
 ];
 
 const fn flaw(option: &'static str, group: usize, [good, bad]: [f64; 2], careful: f64) -> Flaw {

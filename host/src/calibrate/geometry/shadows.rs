@@ -1,0 +1,500 @@
+//! What hides the diffuse standard: the wire of the rig file, wherever it is, and what no rig file has.
+//!
+//! # Design
+//! Where the rig as fitted says that the camera sees the standard, well away from hole, rim and horizon, its brightness follows a
+//! smooth field; what is darker than that is behind something, or beside the standard, which the fit cannot tell: a camera that is a
+//! millimetre off sees places of the sample that are many off. The field is a polynomial of the logarithm, fitted to what is not dark,
+//! again and again.
+//!
+//! A wire is a strip of known width from the axis outwards: all azimuths are asked how dark the strip is there compared with what is
+//! beside it, and it must be so over most of its length that is lit. Its own fit ([`super::solve`]) begins there. What else is dark with
+//! light all around it becomes obstacles of the calibrated rig: polygons around the dark pixels and those beside them. What is dark towards the border is left to the photometric calibration, which measures nothing where it has not
+//! seen its standard.
+
+use glam::DVec2;
+use nalgebra::{DMatrix, DVector};
+
+use super::sightings::Sightings;
+use crate::calibrate::CalibrateError;
+use crate::hemisphere::judged::is_judged;
+use crate::instrument::optics::View;
+use crate::instrument::parts::Obstacle;
+use crate::instrument::rig::Rig;
+
+/// Degree of the polynomial, its terms, and rounds in which what is dark is left out of it.
+const DEGREE: i32 = 4;
+const TERMS: usize = 15;
+const ROUNDS: usize = 8;
+/// Nothing is asked of pixels closer to an edge of hole or rim than this, radians, nor of directions that lean more, degrees.
+const CLEAR_RAD: f64 = 0.03;
+const FARTHEST_DEG: f64 = 75.0;
+/// A pixel with less than this share of the light is in a shadow; those beside it that have less than the second are at its border.
+const DARK: f64 = 0.8;
+const DIM: f64 = 0.93;
+/// So many standard deviations of the shares are no shadow.
+const NOISE: f64 = 5.0;
+/// Noisier no standard is that is lit.
+const NOISIEST: f64 = 0.15;
+/// Fewest pixels that say something of shadows.
+const FEWEST: usize = 300;
+/// What has less than this share of the light has none.
+const UNLIT: f64 = 0.5;
+/// Step of the search for a wire, degrees; parts of its length.
+const STEP_DEG: f64 = 0.25;
+const PARTS: usize = 8;
+/// Darkness of a strip against what is beside it, relative to what the wire must hide, from which on it is the wire.
+const WIRE: f64 = 0.5;
+
+/// How much of the light of the diffuse standard each pixel has that should see it.
+pub(super) struct Shadows<'a> {
+    camera: &'a View,
+    width: usize,
+    height: usize,
+    /// Share of the light that is expected; `None` of what cannot be asked.
+    shares: Vec<Option<f64>>,
+    /// Standard deviation of the shares by noise.
+    noise: f64,
+}
+
+/// Where a wire was looked for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Wire {
+    /// At this azimuth, degrees.
+    At(f64),
+    /// Nowhere, and where the rig file has it nothing can be seen.
+    OutOfSight,
+    /// Nowhere, though it should be in sight.
+    Missing,
+}
+
+impl<'a> Shadows<'a> {
+    /// Of the image of the standard that was `seen`, as the `camera` took it, which knows of no wire and no obstacles. `None` if too few
+    /// pixels should see it.
+    ///
+    /// # Errors
+    /// [`CalibrateError::Views`] if it is not lit.
+    pub(super) fn of(seen: &Sightings, camera: &'a View) -> Result<Option<Self>, CalibrateError> {
+        let (light, width) = (&seen.standard, seen.width);
+        let height = light.len() / width.max(1);
+        let farthest = FARTHEST_DEG.to_radians().cos();
+        let is_asked = |pixel: usize| {
+            let (u, v) = centre(pixel, width);
+            let clear = camera.edge_within(u, v, CLEAR_RAD).is_none();
+            clear
+                && camera
+                    .trace(u, v)
+                    .is_ok_and(|trace| is_judged(trace.direction) && trace.direction.z > farthest)
+        };
+        let asked: Vec<usize> = (0..light.len()).filter(|pixel| is_asked(*pixel)).collect();
+        if asked.len() < FEWEST {
+            return Ok(None);
+        }
+        let unlit = || CalibrateError::Views {
+            expected: "a diffuse standard that is lit".to_owned(),
+            found: "one that is not, or hardly".to_owned(),
+            advice: "look at the frames: is the standard in place? does the projector stand as the rig file says?",
+        };
+        let asked_light: Vec<(DVec2, f64)> = asked
+            .iter()
+            .map(|&pixel| {
+                let (u, v) = centre(pixel, width);
+                let place = 2.0 * DVec2::new(u / width as f64, v / height as f64) - DVec2::ONE;
+                (place, f64::from(light[pixel]))
+            })
+            .collect();
+        let expected = field(&asked_light).ok_or_else(unlit)?;
+        let mut shares = vec![None; light.len()];
+        let mut off = Vec::with_capacity(asked.len());
+        for (&pixel, expected) in asked.iter().zip(&expected) {
+            let share = f64::from(light[pixel]) / expected;
+            if share > UNLIT {
+                off.push((share - 1.0).abs());
+            }
+            shares[pixel] = Some(share);
+        }
+        if off.is_empty() {
+            return Err(unlit());
+        }
+        let middle = off.len() / 2;
+        let noise = 1.4826 * *off.select_nth_unstable_by(middle, f64::total_cmp).1;
+        if noise > NOISIEST {
+            return Err(unlit());
+        }
+        Ok(Some(Self {
+            camera,
+            width,
+            height,
+            shares,
+            noise,
+        }))
+    }
+
+    /// Looks for a wire of this half width all around; the rig file has it at `stated_deg`.
+    pub(super) fn wire(&self, half_width_deg: f64, stated_deg: f64) -> Wire {
+        // From the axis: azimuth, and sine of the polar angle.
+        let places: Vec<(f64, f64, f64)> = self
+            .shares
+            .iter()
+            .enumerate()
+            .filter_map(|(pixel, share)| {
+                let (u, v) = centre(pixel, self.width);
+                let w = self.camera.from_f1(u, v)?;
+                Some((w.y.atan2(w.x), w.x.hypot(w.y), (*share)?))
+            })
+            .collect();
+        let pixel_rad = self.pixel_rad();
+        let half_rad = half_width_deg.to_radians().max(pixel_rad / 2.0);
+        // What a pixel in the middle of the strip loses.
+        let hidden = (2.0 * half_width_deg.to_radians() / pixel_rad).min(1.0);
+        let (mut best, mut best_deg, mut is_in_sight) = (0.0, None, false);
+        for step in 0..(360.0 / STEP_DEG) as usize {
+            let azimuth_deg = step as f64 * STEP_DEG;
+            // By parts of the length: darkness and pixels within the strip, and beside it.
+            let mut parts = [[0.0_f64; 4]; PARTS];
+            for (azimuth_rad, sine, share) in &places {
+                let off = azimuth_rad - azimuth_deg.to_radians();
+                let beside = sine * off.sin().abs();
+                if off.cos() <= 0.0 || beside > 2.0 * half_rad + 2.0 * pixel_rad {
+                    continue;
+                }
+                let part = &mut parts[((sine * PARTS as f64) as usize).min(PARTS - 1)];
+                let is_within = beside <= half_rad;
+                if is_within || beside > half_rad + pixel_rad {
+                    let at = if is_within { 0 } else { 2 };
+                    part[at] += 1.0 - share;
+                    part[at + 1] += 1.0;
+                }
+            }
+            let seen: Vec<f64> = parts
+                .iter()
+                .filter(|part| part[1] > 0.0 && part[2] < (1.0 - UNLIT) * part[3])
+                .map(|part| part[0] / part[1] - part[2] / part[3])
+                .collect();
+            if seen.len() < 2 {
+                continue;
+            }
+            let off_deg = (azimuth_deg - stated_deg + 180.0).rem_euclid(360.0) - 180.0;
+            is_in_sight |= off_deg.abs() <= super::parameters::ANGLE_DEG;
+            let mean = seen.iter().sum::<f64>() / seen.len() as f64;
+            let dark = seen.iter().filter(|part| **part > 0.4 * mean).count();
+            if dark * 4 >= seen.len() * 3 && mean > best {
+                (best, best_deg) = (mean, Some(azimuth_deg));
+            }
+        }
+        tracing::debug!(best, ?best_deg, hidden, self.noise, "wire");
+        match best_deg {
+            Some(found_deg) if best > WIRE * hidden => Wire::At(found_deg),
+            _ if is_in_sight => Wire::Missing,
+            _ => Wire::OutOfSight,
+        }
+    }
+
+    /// Angle across a pixel, seen from F1, in the middle of what is asked, radians.
+    fn pixel_rad(&self) -> f64 {
+        let across = |pixel: usize| {
+            let (u, v) = centre(pixel, self.width);
+            Some(
+                self.camera
+                    .from_f1(u, v)?
+                    .angle_between(self.camera.from_f1(u + 1.0, v)?),
+            )
+        };
+        let asked = (0..self.shares.len()).filter(|pixel| self.shares[*pixel].is_some());
+        let mut all: Vec<f64> = asked.filter_map(across).collect();
+        let middle = all.len() / 2;
+        *all.select_nth_unstable_by(middle, f64::total_cmp).1
+    }
+
+    /// Outlines of what is in the dark in front of the camera of `rig`, beside what its wire and obstacles hide.
+    pub(super) fn obstacles(&self, rig: &Rig) -> Vec<Obstacle> {
+        let known = View::camera(rig);
+        let clearance_rad = 1.5 * self.pixel_rad();
+        let is_unknown = |pixel: usize| {
+            let (u, v) = centre(pixel, self.width);
+            known.edge_within(u, v, clearance_rad).is_none()
+        };
+        let below = |limit: f64, sigmas: f64| limit.min(1.0 - sigmas * self.noise);
+        let (dark, dim) = (below(DARK, NOISE), below(DIM, NOISE / 2.0));
+        let is_below = |pixel: usize, limit: f64| self.shares[pixel].is_some_and(|share| share < limit);
+        let mut is_taken: Vec<bool> = vec![false; self.shares.len()];
+        let mut components: Vec<Vec<usize>> = Vec::new();
+        for pixel in 0..self.shares.len() {
+            if is_taken[pixel] || !is_below(pixel, dark) || !is_unknown(pixel) {
+                continue;
+            }
+            let (mut component, mut open) = (Vec::new(), vec![pixel]);
+            is_taken[pixel] = true;
+            while let Some(at) = open.pop() {
+                component.push(at);
+                for beside in self.around(at) {
+                    if !is_taken[beside] && is_below(beside, dim) && is_unknown(beside) {
+                        is_taken[beside] = true;
+                        open.push(beside);
+                    }
+                }
+            }
+            components.push(component);
+        }
+        // Where it is dark towards the border, too, that may be beside the standard.
+        let is_closed = |component: &Vec<usize>| {
+            let around = component.iter().flat_map(|pixel| self.around(*pixel));
+            around.into_iter().all(|beside| self.shares[beside].is_some())
+        };
+        components.retain(is_closed);
+        outlines(&components, self.width, self.camera, "shadow")
+    }
+
+    fn around(&self, pixel: usize) -> impl Iterator<Item = usize> + use<> {
+        let (x, y, width) = (pixel % self.width, pixel / self.width, self.width);
+        let (right, bottom) = ((x + 1).min(self.width - 1), (y + 1).min(self.height - 1));
+        (y.saturating_sub(1)..=bottom)
+            .flat_map(move |y| (x.saturating_sub(1)..=right).map(move |x| y * width + x))
+    }
+}
+
+/// The smooth field that the brightness at these places (−1 to 1) follows where it is not dark; `None` if there is no light.
+fn field(light: &[(DVec2, f64)]) -> Option<Vec<f64>> {
+    let mut sorted: Vec<f64> = light.iter().map(|(_, light)| *light).collect();
+    let upper = sorted.len() * 19 / 20;
+    let usual = *sorted.select_nth_unstable_by(upper, f64::total_cmp).1;
+    if usual <= 0.0 {
+        return None;
+    }
+    let terms = |at: DVec2| {
+        let powers = (0..=DEGREE).flat_map(|i| (0..=DEGREE - i).map(move |j| (i, j)));
+        DVector::from_iterator(TERMS, powers.map(|(i, j)| at.x.powi(i) * at.y.powi(j)))
+    };
+    let rows: Vec<DVector<f64>> = light.iter().map(|(at, _)| terms(*at)).collect();
+    // In the dark there is no logarithm.
+    let logarithms: Vec<f64> = light
+        .iter()
+        .map(|(_, light)| (light / usual).max(1e-3).ln())
+        .collect();
+    let mut expected = vec![0.0; light.len()];
+    for round in 0..ROUNDS {
+        // At first what is far from the usual brightness is left out, later what is far from the field.
+        let lowest = if round == 0 {
+            0.4_f64.ln()
+        } else {
+            DIM.ln() - 0.1 / round as f64
+        };
+        let (mut normal, mut right) = (DMatrix::zeros(TERMS, TERMS), DVector::zeros(TERMS));
+        for ((row, logarithm), expected) in rows.iter().zip(&logarithms).zip(&expected) {
+            if logarithm - expected > lowest {
+                normal.ger(1.0, row, row, 1.0);
+                right.axpy(*logarithm, row, 1.0);
+            }
+        }
+        let found = normal.cholesky()?.solve(&right);
+        for (expected, row) in expected.iter_mut().zip(&rows) {
+            *expected = row.dot(&found);
+        }
+    }
+    Some(
+        expected
+            .into_iter()
+            .map(|logarithm| usual * logarithm.exp())
+            .collect(),
+    )
+}
+
+/// Obstacles around pixels of an image `width` wide that the `camera` took, each list of which belongs together.
+pub(super) fn outlines(components: &[Vec<usize>], width: usize, camera: &View, name: &str) -> Vec<Obstacle> {
+    let mut all = Vec::new();
+    for (number, component) in components.iter().enumerate() {
+        let pixels: Vec<DVec2> = component
+            .iter()
+            .map(|pixel| DVec2::from(centre(*pixel, width)))
+            .collect();
+        for hull in hulls(pixels) {
+            let corners = hull.iter().filter_map(|at| camera.from_f1(at.x, at.y));
+            let outline_deg: Vec<[f64; 2]> = corners
+                .map(|w| [w.z.clamp(-1.0, 1.0).acos(), w.y.atan2(w.x)].map(f64::to_degrees))
+                .collect();
+            if outline_deg.len() >= 3 {
+                all.push(Obstacle {
+                    name: format!("{name} {}", number + 1),
+                    outline_deg,
+                });
+            }
+        }
+    }
+    all
+}
+
+/// Convex polygons around `pixels`, each with a pixel to spare, none of which is mostly empty.
+fn hulls(mut pixels: Vec<DVec2>) -> Vec<Vec<DVec2>> {
+    // A pixel reaches half a pixel from its centre.
+    const REACH_PX: f64 = 1.5;
+    let corners = [
+        DVec2::new(-1.0, -1.0),
+        DVec2::new(1.0, -1.0),
+        DVec2::ONE,
+        DVec2::new(-1.0, 1.0),
+    ];
+    let hull = convex(
+        pixels
+            .iter()
+            .flat_map(|at| corners.map(|corner| *at + REACH_PX * corner))
+            .collect(),
+    );
+    let (low, high) = (
+        pixels.iter().copied().reduce(DVec2::min).unwrap_or_default(),
+        pixels.iter().copied().reduce(DVec2::max).unwrap_or_default(),
+    );
+    let size = high - low + 2.0 * REACH_PX;
+    // What a straight strip of so many pixels needs.
+    let needed = pixels.len() as f64 + 2.0 * (size.x + size.y) * REACH_PX;
+    if area(&hull) <= 1.5 * needed || pixels.len() < 4 {
+        return vec![hull];
+    }
+    let across = if size.x > size.y { DVec2::X } else { DVec2::Y };
+    pixels.sort_by(|a, b| a.dot(across).total_cmp(&b.dot(across)));
+    let second = pixels.split_off(pixels.len() / 2);
+    let mut all = hulls(pixels);
+    all.extend(hulls(second));
+    all
+}
+
+/// The convex hull of `points`, counterclockwise where y points up (A. M. Andrew, *Another efficient algorithm for convex hulls in two
+/// dimensions*, 1979).
+fn convex(mut points: Vec<DVec2>) -> Vec<DVec2> {
+    points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+    points.dedup();
+    let chain = |points: &mut dyn Iterator<Item = &DVec2>| {
+        let mut chain: Vec<DVec2> = Vec::new();
+        for point in points {
+            while let [.., a, b] = chain[..] {
+                if (b - a).perp_dot(*point - a) > 0.0 {
+                    break;
+                }
+                chain.pop();
+            }
+            chain.push(*point);
+        }
+        chain.pop();
+        chain
+    };
+    let mut hull = chain(&mut points.iter());
+    hull.extend(chain(&mut points.iter().rev()));
+    hull
+}
+
+fn area(polygon: &[DVec2]) -> f64 {
+    let sides = polygon.iter().zip(polygon.iter().cycle().skip(1));
+    sides.map(|(a, b)| a.perp_dot(*b)).sum::<f64>().abs() / 2.0
+}
+
+fn centre(pixel: usize, width: usize) -> (f64, f64) {
+    let at = crate::instrument::frame_format::pixel_centre(pixel, width);
+    (at.x, at.y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The image of a smooth field in which the camera of `rig` sees the standard, behind what the rig has; noise of 1 %.
+    fn image(rig: &Rig, size: usize) -> Sightings {
+        let camera = View::camera(rig);
+        let light = (0..size * size)
+            .map(|pixel| {
+                // Nine places: an edge hides a part of a pixel.
+                let (u, v) = centre(pixel, size);
+                let places = (0..9).map(|at| {
+                    (
+                        u - 0.33 + 0.33 * f64::from(at % 3),
+                        v - 0.33 + 0.33 * f64::from(at / 3),
+                    )
+                });
+                let seen = places.filter(|(u, v)| camera.direction(*u, *v).is_ok()).count();
+                let (x, y) = (u / size as f64 - 0.5, v / size as f64 - 0.5);
+                let field = 1.0 + 0.3 * (3.0 * x).sin() * (2.0 * y).cos() - 0.2 * x * x;
+                let noise = 0.01 * ((pixel * 7919 % 1000) as f64 / 1000.0 - 0.5) * 3.46;
+                (1000.0 * field * (1.0 + noise) * seen as f64 / 9.0) as f32
+            })
+            .collect();
+        Sightings {
+            standard: light,
+            width: size,
+            ..Sightings::default()
+        }
+    }
+
+    fn without(rig: &Rig) -> Rig {
+        let mut rig = rig.clone();
+        (rig.wire, rig.obstacles) = (None, Vec::new());
+        rig
+    }
+
+    #[test]
+    fn a_wire_is_found_at_any_azimuth_and_missed_where_there_is_none() {
+        for (size, azimuth_deg) in [(96, 10.0), (128, 101.5), (160, 250.0), (128, 333.0)] {
+            let nominal = Rig::load("rcg-1-16bit").unwrap().with_image_size(size).unwrap();
+            let mut rig = nominal.clone();
+            rig.wire.as_mut().unwrap().azimuth_deg = azimuth_deg;
+            let bare = without(&nominal);
+            let camera = View::camera(&bare);
+            let shadows = Shadows::of(&image(&rig, size as usize), &camera)
+                .unwrap()
+                .unwrap();
+            let Wire::At(found_deg) = shadows.wire(0.6, 270.0) else {
+                panic!("{azimuth_deg}")
+            };
+            assert!(
+                (found_deg - azimuth_deg).abs() < 1.0,
+                "{azimuth_deg}: {found_deg}"
+            );
+            assert!(shadows.obstacles(&rig).is_empty());
+            let shadows = Shadows::of(&image(&bare, size as usize), &camera)
+                .unwrap()
+                .unwrap();
+            assert_eq!(shadows.wire(0.6, 270.0), Wire::Missing);
+            assert!(shadows.obstacles(&bare).is_empty());
+        }
+    }
+
+    #[test]
+    fn what_no_rig_file_has_is_covered_and_little_beside() {
+        let nominal = without(&Rig::load("rcg-3").unwrap())
+            .with_image_size(128)
+            .unwrap();
+        let camera = View::camera(&nominal);
+        let mut rig = nominal.clone();
+        // A bent one and a speck.
+        let outlines_deg: [&[[f64; 2]]; 2] = [
+            &[
+                [60.0, 5.0],
+                [60.0, 50.0],
+                [63.0, 50.0],
+                [63.0, 9.0],
+                [90.0, 9.0],
+                [90.0, 5.0],
+            ],
+            &[[40.0, 300.0], [40.0, 302.0], [41.0, 301.0]],
+        ];
+        rig.obstacles = outlines_deg
+            .iter()
+            .map(|outline_deg| Obstacle {
+                name: "true".to_owned(),
+                outline_deg: outline_deg.to_vec(),
+            })
+            .collect();
+        let shadows = Shadows::of(&image(&rig, 128), &camera).unwrap().unwrap();
+        let mut found = nominal.clone();
+        found.obstacles = shadows.obstacles(&nominal);
+        let cut = |rig: &Rig| View::camera(rig).cut_pixels(0.0);
+        let (truly, found_cut, anyway) = (cut(&rig), cut(&found), cut(&nominal));
+        let (mut hidden, mut too_many, mut missed) = (0, 0, 0);
+        for pixel in 0..truly.len() {
+            if anyway[pixel].is_none() && shadows.shares[pixel].is_some() {
+                hidden += usize::from(truly[pixel].is_some());
+                too_many += usize::from(truly[pixel].is_none() && found_cut[pixel].is_some());
+                missed += usize::from(shadows.shares[pixel] < Some(0.9) && found_cut[pixel].is_none());
+            }
+        }
+        println!("{hidden} {too_many} {missed}, {} outlines", found.obstacles.len());
+        assert!(hidden > 50 && missed == 0, "{hidden} {missed}");
+        assert!(too_many < 3 * hidden, "{too_many} of {hidden}");
+    }
+}
