@@ -12,6 +12,7 @@ pub mod geometry;
 pub mod photometry;
 
 use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::path::Path;
 
 use serde::Serialize;
@@ -65,6 +66,25 @@ pub enum CalibrateError {
         /// What to do.
         advice: &'static str,
     },
+}
+
+impl CalibrateError {
+    /// Captures of which something else is said than how they were made.
+    fn otherwise(what: &str, captured: impl Display, found: impl Display) -> Self {
+        Self::Views {
+            expected: format!("{what} as captured, {captured}"),
+            found: found.to_string(),
+            advice: "leave it out, or capture into another directory",
+        }
+    }
+}
+
+/// Refuses an image of another size than that of the captures, if one is said.
+fn check_image_size(captured: u32, said: Option<u32>) -> Result<(), CalibrateError> {
+    match said {
+        Some(said) if said != captured => Err(CalibrateError::otherwise("--image-size", captured, said)),
+        _ => Ok(()),
+    }
 }
 
 impl Blame for CalibrateError {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::base::progress::Progress;
-use crate::calibrate::{CalibrateError, create_raw, file, open_raw, segment_of};
+use crate::calibrate::{CalibrateError, check_image_size, create_raw, file, open_raw, segment_of};
 use crate::capture::Tally;
 use crate::capture::pilot::TestExposures;
 use crate::hemisphere::direction::from_degrees;
@@ -78,26 +78,19 @@ impl Said {
     /// # Errors
     /// [`CalibrateError`] if something is said that the captures are not.
     pub(super) fn apply(&self, views: &mut Views) -> Result<(), CalibrateError> {
-        let otherwise = |what: &str, captured: String, found: String| {
-            Err(CalibrateError::Views {
-                expected: format!("{what} as captured, {captured}"),
-                found,
-                advice: "leave it out, or capture into another directory",
-            })
-        };
         if let Some(tilts) = &self.tilts {
             if tilts.len() != views.tilts.len() {
                 let count = |tilts: &[[f64; 2]]| format!("{} of them", tilts.len());
-                return otherwise("--tilts", count(&views.tilts), count(tilts));
+                return Err(CalibrateError::otherwise(
+                    "--tilts",
+                    count(&views.tilts),
+                    count(tilts),
+                ));
             }
             check_tilts(tilts)?;
             views.tilts.clone_from(tilts);
         }
-        if let Some(size) = self.image_size
-            && size != views.image_size
-        {
-            return otherwise("--image-size", views.image_size.to_string(), size.to_string());
-        }
+        check_image_size(views.image_size, self.image_size)?;
         views.tilt_uncertainty_deg = self.tilt_uncertainty_deg.unwrap_or(views.tilt_uncertainty_deg);
         Ok(())
     }

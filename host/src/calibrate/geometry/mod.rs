@@ -50,6 +50,7 @@ use sightings::Sightings;
 use solve::{Residual, Solution, Task, moved, sketch, solve};
 
 use super::{CalibrateError, RIG};
+use crate::base::median::median;
 use crate::hemisphere::judged::is_judged;
 use crate::instrument::calibration::{Found, GEOMETRY, Geometry, TiltFound, WORST_DEG, file, rig_hash};
 use crate::instrument::optics::View;
@@ -111,7 +112,7 @@ pub fn calibrate(dir: &Path, said: &Said) -> Result<Geometry, CalibrateError> {
         found: "a fit that does not converge".to_owned(),
         advice: "check the tilts that were stated, and the nominal rig",
     })?;
-    let found = found(&views, seen, &unknowns, &mounts, &solution)?;
+    let found = found(&views, &stated, seen, &unknowns, &mounts, &solution)?;
     placed?;
     let hidden = hidden(&solution.rig, seen)?;
     solution.rig.obstacles.extend(hidden);
@@ -182,9 +183,10 @@ fn without_obstacles(rig: &Rig) -> Rig {
     }
 }
 
-/// What `solution` makes of the `views`, if it determines the geometry and agrees with what is stated.
+/// What `solution` makes of the `views` of a `nominal` rig, if it determines the geometry and agrees with what is stated.
 fn found(
     views: &Views,
+    nominal: &Rig,
     seen: &Sightings,
     unknowns: &[Parameter],
     mounts: &[Mount],
@@ -195,7 +197,6 @@ fn found(
         found: "some that tell nothing of it".to_owned(),
         advice: "add views of the flat mirror at other tilts, in other azimuths (three or more)",
     };
-    let nominal = &views.scaled()?;
     let left = solution.left;
     let covariance = |birge: f64| solution.covariance(birge).ok_or_else(undetermined_at_all);
     let of_tilts = |covariance: &DMatrix<f64>| {
@@ -299,9 +300,7 @@ fn tilts(
             residual.filter(|_| found.view == view).map(DVec2::length)
         };
         let matches = seen.matches.iter().zip(&solution.residuals);
-        let mut of_view: Vec<f64> = matches.filter_map(of_view).collect();
-        of_view.sort_unstable_by(f64::total_cmp);
-        of_view.get(of_view.len() / 2).copied().unwrap_or(0.0)
+        median(matches.filter_map(of_view).collect()).unwrap_or(0.0)
     };
     mounts
         .iter()

@@ -18,6 +18,7 @@ use rayon::prelude::*;
 use super::parameters::parameters;
 use super::sightings::Match;
 use super::solve::{Sketch, Task, sketch};
+use crate::base::median::median;
 use crate::instrument::calibration::AS_STATED;
 use crate::instrument::optics::{View, reflect};
 use crate::instrument::rig::{Lens, Rig};
@@ -187,10 +188,9 @@ fn agreements(task: Task) -> Vec<(f64, [Orientation; 2])> {
                 let mirrored = -reflect((*out)?, task.mounts[found.view].leaning([0.0; 2]));
                 Some(mirrored.distance((*lit)?))
             });
-            let mut missed: Vec<f64> = missed.collect();
-            if missed.len() * 2 > seen.matches.len() {
-                let middle = missed.len() / 2;
-                let median_rad = *missed.select_nth_unstable_by(middle, f64::total_cmp).1;
+            let missed: Vec<f64> = missed.collect();
+            let is_most = missed.len() * 2 > seen.matches.len();
+            if let Some(median_rad) = median(missed).filter(|_| is_most) {
                 agreed.push((median_rad, [*camera, *projector]));
             }
         }

@@ -8,15 +8,17 @@
 //!
 //! A wire is a strip of known width from the axis outwards: all azimuths are asked how dark the strip is there compared with what is
 //! beside it, and it must be so over most of its length that is lit. Its own fit ([`super::solve`]) begins there. What else is dark with
-//! light all around it becomes obstacles of the calibrated rig: polygons around the dark pixels and those beside them. What is dark towards the border is left to the photometric calibration, which measures nothing where it has not
-//! seen its standard.
+//! light all around it becomes obstacles of the calibrated rig: polygons around the dark pixels and those beside them. What is dark
+//! towards the border is left to the photometric calibration, which measures nothing where it has not seen its standard.
 
 use glam::DVec2;
 use nalgebra::{DMatrix, DVector};
 
-use super::sightings::Sightings;
+use super::sightings::{FARTHEST_DEG, Sightings};
+use crate::base::median::median;
 use crate::calibrate::CalibrateError;
 use crate::hemisphere::judged::is_judged;
+use crate::instrument::frame_format::pixel_centre;
 use crate::instrument::optics::View;
 use crate::instrument::parts::Obstacle;
 use crate::instrument::rig::Rig;
@@ -25,9 +27,8 @@ use crate::instrument::rig::Rig;
 const DEGREE: i32 = 4;
 const TERMS: usize = 15;
 const ROUNDS: usize = 8;
-/// Nothing is asked of pixels closer to an edge of hole or rim than this, radians, nor of directions that lean more, degrees.
+/// Nothing is asked of pixels closer to an edge of hole or rim than this, radians.
 const CLEAR_RAD: f64 = 0.03;
-const FARTHEST_DEG: f64 = 75.0;
 /// A pixel with less than this share of the light is in a shadow; those beside it that have less than the second are at its border.
 const DARK: f64 = 0.8;
 const DIM: f64 = 0.93;
@@ -49,7 +50,6 @@ const WIRE: f64 = 0.5;
 pub(super) struct Shadows<'a> {
     camera: &'a View,
     width: usize,
-    height: usize,
     /// Share of the light that is expected; `None` of what cannot be asked.
     shares: Vec<Option<f64>>,
     /// Standard deviation of the shares by noise.
@@ -112,18 +112,13 @@ impl<'a> Shadows<'a> {
             }
             shares[pixel] = Some(share);
         }
-        if off.is_empty() {
-            return Err(unlit());
-        }
-        let middle = off.len() / 2;
-        let noise = 1.4826 * *off.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let noise = 1.4826 * median(off).ok_or_else(unlit)?;
         if noise > NOISIEST {
             return Err(unlit());
         }
         Ok(Some(Self {
             camera,
             width,
-            height,
             shares,
             noise,
         }))
@@ -200,9 +195,7 @@ impl<'a> Shadows<'a> {
             )
         };
         let asked = (0..self.shares.len()).filter(|pixel| self.shares[*pixel].is_some());
-        let mut all: Vec<f64> = asked.filter_map(across).collect();
-        let middle = all.len() / 2;
-        *all.select_nth_unstable_by(middle, f64::total_cmp).1
+        median(asked.filter_map(across).collect()).expect("invariant: some are asked")
     }
 
     /// Outlines of what is in the dark in front of the camera of `rig`, beside what its wire and obstacles hide.
@@ -241,12 +234,15 @@ impl<'a> Shadows<'a> {
             around.into_iter().all(|beside| self.shares[beside].is_some())
         };
         components.retain(is_closed);
-        outlines(&components, self.width, self.camera, "shadow")
+        outlines(&components, self.width, self.camera)
     }
 
     fn around(&self, pixel: usize) -> impl Iterator<Item = usize> + use<> {
         let (x, y, width) = (pixel % self.width, pixel / self.width, self.width);
-        let (right, bottom) = ((x + 1).min(self.width - 1), (y + 1).min(self.height - 1));
+        let (right, bottom) = (
+            (x + 1).min(self.width - 1),
+            (y + 1).min(self.shares.len() / width - 1),
+        );
         (y.saturating_sub(1)..=bottom)
             .flat_map(move |y| (x.saturating_sub(1)..=right).map(move |x| y * width + x))
     }
@@ -299,12 +295,12 @@ fn field(light: &[(DVec2, f64)]) -> Option<Vec<f64>> {
 }
 
 /// Obstacles around pixels of an image `width` wide that the `camera` took, each list of which belongs together.
-pub(super) fn outlines(components: &[Vec<usize>], width: usize, camera: &View, name: &str) -> Vec<Obstacle> {
+fn outlines(components: &[Vec<usize>], width: usize, camera: &View) -> Vec<Obstacle> {
     let mut all = Vec::new();
     for (number, component) in components.iter().enumerate() {
         let pixels: Vec<DVec2> = component
             .iter()
-            .map(|pixel| DVec2::from(centre(*pixel, width)))
+            .map(|pixel| pixel_centre(*pixel, width))
             .collect();
         for hull in hulls(pixels) {
             let corners = hull.iter().filter_map(|at| camera.from_f1(at.x, at.y));
@@ -313,7 +309,7 @@ pub(super) fn outlines(components: &[Vec<usize>], width: usize, camera: &View, n
                 .collect();
             if outline_deg.len() >= 3 {
                 all.push(Obstacle {
-                    name: format!("{name} {}", number + 1),
+                    name: format!("shadow {}", number + 1),
                     outline_deg,
                 });
             }
@@ -386,12 +382,12 @@ fn area(polygon: &[DVec2]) -> f64 {
 }
 
 fn centre(pixel: usize, width: usize) -> (f64, f64) {
-    let at = crate::instrument::frame_format::pixel_centre(pixel, width);
-    (at.x, at.y)
+    pixel_centre(pixel, width).into()
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::without_obstacles;
     use super::*;
 
     /// The image of a smooth field in which the camera of `rig` sees the standard, behind what the rig has; noise of 1 %.
@@ -421,19 +417,13 @@ mod tests {
         }
     }
 
-    fn without(rig: &Rig) -> Rig {
-        let mut rig = rig.clone();
-        (rig.wire, rig.obstacles) = (None, Vec::new());
-        rig
-    }
-
     #[test]
     fn a_wire_is_found_at_any_azimuth_and_missed_where_there_is_none() {
         for (size, azimuth_deg) in [(96, 10.0), (128, 101.5), (160, 250.0), (128, 333.0)] {
             let nominal = Rig::load("rcg-1-16bit").unwrap().with_image_size(size).unwrap();
             let mut rig = nominal.clone();
             rig.wire.as_mut().unwrap().azimuth_deg = azimuth_deg;
-            let bare = without(&nominal);
+            let bare = without_obstacles(&nominal);
             let camera = View::camera(&bare);
             let shadows = Shadows::of(&image(&rig, size as usize), &camera)
                 .unwrap()
@@ -456,7 +446,7 @@ mod tests {
 
     #[test]
     fn what_no_rig_file_has_is_covered_and_little_beside() {
-        let nominal = without(&Rig::load("rcg-3").unwrap())
+        let nominal = without_obstacles(&Rig::load("rcg-3").unwrap())
             .with_image_size(128)
             .unwrap();
         let camera = View::camera(&nominal);

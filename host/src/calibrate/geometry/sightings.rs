@@ -21,8 +21,8 @@ const WHOLE: f32 = 0.87;
 const DARK: f64 = 0.1;
 /// Pixels that an edge across a line may cut, and then one without light.
 const FADE: usize = 3;
-/// Farther from the normal no edge is asked for, degrees.
-const FARTHEST_DEG: f64 = 75.0;
+/// Farther from the normal nothing is asked of the standard, degrees.
+pub(super) const FARTHEST_DEG: f64 = 75.0;
 /// Pixels in which a wire may be seen as a whole.
 const NARROW: usize = 3;
 

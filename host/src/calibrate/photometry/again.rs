@@ -8,7 +8,7 @@ use super::capture::Views;
 use super::in_holder::check_standard;
 use super::interreflection::{check_apart, interreflected};
 use crate::brdf::sample::parse;
-use crate::calibrate::CalibrateError;
+use crate::calibrate::{CalibrateError, check_image_size};
 use crate::instrument::rig::Tilt;
 use crate::virtual_rig::setup::SetupError;
 
@@ -36,13 +36,6 @@ impl Said {
     /// # Errors
     /// [`CalibrateError`] if something is said that the captures are not, or standards cannot serve.
     pub(super) fn apply(&self, views: &mut Views) -> Result<Option<String>, CalibrateError> {
-        let otherwise = |what: &str, captured: String, found: String| {
-            Err(CalibrateError::Views {
-                expected: format!("{what} as captured, {captured}"),
-                found,
-                advice: "leave it out, or capture into another directory",
-            })
-        };
         let tilts: Vec<Tilt> = views.stands.iter().filter_map(|stand| stand.tilt).collect();
         let are_same = tilts.len() == self.tilts.len()
             && tilts
@@ -54,22 +47,26 @@ impl Said {
                 [] => "none".to_owned(),
                 _ => tilts.iter().map(Tilt::to_string).collect::<Vec<_>>().join(","),
             };
-            return otherwise("--tilts", list(&tilts), list(&self.tilts));
+            return Err(CalibrateError::otherwise(
+                "--tilts",
+                list(&tilts),
+                list(&self.tilts),
+            ));
         }
         if let Some(exposure_s) = self.exposure_s
             && (exposure_s / views.exposure_s - 1.0).abs() > 1e-6
         {
             let ms = |s: f64| format!("{} ms", 1e3 * s);
-            return otherwise("--exposure-ms", ms(views.exposure_s), ms(exposure_s));
+            return Err(CalibrateError::otherwise(
+                "--exposure-ms",
+                ms(views.exposure_s),
+                ms(exposure_s),
+            ));
         }
-        if let Some(size) = self.image_size
-            && size != views.image_size
-        {
-            return otherwise("--image-size", views.image_size.to_string(), size.to_string());
-        }
+        check_image_size(views.image_size, self.image_size)?;
         let second = self.second_standard.as_deref();
         if let (None, Some(second)) = (&views.second_standard, second.filter(|spec| *spec != NONE)) {
-            return otherwise("--second-standard", NONE.to_owned(), second.to_owned());
+            return Err(CalibrateError::otherwise("--second-standard", NONE, second));
         }
         if let Some(standard) = &self.standard {
             views.standard.clone_from(standard);

@@ -190,11 +190,10 @@ impl View {
             Unmeasurable::Occluded,
         ];
         let mut edges = self.edge_distances_of(reflection).into_iter().zip(reasons);
-        let from_f1 = (reflection.mirror_m - self.ellipsoid.f1()).normalize();
         edges
             .find_map(|(rad, reason)| rad.is_some_and(|rad| rad < clearance_rad).then_some(reason))
             .or_else(|| {
-                self.is_behind_obstacle(from_f1, clearance_rad)
+                self.is_behind_obstacle(self.seen_from_f1(reflection), clearance_rad)
                     .then_some(Unmeasurable::Occluded)
             })
     }
@@ -254,7 +253,12 @@ impl View {
     /// its way; `None` where there is no ray.
     pub fn from_f1(&self, u_px: f64, v_px: f64) -> Option<DVec3> {
         self.reflect_pixel(DVec2::new(u_px, v_px))
-            .map(|found| (found.mirror_m - self.ellipsoid.f1()).normalize())
+            .map(|found| self.seen_from_f1(&found))
+    }
+
+    /// The unit direction from F1 to where a ray meets the mirror, mirror frame.
+    fn seen_from_f1(&self, reflection: &Reflection) -> DVec3 {
+        (reflection.mirror_m - self.ellipsoid.f1()).normalize()
     }
 
     /// Checks horizon, hole, rim, wire and obstacles, in this order.
@@ -262,7 +266,7 @@ impl View {
         if !is_above_horizon(self.to_sample(reflection.direction)) {
             return Err(Unmeasurable::BelowHorizon);
         }
-        let from_f1 = (reflection.mirror_m - self.ellipsoid.f1()).normalize();
+        let from_f1 = self.seen_from_f1(reflection);
         if self.ellipsoid.in_hole(from_f1) {
             return Err(Unmeasurable::Hole);
         }
