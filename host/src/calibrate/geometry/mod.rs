@@ -96,15 +96,13 @@ pub fn calibrate(dir: &Path, said: &Said) -> Result<Geometry, CalibrateError> {
     };
     let orientations = orientations(task);
     let mut nominal = turned(&stated, orientations);
-    let seen = &seen.clone().with_edges_of(&nominal);
     // Views that determine nothing show no wire either.
-    let placed = place_wire(&mut nominal, Task { seen, ..task });
+    let placed = place_wire(&mut nominal, task);
     let nominal = &nominal;
     let unknowns = parameters(nominal);
     let mut solution = solve(Task {
         nominal,
         parameters: &unknowns,
-        seen,
         ..task
     })
     .ok_or_else(|| CalibrateError::Views {
@@ -112,9 +110,9 @@ pub fn calibrate(dir: &Path, said: &Said) -> Result<Geometry, CalibrateError> {
         found: "a fit that does not converge".to_owned(),
         advice: "check the tilts that were stated, and the nominal rig",
     })?;
-    let found = found(&views, &stated, seen, &unknowns, &mounts, &solution)?;
+    let found = found(&views, &stated, &seen, &unknowns, &mounts, &solution)?;
     placed?;
-    let hidden = hidden(&solution.rig, seen)?;
+    let hidden = hidden(&solution.rig, &seen);
     solution.rig.obstacles.extend(hidden);
     let rig = solution.rig.with_sensor_of(&views.rig)?;
     let geometry = Geometry {
@@ -123,7 +121,7 @@ pub fn calibrate(dir: &Path, said: &Said) -> Result<Geometry, CalibrateError> {
         ..found
     };
     super::check(&geometry)?;
-    picture::save_panels(&views, seen, &solution, &dir.join(RESIDUALS))?;
+    picture::save_panels(&views, &seen, &solution, &dir.join(RESIDUALS))?;
     file::write(&dir.join(GEOMETRY), &geometry)?;
     write_whole(&dir.join(RIG), rig.to_toml().as_bytes())?;
     Ok(geometry)
@@ -146,7 +144,7 @@ fn place_wire(nominal: &mut Rig, task: Task) -> Result<(), CalibrateError> {
     });
     let near = sketch.map_or(bare, |sketch| sketch.rig);
     let camera = View::camera(&near);
-    let Some(shadows) = Shadows::of(task.seen, &camera)? else {
+    let Some(shadows) = Shadows::of(task.seen, &camera) else {
         return Ok(());
     };
     match shadows.wire(wire.half_width_deg, wire.azimuth_deg) {
@@ -168,10 +166,10 @@ fn place_wire(nominal: &mut Rig, task: Task) -> Result<(), CalibrateError> {
 }
 
 /// What hides the diffuse standard from the camera of `rig`, as fitted, beyond what the rig has.
-fn hidden(rig: &Rig, seen: &Sightings) -> Result<Vec<Obstacle>, CalibrateError> {
+fn hidden(rig: &Rig, seen: &Sightings) -> Vec<Obstacle> {
     let bare = without_obstacles(rig);
     let camera = View::camera(&bare);
-    Ok(Shadows::of(seen, &camera)?.map_or(Vec::new(), |shadows| shadows.obstacles(rig)))
+    Shadows::of(seen, &camera).map_or(Vec::new(), |shadows| shadows.obstacles(rig))
 }
 
 /// `rig` with nothing before its mirror.

@@ -14,9 +14,8 @@
 use glam::DVec2;
 use nalgebra::{DMatrix, DVector};
 
-use super::sightings::{FARTHEST_DEG, Sightings};
+use super::sightings::Sightings;
 use crate::base::median::median;
-use crate::calibrate::CalibrateError;
 use crate::hemisphere::judged::is_judged;
 use crate::instrument::frame_format::pixel_centre;
 use crate::instrument::optics::View;
@@ -27,14 +26,15 @@ use crate::instrument::rig::Rig;
 const DEGREE: i32 = 4;
 const TERMS: usize = 15;
 const ROUNDS: usize = 8;
-/// Nothing is asked of pixels closer to an edge of hole or rim than this, radians.
+/// Nothing is asked of pixels closer to an edge of hole or rim than this, radians, nor of directions that lean more, degrees.
 const CLEAR_RAD: f64 = 0.03;
+const FARTHEST_DEG: f64 = 75.0;
 /// A pixel with less than this share of the light is in a shadow; those beside it that have less than the second are at its border.
 const DARK: f64 = 0.8;
 const DIM: f64 = 0.93;
 /// So many standard deviations of the shares are no shadow.
 const NOISE: f64 = 5.0;
-/// Noisier no standard is that is lit.
+/// What scatters more about the field is not lit, or is so little seen that no field describes it.
 const NOISIEST: f64 = 0.15;
 /// Fewest pixels that say something of shadows.
 const FEWEST: usize = 300;
@@ -69,11 +69,8 @@ pub(super) enum Wire {
 
 impl<'a> Shadows<'a> {
     /// Of the image of the standard that was `seen`, as the `camera` took it, which knows of no wire and no obstacles. `None` if too few
-    /// pixels should see it.
-    ///
-    /// # Errors
-    /// [`CalibrateError::Views`] if it is not lit.
-    pub(super) fn of(seen: &Sightings, camera: &'a View) -> Result<Option<Self>, CalibrateError> {
+    /// pixels do, or it is not lit: then it tells nothing of shadows.
+    pub(super) fn of(seen: &Sightings, camera: &'a View) -> Option<Self> {
         let (light, width) = (&seen.standard, seen.width);
         let height = light.len() / width.max(1);
         let farthest = FARTHEST_DEG.to_radians().cos();
@@ -87,13 +84,8 @@ impl<'a> Shadows<'a> {
         };
         let asked: Vec<usize> = (0..light.len()).filter(|pixel| is_asked(*pixel)).collect();
         if asked.len() < FEWEST {
-            return Ok(None);
+            return None;
         }
-        let unlit = || CalibrateError::Views {
-            expected: "a diffuse standard that is lit".to_owned(),
-            found: "one that is not, or hardly".to_owned(),
-            advice: "look at the frames: is the standard in place? does the projector stand as the rig file says?",
-        };
         let asked_light: Vec<(DVec2, f64)> = asked
             .iter()
             .map(|&pixel| {
@@ -102,7 +94,7 @@ impl<'a> Shadows<'a> {
                 (place, f64::from(light[pixel]))
             })
             .collect();
-        let expected = field(&asked_light).ok_or_else(unlit)?;
+        let expected = field(&asked_light)?;
         let mut shares = vec![None; light.len()];
         let mut off = Vec::with_capacity(asked.len());
         for (&pixel, expected) in asked.iter().zip(&expected) {
@@ -112,16 +104,13 @@ impl<'a> Shadows<'a> {
             }
             shares[pixel] = Some(share);
         }
-        let noise = 1.4826 * median(off).ok_or_else(unlit)?;
-        if noise > NOISIEST {
-            return Err(unlit());
-        }
-        Ok(Some(Self {
+        let noise = 1.4826 * median(off)?;
+        (noise <= NOISIEST).then_some(Self {
             camera,
             width,
             shares,
             noise,
-        }))
+        })
     }
 
     /// Looks for a wire of this half width all around; the rig file has it at `stated_deg`.
@@ -425,9 +414,7 @@ mod tests {
             rig.wire.as_mut().unwrap().azimuth_deg = azimuth_deg;
             let bare = without_obstacles(&nominal);
             let camera = View::camera(&bare);
-            let shadows = Shadows::of(&image(&rig, size as usize), &camera)
-                .unwrap()
-                .unwrap();
+            let shadows = Shadows::of(&image(&rig, size as usize), &camera).unwrap();
             let Wire::At(found_deg) = shadows.wire(0.6, 270.0) else {
                 panic!("{azimuth_deg}")
             };
@@ -436,9 +423,7 @@ mod tests {
                 "{azimuth_deg}: {found_deg}"
             );
             assert!(shadows.obstacles(&rig).is_empty());
-            let shadows = Shadows::of(&image(&bare, size as usize), &camera)
-                .unwrap()
-                .unwrap();
+            let shadows = Shadows::of(&image(&bare, size as usize), &camera).unwrap();
             assert_eq!(shadows.wire(0.6, 270.0), Wire::Missing);
             assert!(shadows.obstacles(&bare).is_empty());
         }
@@ -470,7 +455,7 @@ mod tests {
                 outline_deg: outline_deg.to_vec(),
             })
             .collect();
-        let shadows = Shadows::of(&image(&rig, 128), &camera).unwrap().unwrap();
+        let shadows = Shadows::of(&image(&rig, 128), &camera).unwrap();
         let mut found = nominal.clone();
         found.obstacles = shadows.obstacles(&nominal);
         let cut = |rig: &Rig| View::camera(rig).cut_pixels(0.0);

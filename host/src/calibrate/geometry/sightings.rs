@@ -4,8 +4,6 @@ use glam::DVec2;
 
 use super::Views;
 use crate::instrument::frame_format::pixel_centre;
-use crate::instrument::optics::View;
-use crate::instrument::rig::Rig;
 use crate::plan::stripes::Stripes;
 use crate::store::{RawStore, StoreError};
 
@@ -21,8 +19,6 @@ const WHOLE: f32 = 0.87;
 const DARK: f64 = 0.1;
 /// Pixels that an edge across a line may cut, and then one without light.
 const FADE: usize = 3;
-/// Farther from the normal nothing is asked of the standard, degrees.
-pub(super) const FARTHEST_DEG: f64 = 75.0;
 /// Pixels in which a wire may be seen as a whole.
 const NARROW: usize = 3;
 
@@ -83,16 +79,6 @@ impl Sightings {
                 .collect(),
             ..Self::default()
         }
-    }
-
-    /// With those edges only that may be of hole, rim or wire of `rig`, which is not quite the true one: where the standard is seen
-    /// from the side, its light ends at its own edge and at the horizon too.
-    pub(super) fn with_edges_of(mut self, rig: &Rig) -> Self {
-        let camera = View::camera(rig);
-        let lowest = FARTHEST_DEG.to_radians().cos();
-        self.edges_px
-            .retain(|at| camera.sight(at.x, at.y).is_some_and(|w| w.z > lowest));
-        self
     }
 
     fn add_matches(&mut self, view: usize, stripes: &Stripes, frames: &[Vec<f32>], width: usize) {

@@ -3,7 +3,9 @@
 //! # Design
 //! A frame of the standard over what light and throughput say it should be is the share s of pixel and spot that the
 //! standard filled: s = Σ g·p/var / Σ p²/var with the signal g and its prediction p, over the lit directions for a pixel, over
-//! the pixels for a direction. What is less than whole, beyond what noise and field leave uncertain, is off the sample.
+//! the pixels for a direction. What is not as predicted, beyond what noise and field leave uncertain, is off the sample: what is less
+//! is cut, and what is more is cut less than it should be, so that nobody knows what is seen there. So is what lies beyond that, seen
+//! from the normal: where its own edge should have ended it, a wrong edge may well seem right.
 //!
 //! The fields do not know that and would bend into the darkness. So they are fitted to what is whole, and what is whole is
 //! judged by them, in turns (`turns`).
@@ -22,9 +24,11 @@ use crate::instrument::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
 
 /// A share is whole within so many of its standard uncertainties …
 const CLEAR: f64 = 3.0;
-/// … but at least within this, and never below 1 less [`LARGEST_DEFICIT`].
+/// … but at least within this, and at most within that.
 const LEAST: f64 = 0.02;
-const LARGEST_DEFICIT: f64 = 0.5;
+const MOST: f64 = 0.5;
+/// Within this θ every sample is seen, degrees.
+const NEAR_DEG: f64 = 52.0;
 /// Before there are fields, what shines less than this share of the usual does not take part.
 const DIM: f64 = 0.4;
 /// Directions that judge a pixel, and pixels that judge a direction, about.
@@ -93,9 +97,8 @@ impl Share {
 
     /// Whether it is 1 within noise and the relative uncertainty of the prediction; not if nothing was predicted.
     fn is_whole(&self, relative: f64) -> bool {
-        let margin =
-            (CLEAR * (self.weight.recip() + relative * relative).sqrt()).clamp(LEAST, LARGEST_DEFICIT);
-        self.is_above(1.0 - margin)
+        let margin = (CLEAR * (self.weight.recip() + relative * relative).sqrt()).clamp(LEAST, MOST);
+        self.weight > 0.0 && (self.signal / self.weight - 1.0).abs() < margin
     }
 
     /// Whether it is more than `least`; not if nothing was predicted.
@@ -357,8 +360,25 @@ impl Seen<'_> {
                 is_whole(share, relative.hypot(fields.residual))
             })
             .collect();
+        if least.is_none() {
+            self.keep_joined(&mut pixels);
+        }
         self.judged.pixels = pixels;
         self.judged.places = lights;
+    }
+
+    /// Of the `pixels` that are whole, keeps those that whole ones join to where every sample is seen.
+    fn keep_joined(&self, pixels: &mut [bool]) {
+        let near = NEAR_DEG.to_radians().cos();
+        let mut whole = vec![false; pixels.len()];
+        for &(index, ..) in &self.all_pixels {
+            whole[index] = pixels[index];
+        }
+        let from = self.all_pixels.iter().filter(|(.., wo, _)| wo.z >= near);
+        let reached = reached(&whole, self.size_px.0, from.map(|(index, ..)| *index));
+        for &(index, ..) in &self.all_pixels {
+            pixels[index] = reached[index];
+        }
     }
 
     /// What was seen, as files have it.
@@ -393,7 +413,83 @@ impl Seen<'_> {
     }
 }
 
+/// Which pixels of an image of this width, row by row, are reached `from` some over side by side `open` ones.
+fn reached(open: &[bool], width: usize, from: impl Iterator<Item = usize>) -> Vec<bool> {
+    let mut reached = vec![false; open.len()];
+    let mut reach = |index: usize, to_go: &mut Vec<usize>| {
+        if open[index] && !std::mem::replace(&mut reached[index], true) {
+            to_go.push(index);
+        }
+    };
+    let mut to_go = Vec::new();
+    for index in from {
+        reach(index, &mut to_go);
+    }
+    while let Some(index) = to_go.pop() {
+        let x = index % width;
+        let beside = [
+            (x > 0).then(|| index - 1),
+            (x + 1 < width).then_some(index + 1),
+            index.checked_sub(width),
+            Some(index + width).filter(|below| *below < open.len()),
+        ];
+        for next in beside.into_iter().flatten() {
+            reach(next, &mut to_go);
+        }
+    }
+    reached
+}
+
 fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     let (sum, count) = values.fold((0.0, 0_u32), |(sum, count), value| (sum + value, count + 1));
     (count > 0).then(|| sum / f64::from(count))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whole_is_what_is_as_predicted_and_no_more() {
+        let share = |signal: f64, variance: f64| {
+            let mut share = Share::default();
+            share.add(signal, 100.0, variance);
+            share
+        };
+        for (signal, variance, relative, whole) in [
+            (100.0, 1.0, 0.0, true),
+            (98.5, 1e-3, 0.0, true),
+            (97.0, 1e-3, 0.0, false),
+            (103.0, 1e-3, 0.0, false),
+            (103.0, 1e-3, 0.02, true),
+            (80.0, 100.0, 0.0, true),
+            // What may be half or double tells nothing.
+            (120.0, 100.0, 0.0, true),
+            // What may be anything is not less than half.
+            (60.0, 1e6, 0.0, true),
+            (40.0, 1e6, 0.0, false),
+        ] {
+            assert_eq!(
+                share(signal, variance).is_whole(relative),
+                whole,
+                "{signal} {variance} {relative}"
+            );
+        }
+        assert!(!Share::default().is_whole(0.01));
+    }
+
+    #[test]
+    fn beyond_darkness_nothing_is_reached() {
+        let picture = ["###.#", "###.#", "##.##", "#..##"];
+        let open: Vec<bool> = picture.concat().bytes().map(|pixel| pixel == b'#').collect();
+        let found = reached(&open, 5, [0, 7].into_iter());
+        let expected = ["###..", "###..", "##...", "#...."].concat();
+        let expected: Vec<bool> = expected.bytes().map(|pixel| pixel == b'#').collect();
+        assert_eq!(found, expected);
+        // Nor over the end of a row into the next.
+        assert_eq!(
+            reached(&[false, true, true, false], 2, [1].into_iter()),
+            [false, true, false, false]
+        );
+    }
 }
