@@ -1,7 +1,7 @@
 //! `rcg fill`
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use rcg::assemble::fill::{Filled, Options, Way, fill};
 use rcg::capture::directory::Measurement;
@@ -44,13 +44,7 @@ enum Kind {
 }
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
-    let mut paths = args.brdfs.iter().map(|path| {
-        if Measurement::exists(path) {
-            path.join("brdf.zarr")
-        } else {
-            path.clone()
-        }
-    });
+    let mut paths = args.brdfs.iter().map(|path| brdf_of(path));
     let first = paths.next().expect("invariant: at least one is required");
     let way = |kind: &Kind| match kind {
         Kind::Reciprocity => Way::Reciprocity,
@@ -65,6 +59,15 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
     output.print(&filled, || text(&filled))?;
     output.warn(&filled.warnings);
     Ok(())
+}
+
+/// The brdf.zarr at `path`, or that of the measurement there.
+pub(crate) fn brdf_of(path: &Path) -> PathBuf {
+    if Measurement::exists(path) {
+        path.join("brdf.zarr")
+    } else {
+        path.to_owned()
+    }
 }
 
 fn text(filled: &Filled) -> String {

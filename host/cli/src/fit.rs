@@ -32,18 +32,24 @@ pub(crate) struct Args {
 
 /// Models on the command line.
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
-enum Kind {
+pub(crate) enum Kind {
     /// Ward 1992, with elliptical lobe
     Ward,
     /// Anisotropic GGX with a Lambert base
     Ggx,
 }
 
+impl From<Kind> for Model {
+    fn from(kind: Kind) -> Self {
+        match kind {
+            Kind::Ward => Self::Ward,
+            Kind::Ggx => Self::Ggx,
+        }
+    }
+}
+
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
-    let model = match args.model {
-        Kind::Ward => Model::Ward,
-        Kind::Ggx => Model::Ggx,
-    };
+    let model = Model::from(args.model);
     if let Some(path) = &args.residuals {
         to_write(path, CHART)?;
     }
@@ -77,6 +83,9 @@ fn text(fit: &Fit) -> String {
             parameter.name, parameter.value
         )
         .expect("strings take everything");
+    }
+    if let Some(zero) = &fit.azimuth_zero {
+        writeln!(text, "{zero}").expect("strings take everything");
     }
     let lack = fit
         .lack_of_fit_percent

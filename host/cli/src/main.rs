@@ -26,6 +26,7 @@ mod render;
 mod request;
 mod study;
 mod truth;
+mod turn;
 mod usage;
 mod value;
 mod worlds;
@@ -89,6 +90,7 @@ enum Command {
     Evaluate(evaluate::Args),
     Fit(fit::Args),
     Fill(fill::Args),
+    Turn(turn::Args),
     Render(render::Args),
     Plot(plot::Args),
     Study(study::Args),
@@ -110,6 +112,7 @@ impl Command {
                 | Self::Value(_)
                 | Self::Evaluate(_)
                 | Self::Fill(_)
+                | Self::Turn(_)
                 | Self::Fit(_)
                 | Self::Render(_)
                 | Self::Plot(_)
@@ -160,6 +163,7 @@ fn done(cli: &Cli, output: &Output) -> Done {
         Command::Value(args) => value::run(args, output),
         Command::Evaluate(args) => evaluate::run(args, output),
         Command::Fill(args) => fill::run(args, output),
+        Command::Turn(args) => turn::run(args, output),
         Command::Fit(args) => fit::run(args, output),
         Command::Render(args) => render::run(args, output),
         Command::Plot(args) => plot::run(args, output),

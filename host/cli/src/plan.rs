@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use rcg::assemble::dynamic_range;
 use rcg::instrument::rig::Rig;
 use rcg::measure::report::duration;
-use rcg::measure::{Job, prepare};
+use rcg::measure::{DiskSpace, Job, prepare};
 use rcg::plan::brackets::milliseconds;
 use rcg::plan::light::{Coding, Light};
 use rcg::plan::predicted_time::PredictedTime;
@@ -54,7 +54,9 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let rig = plan.request.rig(&rig)?;
     let directions = Directions::new(&rig, &plan.request.grid).map_err(PlanError::from)?;
     let pace = PredictedTime::new(&plan, &directions, &rig);
+    let space = DiskSpace::of(&plan, &directions, &rig);
     let mut value = json!({
+        "disk_space": space,
         "rig": rig.name,
         "exposures": plan.len(),
         "directions": plan.direction_count,
@@ -71,7 +73,24 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     if let (Some(value), Ok(Value::Object(pace))) = (value.as_object_mut(), serde_json::to_value(&pace)) {
         value.extend(pace);
     }
-    output.print(&value, || table(&lines(&plan, &directions, &pace, &rig)))
+    output.print(&value, || {
+        let mut lines = lines(&plan, &directions, &pace, &rig);
+        let on_disk = format!(
+            "{} of frames, {} of BRDF",
+            bytes(space.raw_bytes),
+            bytes(space.brdf_bytes)
+        );
+        lines.push(("disk space", on_disk));
+        table(&lines)
+    })
+}
+
+fn bytes(count: usize) -> String {
+    match count as f64 {
+        count if count < 1e6 => format!("{:.1} kB", count * 1e-3),
+        count if count < 1e9 => format!("{:.1} MB", count * 1e-6),
+        count => format!("{:.1} GB", count * 1e-9),
+    }
 }
 
 fn lines(

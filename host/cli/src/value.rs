@@ -62,5 +62,12 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         }
     }
     drop(out);
-    output.print(&json!({ "brdf": args.brdf, "values": answers }), String::new)
+    let azimuth = match &source {
+        Source::Measured(brdf) => Some(brdf.azimuth()),
+        Source::Known(_) => None,
+    };
+    output.print(
+        &json!({ "brdf": args.brdf, "azimuth": azimuth, "values": answers }),
+        String::new,
+    )
 }

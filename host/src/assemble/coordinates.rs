@@ -4,7 +4,7 @@ use serde_json::{Map, Value, json};
 
 use crate::brdf::budget::BudgetSums;
 use crate::brdf::interpolation::{BRANCHES, BranchErrors, REGIONS};
-use crate::brdf::{DIRECTION_UNCERTAINTY, ERRORS, FIELD_UNCERTAINTY, LAMP_LIGHT, UNCALIBRATED};
+use crate::brdf::{Azimuth, DIRECTION_UNCERTAINTY, ERRORS, FIELD_UNCERTAINTY, LAMP_LIGHT, UNCALIBRATED};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
 use crate::instrument::calibration::AppliedCalibration;
@@ -174,7 +174,6 @@ pub(super) fn attributes(
         "title": "bidirectional reflectance distribution function f in 1/sr, without the cosine",
         "incident_grid": incident,
         "incident_kind": plan.request.grid.kind(),
-        "outgoing_grid": "Lambert azimuthal equal-area disk: x + iy = sqrt(2) sin(theta/2) exp(i phi), -1..1",
         "step_deg": plan.request.grid.step_deg(),
         "rig": rig.name,
         "spot_deg": plan.spot_deg,
@@ -186,9 +185,14 @@ pub(super) fn attributes(
         LAMP_LIGHT: lamp.map(|level| f64::from(level.light)),
         "source": concat!("rcg ", env!("CARGO_PKG_VERSION")),
     });
+    let azimuth = Azimuth {
+        standard_uncertainty_deg: applied.azimuth_deg,
+        ..Azimuth::default()
+    };
     match attributes {
         Value::Object(mut map) => {
             map.retain(|_, value| !value.is_null());
+            map.extend(azimuth.attributes());
             map
         }
         _ => Map::new(),

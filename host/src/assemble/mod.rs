@@ -11,9 +11,8 @@
 //! over the pixels that were actually lit, not those that should have been. T_o and E_p are those of the rig file, which
 //! are uniform; what calibration found instead comes in behind (`correction`).
 //!
-//! Code patterns are shared out into the images of single directions (`assemble/coded`).
-//! Exposures of different length are merged pixel by pixel (`assemble/merge.rs`) before anything else. Then what came other ways
-//! is taken away (`assemble/stray.rs`).
+//! Code patterns are shared out into the images of single directions (`assemble/coded`). Exposures of different length are merged
+//! pixel by pixel (`assemble/merge.rs`) before anything else. Then what came other ways is taken away (`assemble/stray.rs`).
 //!
 //! Camera pixels are interpolated linearly onto the outgoing disk. The standard uncertainty of noise follows from the
 //! variance above, 1/6 for rounding with dither, and that of the mean dark frame; `correction` adds what else there is. With
@@ -28,6 +27,7 @@
 
 pub mod fill;
 pub(crate) mod resample;
+pub mod turn;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;

@@ -21,12 +21,14 @@ use crate::instrument::optics::Unmeasurable;
 use crate::store::{BrdfReader, BrdfRows, StoreError};
 
 mod agreement;
+mod azimuth;
 pub(crate) mod budget;
 pub(crate) mod evidence;
 mod known;
 mod source;
 mod values;
 
+pub use azimuth::Azimuth;
 pub use budget::{BANDS_DEG, CAUSES, RegionBudget};
 pub use known::KnownBrdf;
 pub use source::{Source, SourceError};
@@ -97,6 +99,7 @@ pub struct Brdf {
     /// What leaving images out said when the file was made; `None` in files of before.
     errors: Option<BranchErrors>,
     budget: Vec<RegionBudget>,
+    azimuth: Azimuth,
 }
 
 impl Brdf {
@@ -112,7 +115,9 @@ impl Brdf {
             expected,
             found,
         };
-        let grid = incident_set(&reader, &content)?;
+        let azimuth = Azimuth::of(reader.attributes())
+            .map_err(|(field, found)| content(field, "degrees from -360 to 360".to_owned(), found))?;
+        let grid = incident_set(&reader, azimuth.deg, &content)?;
         let layout = *reader.layout();
         if grid.len() != layout.incident {
             let expected = format!("{} directions from step_deg", grid.len());
@@ -125,7 +130,7 @@ impl Brdf {
                 layout.channels.to_string(),
             ));
         }
-        let disk = Disk::new(layout.grid);
+        let disk = Disk::new(layout.grid).turned(azimuth.deg);
         let reasons = |field, length: usize| -> Result<Vec<Option<Unmeasurable>>, BrdfError> {
             let data = reader.small(field)?;
             let codes = data.as_u8().unwrap_or_default();
@@ -182,6 +187,7 @@ impl Brdf {
             cells,
             errors,
             budget,
+            azimuth,
         })
     }
 
@@ -211,6 +217,17 @@ impl Brdf {
     #[must_use]
     pub const fn disk(&self) -> Disk {
         self.disk
+    }
+
+    /// Where φ = 0 lies on the sample.
+    #[must_use]
+    pub const fn azimuth(&self) -> &Azimuth {
+        &self.azimuth
+    }
+
+    /// What each way to interpolate costs, if the file says it.
+    pub(crate) const fn interpolation_errors(&self) -> Option<&BranchErrors> {
+        self.errors.as_ref()
     }
 
     /// Colour channels, 1 or 3.
@@ -342,9 +359,10 @@ impl Brdf {
     }
 }
 
-/// The incident directions of a file; `content` makes the complaint from field, expected and found.
+/// The incident directions of a file whose φ = 0 lies at `azimuth_deg`; `content` makes the complaint from field, expected and found.
 fn incident_set(
     reader: &BrdfReader,
+    azimuth_deg: f64,
     content: &dyn Fn(&'static str, String, String) -> BrdfError,
 ) -> Result<IncidentSet, BrdfError> {
     let attribute = |name| reader.attributes().get(name).cloned().unwrap_or_default();
@@ -380,7 +398,12 @@ fn incident_set(
             return Err(content("incident_kind", expected, kind.to_string()));
         }
     };
-    grid.build().map_err(|error| match error {
+    let set = grid.build().map(|set| match set {
+        IncidentSet::Rings(rings) => IncidentSet::Rings(rings.turned(azimuth_deg)),
+        // A list has its azimuths in the file's own frame.
+        list @ IncidentSet::List(_) => list,
+    });
+    set.map_err(|error| match error {
         IncidentError::Step { step_deg } => {
             let found = step_deg.to_string();
             content("step_deg", "degrees that divide 90".to_owned(), found)

@@ -5,20 +5,34 @@
 //! counts the same in an integral over solid angle: dω = 2 dA. The grid belongs to the BRDF, not to a
 //! camera: captures by different rigs can be compared and merged cell by cell. Rows run along +y, columns
 //! along +x; the centre of the first cell is at (0.5, 0.5).
+//!
+//! Where the frame of a sample was turned after it was measured, the cells stay and the grid lies turned in it
+//! ([`Disk::turned`]): nothing is resampled, and turning back loses nothing.
 
 use glam::{DVec2, DVec3};
 
 /// The grid of outgoing directions.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Disk {
     size: usize,
+    /// Cosine and sine of the azimuth of the frame's +x on the grid.
+    x: DVec2,
 }
 
 impl Disk {
     /// A grid of `size` × `size` cells.
     #[must_use]
     pub const fn new(size: usize) -> Self {
-        Self { size }
+        Self { size, x: DVec2::X }
+    }
+
+    /// The same cells in a frame whose +x lies at `azimuth_deg` on this one: what was at that azimuth is at 0 there.
+    #[must_use]
+    pub fn turned(self, azimuth_deg: f64) -> Self {
+        Self {
+            x: DVec2::from_angle(azimuth_deg.to_radians()).rotate(self.x),
+            ..self
+        }
     }
 
     /// Cells along a side.
@@ -53,6 +67,7 @@ impl Disk {
         let p = cell / half - 1.0;
         let rr = p.length_squared();
         // x = sin θ cos φ with sin θ = 2 sin(θ/2) cos(θ/2) = r √(2 − r²); cos θ = 1 − r².
+        let p = DVec2::new(self.x.x, -self.x.y).rotate(p);
         (rr < 1.0).then(|| (p * (2.0 - rr).sqrt()).extend(1.0 - rr))
     }
 
@@ -61,7 +76,7 @@ impl Disk {
     pub fn position(&self, w: DVec3) -> Option<DVec2> {
         (w.z >= 0.0).then(|| {
             let half = self.size as f64 / 2.0;
-            (w.truncate() / (1.0 + w.z).sqrt() + 1.0) * half
+            (self.x.rotate(w.truncate()) / (1.0 + w.z).sqrt() + 1.0) * half
         })
     }
 
@@ -108,6 +123,20 @@ mod tests {
         assert!(disk.position(from_degrees(91.0, 0.0)).is_none());
         let rim = disk.position(from_degrees(90.0, 0.0)).unwrap();
         assert!((rim - DVec2::new(96.0, 48.0)).length() < 1e-9);
+    }
+
+    #[test]
+    fn a_turned_frame_has_the_same_cells_elsewhere() {
+        let (disk, turned) = (Disk::new(32), Disk::new(32).turned(50.0).turned(-20.0));
+        for index in 0..disk.len() {
+            let (Some(w), Some(there)) = (disk.direction(index), turned.direction(index)) else {
+                assert_eq!(turned.direction(index), None);
+                continue;
+            };
+            let back = glam::DMat3::from_rotation_z(30_f64.to_radians()) * there;
+            assert!((back - w).length() < 1e-12);
+            assert!((turned.position(there).unwrap() - disk.position(w).unwrap()).length() < 1e-9);
+        }
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 pub mod adaptive;
 mod budget;
+mod disk_space;
 pub mod goal;
 mod job;
 pub mod report;
@@ -28,6 +29,7 @@ use crate::store::whole_file::FileError;
 use crate::virtual_rig::setup::{Setup, SetupError};
 
 pub use budget::{budget_line, budget_text};
+pub use disk_space::DiskSpace;
 pub use job::{Job, Reference};
 
 /// Why a measurement failed.

@@ -245,6 +245,7 @@ fn adaptive_line(adapted: &Adapted) -> (&'static str, String) {
 #[must_use]
 pub fn evaluation_lines(evaluation: &Evaluation) -> Vec<(&'static str, String)> {
     let mut lines = vec![
+        ("azimuth", evaluation.azimuth.to_string()),
         (
             "coverage",
             format!(

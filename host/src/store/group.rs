@@ -20,8 +20,8 @@ use super::error::StoreError;
 const FORMAT: &str = "rcg_format";
 /// Attribute of the group that says which version of that kind.
 const FORMAT_VERSION: &str = "rcg_format_version";
-/// The version of `brdf.zarr` that this program writes; it reads those of before too.
-const BRDF_VERSION: u64 = 2;
+/// The version of `brdf.zarr` that this program writes; it reads those of before too. 3 may lie turned on the sample.
+const BRDF_VERSION: u64 = 3;
 /// The version of `raw.zarr` that this program writes, and the only one that it reads: 2 has tallies, seals and orphans by
 /// segments, the camera's time-stamps, the clock's rate and declared fill values.
 const RAW_VERSION: u64 = 2;

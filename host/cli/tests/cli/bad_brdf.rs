@@ -158,8 +158,8 @@ fn attributes_that_make_no_sense_are_refused() {
     with_edit(&group, "/attributes/rcg_format", &json!("raw"), || {
         refused(&brdf, &["rcg_format", "raw"]);
     });
-    with_edit(&group, "/attributes/rcg_format_version", &json!(3), || {
-        refused(&brdf, &["rcg_format_version", "expected 1 or 2", "found 3"]);
+    with_edit(&group, "/attributes/rcg_format_version", &json!(4), || {
+        refused(&brdf, &["rcg_format_version", "expected 1 or 2 or 3", "found 4"]);
     });
     with_edit(&group, "/attributes", &json!([]), || {
         refused(&brdf, &["attributes"]);

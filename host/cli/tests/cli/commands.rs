@@ -145,6 +145,7 @@ impl Scene {
                 })
                 .to_vec(),
             "fill" => vec![format!("{brdf} --out {}", file("whole.zarr"))],
+            "turn" => vec![format!("{brdf} --azimuth 20 --out {}", file("turned.zarr"))],
             "render" => vec![format!("lambert --size 8 --out {}", file("a.png"))],
             "plot" => ["svg", "png", "csv"]
                 .map(|ending| format!("lambert --azimuths 8 --out {}", file(&format!("a.{ending}"))))

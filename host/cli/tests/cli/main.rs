@@ -49,6 +49,7 @@ mod tensor_file;
 mod texts;
 mod tree;
 mod trigger_box;
+mod turns;
 mod values;
 mod virtual_rig;
 mod worlds;

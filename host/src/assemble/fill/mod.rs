@@ -299,6 +299,11 @@ fn check_alike(base: &Brdf, other: &Brdf) -> Result<(), FillError> {
             base.disk().size().to_string(),
             other.disk().size().to_string(),
         ),
+        (
+            "azimuth_deg",
+            base.azimuth().deg.to_string(),
+            other.azimuth().deg.to_string(),
+        ),
     ];
     match fields.into_iter().find(|(_, expected, found)| expected != found) {
         None => Ok(()),

@@ -23,6 +23,7 @@ mod rings;
 
 pub use list::DirectionList;
 pub use rings::Rings;
+use rings::turned_deg;
 
 /// Indices of incident directions and their weights, which are at least 0 and sum to 1.
 pub type Neighbours = [(usize, f64); 4];
@@ -221,6 +222,24 @@ impl IncidentSet {
         match self {
             Self::Rings(rings) => rings.adjacent(index),
             Self::List(list) => list.adjacent(index),
+        }
+    }
+
+    /// The same directions in a frame whose +x lies at `azimuth_deg` in this one: what was at that azimuth is at 0 there.
+    ///
+    /// # Errors
+    /// [`IncidentError::List`] if a list that is turned makes no triangulation, which no list leads to that made one before.
+    pub fn turned(&self, azimuth_deg: f64) -> Result<Self, IncidentError> {
+        match self {
+            Self::Rings(rings) => Ok(Self::Rings(rings.turned(azimuth_deg))),
+            Self::List(list) => {
+                let turned = (0..list.len()).map(|index| {
+                    let (theta_deg, phi_deg) = list.angles_deg(index);
+                    [theta_deg, turned_deg(phi_deg, azimuth_deg)]
+                });
+                let directions_deg = turned.collect();
+                Grid::List { directions_deg }.build()
+            }
         }
     }
 

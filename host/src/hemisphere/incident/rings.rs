@@ -24,6 +24,8 @@ pub struct Rings {
     step_deg: f64,
     /// Index of the first direction of each ring, and after the last one.
     starts: Vec<usize>,
+    /// Azimuth on the rings of the +x of the frame in which directions are, degrees.
+    azimuth_deg: f64,
 }
 
 /// Where a ray from the pole crosses a side of a ring's polygon.
@@ -65,7 +67,20 @@ impl Rings {
         for ring in 0..rings {
             starts.push(starts[ring] + count((ring as f64 + 0.5) * step_deg, rings));
         }
-        Ok(Self { step_deg, starts })
+        Ok(Self {
+            step_deg,
+            starts,
+            azimuth_deg: 0.0,
+        })
+    }
+
+    /// The same directions in a frame whose +x lies at `azimuth_deg` in this one.
+    #[must_use]
+    pub fn turned(&self, azimuth_deg: f64) -> Self {
+        Self {
+            azimuth_deg: self.azimuth_deg + azimuth_deg,
+            ..self.clone()
+        }
     }
 
     /// Number of directions.
@@ -105,7 +120,10 @@ impl Rings {
         let sector = index - self.starts[ring];
         (
             (ring as f64 + 0.5) * self.step_deg,
-            sector as f64 * (360.0 / self.count(ring) as f64),
+            turned_deg(
+                sector as f64 * (360.0 / self.count(ring) as f64),
+                self.azimuth_deg,
+            ),
         )
     }
 
@@ -124,6 +142,7 @@ impl Rings {
     #[must_use]
     pub fn neighbours(&self, w: DVec3) -> Neighbours {
         let (theta_rad, phi_rad) = to_angles(w);
+        let phi_rad = phi_rad + self.azimuth_deg.to_radians();
         let last = self.rings() - 1;
         // The ring at or inside of w; its polygon lies within its circle.
         let circle = theta_rad / self.step_deg.to_radians() - 0.5;
@@ -190,6 +209,17 @@ impl Rings {
         }
         adjacent
     }
+}
+
+/// The azimuth `phi_deg` in a frame whose +x lies at `azimuth_deg`, from 0 up to 360.
+pub(super) fn turned_deg(phi_deg: f64, azimuth_deg: f64) -> f64 {
+    // What is not turned stays as it was given.
+    if azimuth_deg == 0.0 {
+        return phi_deg;
+    }
+    let turned = (phi_deg - azimuth_deg).rem_euclid(360.0);
+    // So little below 0 that the remainder is all of it.
+    if turned < 360.0 { turned } else { 0.0 }
 }
 
 /// Linear between two crossings of a ray, for a place at `theta_rad` on it; `inner` stands at `inner_rad`.

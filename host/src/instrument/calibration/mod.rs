@@ -152,6 +152,9 @@ pub(crate) fn check_rig(path: &Path, rig: &Rig, found: &str) -> Result<(), Calib
 pub struct AppliedCalibration {
     /// Standard uncertainty (k = 1, RMS) of the directions of camera and projector, degrees; zero if nobody knows.
     pub direction_deg: [f64; 2],
+    /// Standard uncertainty (k = 1) of where azimuth 0 of the holder lies, degrees; `None` if nobody knows.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub azimuth_deg: Option<f64>,
     /// Standard uncertainty (k = 1) of where the edges of hole, rim and wire are, degrees; zero if nobody knows.
     pub edge_deg: f64,
     /// Light, throughput and camera.
@@ -237,6 +240,7 @@ impl Calibration {
                 // Samples lean besides, both ways.
                 [geometry.camera_deg, geometry.projector_deg].map(|deg| deg.hypot(2_f64.sqrt() * SEATED_DEG))
             }),
+            azimuth_deg: self.geometry.as_ref().map(|geometry| geometry.azimuth_deg),
             edge_deg: self.geometry.as_ref().map_or(0.0, Geometry::edge_deg),
             photometry: self.photometry.clone(),
             nominal_sha256: Some(

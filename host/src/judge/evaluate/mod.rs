@@ -24,7 +24,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::brdf::sample::Sample;
-use crate::brdf::{Brdf, RegionBudget};
+use crate::brdf::{Azimuth, Brdf, RegionBudget};
 use crate::hemisphere::judged::is_judged;
 use crate::store::StoreError;
 use crate::store::provenance::Provenance;
@@ -47,6 +47,8 @@ use tally::{Judge, Part, ThetaBins};
 /// What was found. What could not be found is `None`, and [`warnings`](Self::warnings) say why.
 #[derive(Clone, Debug, Serialize)]
 pub struct Evaluation {
+    /// Where φ = 0 lies on the sample.
+    pub azimuth: Azimuth,
     /// Samples with a value.
     pub measured_samples: u64,
     /// Share of direction pairs with θ ≤ 80° that have a value; `None` if the file has no such pair.
@@ -216,6 +218,7 @@ pub fn evaluate(
     });
     let whole = directions().map(|wo| wo.z).sum::<f64>() * disk.cell_sr() / std::f64::consts::PI;
     let mut evaluation = Evaluation {
+        azimuth: brdf.azimuth().clone(),
         measured_samples: total.measured,
         coverage: share(total.pairs(), pairs),
         median_relative_sigma: seen.sigma.median(),

@@ -104,6 +104,10 @@ fn check_directions(a: &Brdf, b: &Brdf) -> Result<(), BrdfError> {
             return Err(differs(field, expected.to_string(), found.to_string()));
         }
     }
+    if a.disk() != b.disk() {
+        let [expected, found] = [a, b].map(|brdf| brdf.azimuth().to_string());
+        return Err(differs("azimuth_deg", expected, found));
+    }
     let other = (0..a.grid().len())
         .find(|&index| a.grid().direction(index).distance(b.grid().direction(index)) > 1e-9);
     other.map_or(Ok(()), |index| {

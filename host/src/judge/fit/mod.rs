@@ -42,8 +42,8 @@ mod verdict;
 use std::path::Path;
 
 use crate::base::blame::Blame;
-use crate::brdf::Brdf;
 use crate::brdf::sample::Sample;
+use crate::brdf::{Azimuth, Brdf};
 use crate::judge::chart::{Axis, Chart, ChartError, Curve, Scale};
 use crate::store::StoreError;
 
@@ -120,6 +120,8 @@ pub struct Fit {
     pub parameters: Vec<Parameter>,
     /// Covariance of the parameters, row by row in their order; `None` if the fit is not acceptable.
     pub covariance: Option<Vec<Vec<f64>>>,
+    /// Where φ = 0 lies, from which azimuths count; `None` of a known sample, which has its own.
+    pub azimuth_zero: Option<Azimuth>,
     /// Samples (pairs of directions) that took part.
     pub samples: usize,
     /// Sum of squared residuals over their variances, per degree of freedom: 1 if noise is all there is.
@@ -146,6 +148,7 @@ impl Fit {
     /// [`FitError`].
     pub fn of_brdf(model: Model, brdf: &Brdf) -> Result<Self, FitError> {
         let mut fit = Self::new(model, &Observations::of_brdf(brdf)?)?;
+        fit.azimuth_zero = Some(brdf.azimuth().clone());
         let unknown = brdf.uncalibrated().unwrap_or_default();
         if fit.acceptable && !unknown.is_empty() {
             fit.warnings.push(format!(
@@ -209,6 +212,7 @@ impl Fit {
                     .map(|row| row.iter().copied().collect())
                     .collect(),
             ),
+            azimuth_zero: None,
             samples: seen.all.len(),
             chi_squared_per_degree: solution.chi_squared / degrees,
             lack_of_fit_percent: None,

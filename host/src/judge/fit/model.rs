@@ -22,7 +22,8 @@ pub enum Model {
 
 impl Model {
     /// Its name.
-    pub(super) const fn name(self) -> &'static str {
+    #[must_use]
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Ward => "Ward",
             Self::Ggx => "GGX",

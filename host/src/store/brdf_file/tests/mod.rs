@@ -210,12 +210,12 @@ fn files_of_version_1_have_nan_where_their_provenance_says_missing() {
     writer.finish().unwrap();
     let file = path.join("zarr.json");
     let mut group: Value = serde_json::from_slice(&fs::read(&file).unwrap()).unwrap();
-    assert_eq!(group["attributes"]["rcg_format_version"], 2);
+    assert_eq!(group["attributes"]["rcg_format_version"], 3);
     for (version, is_read) in [
         (json!(1), true),
         (json!(0), false),
-        (json!(3), false),
-        (json!("2"), false),
+        (json!(4), false),
+        (json!("3"), false),
     ] {
         group["attributes"]["rcg_format_version"] = version.clone();
         fs::write(&file, group.to_string()).unwrap();

@@ -1,0 +1,169 @@
+//! Turning the frame of a sample after it was measured.
+//!
+//! # Design
+//! The values stay where they are; what changes is where φ = 0 lies among them: the incident directions have other azimuths, and the
+//! grid of outgoing directions lies turned ([`Disk::turned`](crate::hemisphere::disk::Disk::turned)). So nothing is interpolated, the
+//! uncertainties stay those of the values, and turning back gives the file that was.
+
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::{coordinates, interpolation_errors};
+use crate::base::blame::Blame;
+use crate::brdf::budget::arrays_of;
+use crate::brdf::{Azimuth, Brdf, BrdfError};
+use crate::judge::fit::{AZIMUTH, Fit, FitError, Model};
+use crate::store::{BrdfLayout, BrdfWriter, StoreError};
+
+/// An axis that is less certain than this is none, degrees (k = 1).
+pub const LEAST_CERTAIN_DEG: f64 = 2.0;
+
+/// Why nothing was turned.
+#[derive(Debug, thiserror::Error)]
+pub enum TurnError {
+    /// The file that is read.
+    #[error(transparent)]
+    Brdf(#[from] BrdfError),
+    /// A store.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The model.
+    #[error(transparent)]
+    Fit(#[from] FitError),
+    /// No axis to lay φ = 0 on.
+    #[error(
+        "{path}: expected a lobe whose axis the {model} model finds to {LEAST_CERTAIN_DEG}° (k = 1), found {found}; give --azimuth in \
+         degrees, or another --model"
+    )]
+    NoAxis {
+        /// The file.
+        path: String,
+        /// The model.
+        model: &'static str,
+        /// What there is.
+        found: String,
+    },
+    /// A file cannot be written while it is read.
+    #[error("{path}: expected another file than the one that is read")]
+    Itself {
+        /// The file.
+        path: String,
+    },
+}
+
+impl Blame for TurnError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Brdf(error) => error.is_input(),
+            Self::Store(error) => error.is_input(),
+            Self::Fit(error) => error.is_input(),
+            Self::NoAxis { .. } | Self::Itself { .. } => true,
+        }
+    }
+}
+
+/// Where φ = 0 is to lie.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum To {
+    /// At this azimuth of the file as it is, degrees.
+    Azimuth(f64),
+    /// On the axis of `ax` of a fitted lobe.
+    Lobe(Model),
+}
+
+/// What was turned.
+#[derive(Clone, Debug, Serialize)]
+pub struct Turned {
+    /// By how much, degrees: what was at this azimuth is at 0 now.
+    pub by_deg: f64,
+    /// Where φ = 0 lies now.
+    pub azimuth: Azimuth,
+}
+
+/// Writes the BRDF at `path` to `out` in a frame whose φ = 0 lies as `to` says.
+///
+/// # Errors
+/// [`TurnError`]; the file that is read stays as it is.
+pub fn turn(path: &Path, to: To, out: &Path) -> Result<Turned, TurnError> {
+    let brdf = Brdf::open(path)?;
+    if matches!((path.canonicalize(), out.canonicalize()), (Ok(path), Ok(out)) if path == out) {
+        return Err(TurnError::Itself {
+            path: out.display().to_string(),
+        });
+    }
+    let before = brdf.azimuth();
+    let (by_deg, model, standard_uncertainty_deg) = match to {
+        To::Azimuth(deg) => (deg, None, before.standard_uncertainty_deg),
+        To::Lobe(model) => {
+            let [deg, uncertainty_deg] = axis(&brdf, model)?;
+            (deg, Some(model.name().to_owned()), Some(uncertainty_deg))
+        }
+    };
+    // Within ± 180°, so that turning again and again stays readable.
+    let deg = (before.deg + by_deg + 180.0).rem_euclid(360.0) - 180.0;
+    let azimuth = Azimuth {
+        deg,
+        model,
+        standard_uncertainty_deg,
+    };
+    write(&brdf, by_deg, &azimuth, out)?;
+    Ok(Turned { by_deg, azimuth })
+}
+
+/// The azimuth in the file of the axis of `ax`, and its standard uncertainty, degrees.
+fn axis(brdf: &Brdf, model: Model) -> Result<[f64; 2], TurnError> {
+    let fit = Fit::of_brdf(model, brdf)?;
+    let none = |found: String| TurnError::NoAxis {
+        path: brdf.path().display().to_string(),
+        model: model.name(),
+        found,
+    };
+    if !fit.acceptable {
+        let why = fit.warnings.first().cloned();
+        return Err(none(format!(
+            "a fit that is not acceptable{}",
+            why.map_or_else(String::new, |why| format!(" ({why})"))
+        )));
+    }
+    let axis = fit.parameters.iter().find(|parameter| parameter.name == AZIMUTH);
+    let known = axis.and_then(|axis| Some([axis.value, axis.standard_uncertainty?]));
+    match known {
+        Some([deg, uncertainty_deg]) if uncertainty_deg <= LEAST_CERTAIN_DEG => Ok([deg, uncertainty_deg]),
+        Some([deg, uncertainty_deg]) => Err(none(format!("{deg:.1} ± {uncertainty_deg:.1}°"))),
+        None => Err(none("one that is as wide both ways, or none".to_owned())),
+    }
+}
+
+/// Writes `brdf` with φ = 0 at `by_deg` of where it was, which is `azimuth` now.
+fn write(brdf: &Brdf, by_deg: f64, azimuth: &Azimuth, out: &Path) -> Result<(), TurnError> {
+    let set = brdf.grid().turned(by_deg).map_err(|error| brdf.content(&error))?;
+    let (disk, layout) = (
+        brdf.disk(),
+        BrdfLayout {
+            incident: set.len(),
+            grid: brdf.disk().size(),
+            channels: brdf.channels(),
+            chunk: brdf.chunk_range(0).len(),
+        },
+    );
+    let incident: Vec<_> = (0..set.len()).map(|index| brdf.incident_reason(index)).collect();
+    let outgoing: Vec<_> = (0..disk.len()).map(|cell| brdf.outgoing_reason(cell)).collect();
+    let pixel_sr: Vec<f64> = (0..disk.len()).map(|cell| brdf.pixel_sr(cell)).collect();
+    let mut attributes = brdf.attributes().clone();
+    attributes.retain(|name, _| !name.starts_with("rcg_") && !name.starts_with("azimuth_"));
+    attributes.extend(azimuth.attributes());
+    let coordinates = coordinates(&set, &incident, disk, &outgoing, &pixel_sr);
+    let writer = BrdfWriter::create(out, layout, &coordinates, attributes, true)?;
+    for array in arrays_of(brdf.budget()) {
+        writer.rewrite(&array)?;
+    }
+    writer.rewrite(&interpolation_errors(brdf.interpolation_errors()))?;
+    for chunk in 0..brdf.chunks() {
+        if let Some(rows) = brdf.chunk(chunk)? {
+            writer.write_chunk(chunk, &rows)?;
+        }
+    }
+    writer.finish()?;
+    Ok(())
+}
