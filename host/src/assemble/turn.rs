@@ -8,13 +8,19 @@
 use std::path::Path;
 
 use serde::Serialize;
+use serde_json::Value;
 
 use super::{coordinates, interpolation_errors};
 use crate::base::blame::Blame;
 use crate::brdf::budget::arrays_of;
 use crate::brdf::{Azimuth, Brdf, BrdfError};
+use crate::hemisphere::incident::IncidentSet;
 use crate::judge::fit::{AZIMUTH, Fit, FitError, Model};
 use crate::store::{BrdfLayout, BrdfWriter, StoreError};
+
+/// Attribute of `brdf.zarr` that describes the incident directions of rings as they were captured, and what it says behind that.
+const RINGS: &str = "incident_grid";
+const TURNED: &str = "; less azimuth_deg in phi";
 
 /// An axis that is less certain than this is none, degrees (k = 1).
 pub const LEAST_CERTAIN_DEG: f64 = 2.0;
@@ -100,15 +106,24 @@ pub fn turn(path: &Path, to: To, out: &Path) -> Result<Turned, TurnError> {
             (deg, Some(model.name().to_owned()), Some(uncertainty_deg))
         }
     };
-    // Within ± 180°, so that turning again and again stays readable.
-    let deg = (before.deg + by_deg + 180.0).rem_euclid(360.0) - 180.0;
     let azimuth = Azimuth {
-        deg,
+        deg: readable_deg(before.deg + by_deg),
         model,
         standard_uncertainty_deg,
     };
     write(&brdf, by_deg, &azimuth, out)?;
     Ok(Turned { by_deg, azimuth })
+}
+
+/// The same azimuth within ± 180°, without what rounding leaves of one that was turned there and back.
+fn readable_deg(deg: f64) -> f64 {
+    let within = if deg.abs() <= 180.0 {
+        deg
+    } else {
+        (deg + 180.0).rem_euclid(360.0) - 180.0
+    };
+    // Far below any uncertainty. Adding 0 leaves no −0.
+    (within * 1e9).round() / 1e9 + 0.0
 }
 
 /// The azimuth in the file of the axis of `ax`, and its standard uncertainty, degrees.
@@ -138,21 +153,26 @@ fn axis(brdf: &Brdf, model: Model) -> Result<[f64; 2], TurnError> {
 /// Writes `brdf` with φ = 0 at `by_deg` of where it was, which is `azimuth` now.
 fn write(brdf: &Brdf, by_deg: f64, azimuth: &Azimuth, out: &Path) -> Result<(), TurnError> {
     let set = brdf.grid().turned(by_deg).map_err(|error| brdf.content(&error))?;
-    let (disk, layout) = (
-        brdf.disk(),
-        BrdfLayout {
-            incident: set.len(),
-            grid: brdf.disk().size(),
-            channels: brdf.channels(),
-            chunk: brdf.chunk_range(0).len(),
-        },
-    );
+    let disk = brdf.disk();
+    let layout = BrdfLayout {
+        incident: set.len(),
+        grid: disk.size(),
+        channels: brdf.channels(),
+        chunk: brdf.chunk_range(0).len(),
+    };
     let incident: Vec<_> = (0..set.len()).map(|index| brdf.incident_reason(index)).collect();
     let outgoing: Vec<_> = (0..disk.len()).map(|cell| brdf.outgoing_reason(cell)).collect();
     let pixel_sr: Vec<f64> = (0..disk.len()).map(|cell| brdf.pixel_sr(cell)).collect();
     let mut attributes = brdf.attributes().clone();
     attributes.retain(|name, _| !name.starts_with("rcg_") && !name.starts_with("azimuth_"));
     attributes.extend(azimuth.attributes());
+    if let (IncidentSet::Rings(_), Some(Value::String(rings))) = (&set, attributes.get_mut(RINGS)) {
+        let as_captured = rings.trim_end_matches(TURNED).len();
+        rings.truncate(as_captured);
+        if azimuth.deg != 0.0 {
+            rings.push_str(TURNED);
+        }
+    }
     let coordinates = coordinates(&set, &incident, disk, &outgoing, &pixel_sr);
     let writer = BrdfWriter::create(out, layout, &coordinates, attributes, true)?;
     for array in arrays_of(brdf.budget()) {
