@@ -185,14 +185,10 @@ pub(super) fn attributes(
         LAMP_LIGHT: lamp.map(|level| f64::from(level.light)),
         "source": concat!("rcg ", env!("CARGO_PKG_VERSION")),
     });
-    let azimuth = Azimuth {
-        standard_uncertainty_deg: applied.azimuth_deg,
-        ..Azimuth::default()
-    };
     match attributes {
         Value::Object(mut map) => {
+            map.extend(Azimuth::of_holder(applied.azimuth_deg).attributes());
             map.retain(|_, value| !value.is_null());
-            map.extend(azimuth.attributes());
             map
         }
         _ => Map::new(),

@@ -5,21 +5,20 @@
 //!
 //! g(ω_o) = dark(t) + K · t · T_o(ω_o) · Σ_p f(ω_p, ω_o) · E_p · cosθ_p · Δω_p
 //!
-//! over the lit projector pixels p, of intensity E_p, direction ω_p and solid angle Δω_p at the sample; its variance
-//! is var(g) = σ_read² + (g − dark)/gain with the gain in electrons per number (the photon-transfer curve).
-//! Solved for f, which hardly changes over the small spot: f = (g − dark) / (K·t·T_o·Σ E·cosθ·Δω), where the sum is
-//! over the pixels that were actually lit, not those that should have been. T_o and E_p are those of the rig file, which
-//! are uniform; what calibration found instead comes in behind (`correction`).
+//! over the lit projector pixels p, of intensity E_p, direction ω_p and solid angle Δω_p at the sample; its variance is
+//! var(g) = σ_read² + (g − dark)/gain with the gain in electrons per number (the photon-transfer curve). Solved for f, which hardly changes over the small
+//! spot: f = (g − dark) / (K·t·T_o·Σ E·cosθ·Δω), where the sum is over the pixels that were actually lit, not those that should have
+//! been. T_o and E_p are those of the rig file, which are uniform; what calibration found instead comes in behind (`correction`).
 //!
 //! Code patterns are shared out into the images of single directions (`assemble/coded`). Exposures of different length are merged
 //! pixel by pixel (`assemble/merge.rs`) before anything else. Then what came other ways is taken away (`assemble/stray.rs`).
 //!
-//! Camera pixels are interpolated linearly onto the outgoing disk. The standard uncertainty of noise follows from the
-//! variance above, 1/6 for rounding with dither, and that of the mean dark frame; `correction` adds what else there is. With
-//! noise go what the pixels' responses differ by, each pixel's own, and the noise of rows, which pixels of a row have in common.
-//! Calibration saw pixels of another size of image: what each of these responds by is not known, and stated for all alike.
-//! What pixels differ by in the dark is in the black frames, of the same exposure time; beside it the dark level that
-//! linearisation starts from errs by 2β·offset/range, 10⁻⁵ of the signal.
+//! Camera pixels are interpolated linearly onto the outgoing disk. The standard uncertainty of noise follows from the variance above, 1/6
+//! for rounding with dither, and that of the mean dark frame; `correction` adds what else there is. With noise go what the pixels'
+//! responses differ by, each pixel's own, and the noise of rows, which pixels of a row have in common. Calibration saw pixels of another
+//! size of image: what each of these responds by is not known, and stated for all alike. What pixels differ by in the dark is in the
+//! black frames, of the same exposure time; beside it the dark level that linearisation starts from errs by 2β·offset/range, 10⁻⁵ of the
+//! signal.
 //!
 //! What no pixel sees, what saturated and what nothing lit is NaN from the first step on: no sum may take it for a dark sample.
 //!
@@ -56,6 +55,7 @@ mod coordinates;
 mod correction;
 mod edges;
 mod interreflection;
+mod like;
 mod luminance;
 mod merge;
 mod off_sample;

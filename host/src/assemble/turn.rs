@@ -10,13 +10,13 @@ use std::path::Path;
 use serde::Serialize;
 use serde_json::Value;
 
-use super::{coordinates, interpolation_errors};
+use super::interpolation_errors;
+use super::like::{Own, is_same_place, writer_like};
 use crate::base::blame::Blame;
-use crate::brdf::budget::arrays_of;
 use crate::brdf::{Azimuth, Brdf, BrdfError};
 use crate::hemisphere::incident::IncidentSet;
 use crate::judge::fit::{AZIMUTH, Fit, FitError, Model};
-use crate::store::{BrdfLayout, BrdfWriter, StoreError};
+use crate::store::StoreError;
 
 /// Attribute of `brdf.zarr` that describes the incident directions of rings as they were captured, and what it says behind that.
 const RINGS: &str = "incident_grid";
@@ -93,14 +93,14 @@ pub struct Turned {
 /// [`TurnError`]; the file that is read stays as it is.
 pub fn turn(path: &Path, to: To, out: &Path) -> Result<Turned, TurnError> {
     let brdf = Brdf::open(path)?;
-    if matches!((path.canonicalize(), out.canonicalize()), (Ok(path), Ok(out)) if path == out) {
+    if is_same_place(path, out) {
         return Err(TurnError::Itself {
             path: out.display().to_string(),
         });
     }
     let before = brdf.azimuth();
     let (by_deg, model, standard_uncertainty_deg) = match to {
-        To::Azimuth(deg) => (deg, None, before.standard_uncertainty_deg),
+        To::Azimuth(deg) => (deg, None, before.holder_uncertainty_deg),
         To::Lobe(model) => {
             let [deg, uncertainty_deg] = axis(&brdf, model)?;
             (deg, Some(model.name().to_owned()), Some(uncertainty_deg))
@@ -110,6 +110,7 @@ pub fn turn(path: &Path, to: To, out: &Path) -> Result<Turned, TurnError> {
         deg: readable_deg(before.deg + by_deg),
         model,
         standard_uncertainty_deg,
+        ..before.clone()
     };
     write(&brdf, by_deg, &azimuth, out)?;
     Ok(Turned { by_deg, azimuth })
@@ -153,31 +154,24 @@ fn axis(brdf: &Brdf, model: Model) -> Result<[f64; 2], TurnError> {
 /// Writes `brdf` with φ = 0 at `by_deg` of where it was, which is `azimuth` now.
 fn write(brdf: &Brdf, by_deg: f64, azimuth: &Azimuth, out: &Path) -> Result<(), TurnError> {
     let set = brdf.grid().turned(by_deg).map_err(|error| brdf.content(&error))?;
-    let disk = brdf.disk();
-    let layout = BrdfLayout {
-        incident: set.len(),
-        grid: disk.size(),
-        channels: brdf.channels(),
-        chunk: brdf.chunk_range(0).len(),
-    };
+    let cells = 0..brdf.disk().len();
     let incident: Vec<_> = (0..set.len()).map(|index| brdf.incident_reason(index)).collect();
-    let outgoing: Vec<_> = (0..disk.len()).map(|cell| brdf.outgoing_reason(cell)).collect();
-    let pixel_sr: Vec<f64> = (0..disk.len()).map(|cell| brdf.pixel_sr(cell)).collect();
-    let mut attributes = brdf.attributes().clone();
-    attributes.retain(|name, _| !name.starts_with("rcg_") && !name.starts_with("azimuth_"));
-    attributes.extend(azimuth.attributes());
-    if let (IncidentSet::Rings(_), Some(Value::String(rings))) = (&set, attributes.get_mut(RINGS)) {
-        let as_captured = rings.trim_end_matches(TURNED).len();
-        rings.truncate(as_captured);
-        if azimuth.deg != 0.0 {
-            rings.push_str(TURNED);
-        }
+    let outgoing: Vec<_> = cells.clone().map(|cell| brdf.outgoing_reason(cell)).collect();
+    let pixel_sr: Vec<f64> = cells.map(|cell| brdf.pixel_sr(cell)).collect();
+    let mut facts = azimuth.attributes();
+    if let (IncidentSet::Rings(_), Some(Value::String(rings))) = (&set, brdf.attributes().get(RINGS)) {
+        let as_captured = rings.trim_end_matches(TURNED);
+        let turned = if azimuth.deg == 0.0 { "" } else { TURNED };
+        facts.insert(RINGS.to_owned(), format!("{as_captured}{turned}").into());
     }
-    let coordinates = coordinates(&set, &incident, disk, &outgoing, &pixel_sr);
-    let writer = BrdfWriter::create(out, layout, &coordinates, attributes, true)?;
-    for array in arrays_of(brdf.budget()) {
-        writer.rewrite(&array)?;
-    }
+    let own = Own {
+        grid: &set,
+        incident: &incident,
+        outgoing: &outgoing,
+        pixel_sr: &pixel_sr,
+        facts,
+    };
+    let writer = writer_like(brdf, own, out)?;
     writer.rewrite(&interpolation_errors(brdf.interpolation_errors()))?;
     for chunk in 0..brdf.chunks() {
         if let Some(rows) = brdf.chunk(chunk)? {

@@ -7,6 +7,8 @@ use serde_json::{Map, Value, json};
 const AZIMUTH: &str = "azimuth_deg";
 /// Attribute of `brdf.zarr`: standard uncertainty (k = 1) of where φ = 0 lies, degrees.
 const UNCERTAINTY: &str = "azimuth_uncertainty_deg";
+/// Attribute of `brdf.zarr`: standard uncertainty (k = 1) of where azimuth 0 of the holder lies, degrees.
+const HOLDER: &str = "azimuth_holder_uncertainty_deg";
 /// Attribute of `brdf.zarr`: the model by whose lobe the frame was turned.
 const MODEL: &str = "azimuth_model";
 /// Attribute of `brdf.zarr`: all of it in words.
@@ -23,9 +25,20 @@ pub struct Azimuth {
     pub model: Option<String>,
     /// Standard uncertainty (k = 1) in degrees: against that axis, or else against the holder. `None` if nobody knows.
     pub standard_uncertainty_deg: Option<f64>,
+    /// Standard uncertainty (k = 1) of where azimuth 0 of the holder lies, degrees. `None` if nobody knows.
+    pub holder_uncertainty_deg: Option<f64>,
 }
 
 impl Azimuth {
+    /// φ = 0 is +x of the holder, known to this standard uncertainty.
+    pub(crate) fn of_holder(uncertainty_deg: Option<f64>) -> Self {
+        Self {
+            standard_uncertainty_deg: uncertainty_deg,
+            holder_uncertainty_deg: uncertainty_deg,
+            ..Self::default()
+        }
+    }
+
     /// What the `attributes` of a file say; nothing in files of before: then it is +x of the holder.
     ///
     /// # Errors
@@ -42,11 +55,12 @@ impl Azimuth {
         Ok(Self {
             deg: degrees(AZIMUTH, -360.0..=360.0)?.unwrap_or(0.0),
             standard_uncertainty_deg: degrees(UNCERTAINTY, 0.0..=180.0)?,
+            holder_uncertainty_deg: degrees(HOLDER, 0.0..=180.0)?,
             model: attributes.get(MODEL).and_then(Value::as_str).map(str::to_owned),
         })
     }
 
-    /// What a file says of it, and how its grid of outgoing directions lies.
+    /// What a file says of it, and how its grid of outgoing directions lies; null is what it does not say.
     pub(crate) fn attributes(&self) -> Map<String, Value> {
         let phi = match self.deg {
             0.0 => "phi".to_owned(),
@@ -55,14 +69,15 @@ impl Azimuth {
         let all = json!({
             AZIMUTH: self.deg,
             UNCERTAINTY: self.standard_uncertainty_deg,
+            HOLDER: self.holder_uncertainty_deg,
             MODEL: self.model,
             ZERO: self.to_string(),
             OUTGOING: format!("Lambert azimuthal equal-area disk: x + iy = sqrt(2) sin(theta/2) exp(i {phi}), -1..1"),
         });
-        let Value::Object(all) = all else {
-            return Map::new();
-        };
-        all.into_iter().filter(|(_, value)| !value.is_null()).collect()
+        match all {
+            Value::Object(all) => all,
+            _ => Map::new(),
+        }
     }
 }
 
@@ -100,6 +115,7 @@ mod tests {
                 deg,
                 model,
                 standard_uncertainty_deg,
+                holder_uncertainty_deg: Some(0.2),
             };
             assert_eq!(
                 Azimuth::of(&azimuth.attributes()).as_ref(),

@@ -153,6 +153,21 @@ fn the_axis_of_a_lobe_becomes_zero() {
     assert_eq!(axis["name"], "azimuth_deg");
     assert!(axis["value"].as_f64().unwrap().abs() < 0.01, "{axis}");
     assert_eq!(fit["azimuth_zero"]["model"], "Ward");
+
+    // How well the lobe's axis is known says nothing of an azimuth of the holder, of which nobody knows here.
+    let again = scratch.path().join("again.zarr");
+    let turn = [
+        "turn",
+        text(&turned),
+        "--azimuth",
+        "5",
+        "--out",
+        text(&again),
+        "--json",
+    ];
+    let azimuth = run(&turn, "").object()["azimuth"].clone();
+    assert_eq!(azimuth["standard_uncertainty_deg"], Value::Null, "{azimuth}");
+    assert_eq!(azimuth["model"], Value::Null, "{azimuth}");
 }
 
 #[test]

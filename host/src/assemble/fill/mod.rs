@@ -36,17 +36,17 @@ use serde_json::{Map, Value, json};
 
 pub use merge::Alignment;
 
-use crate::assemble::{coordinates, interpolation_errors, list_attributes};
+use crate::assemble::like::{self, Own, is_same_place};
+use crate::assemble::{interpolation_errors, list_attributes};
 use crate::base::blame::Blame;
 use crate::base::progress::Progress;
-use crate::brdf::budget::arrays_of;
 use crate::brdf::{Brdf, BrdfError, evidence};
 use crate::hemisphere::direction::{from_angles, is_above_horizon};
 use crate::hemisphere::incident::IncidentSet;
 use crate::instrument::optics::Unmeasurable;
 use crate::judge::fit::{Fit, FitError};
 use crate::store::provenance::Provenance;
-use crate::store::{BrdfLayout, BrdfWriter, StoreError};
+use crate::store::{BrdfWriter, StoreError};
 
 /// Coverage counts pairs of directions up to this polar angle, degrees.
 pub const COVERED_THETA_DEG: f64 = 85.0;
@@ -209,11 +209,7 @@ pub fn fill(
         check_alike(&base, one)?;
     }
     for read in std::iter::once(first).chain(others.iter().map(PathBuf::as_path)) {
-        let is_same = match (read.canonicalize(), out.canonicalize()) {
-            (Ok(read), Ok(out)) => read == out,
-            _ => read == out,
-        };
-        if is_same {
+        if is_same_place(read, out) {
             return Err(FillError::Differs {
                 path: out.display().to_string(),
                 field: "output",
@@ -326,12 +322,6 @@ fn writer_like(
     facts: Map<String, Value>,
 ) -> Result<BrdfWriter, StoreError> {
     let disk = brdf.disk();
-    let layout = BrdfLayout {
-        incident: grid.len(),
-        grid: disk.size(),
-        channels: brdf.channels(),
-        chunk: brdf.chunk_range(0).len(),
-    };
     // Filled cells resolve what the others do; where no cell resolves anything, neither do they.
     let seen: Vec<f64> = (0..disk.len())
         .map(|cell| brdf.pixel_sr(cell))
@@ -348,24 +338,20 @@ fn writer_like(
             (sr, _) => sr,
         })
         .collect();
-    let mut attributes = brdf.attributes().clone();
-    attributes.retain(|name, _| !name.starts_with("rcg_"));
+    let mut all = Map::new();
     if matches!(grid, IncidentSet::List(_)) {
-        attributes.extend(list_attributes());
-        attributes.remove("step_deg");
+        all = list_attributes();
+        all.insert("step_deg".to_owned(), Value::Null);
     }
-    attributes.extend(facts);
-    let writer = BrdfWriter::create(
-        path,
-        layout,
-        &coordinates(grid, incident, disk, outgoing, &pixel_sr),
-        attributes,
-        true,
-    )?;
-    for array in arrays_of(brdf.budget()) {
-        writer.rewrite(&array)?;
-    }
-    Ok(writer)
+    all.extend(facts);
+    let own = Own {
+        grid,
+        incident,
+        outgoing,
+        pixel_sr: &pixel_sr,
+        facts: all,
+    };
+    like::writer_like(brdf, own, path)
 }
 
 /// Gives the file of `writer` its name, with the errors of interpolation that it has.

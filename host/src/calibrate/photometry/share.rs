@@ -28,7 +28,7 @@ const CLEAR: f64 = 3.0;
 const LEAST: f64 = 0.02;
 const MOST: f64 = 0.5;
 /// Within this θ every sample is seen, degrees.
-const NEAR_DEG: f64 = 52.0;
+pub(super) const NEAR_DEG: f64 = 52.0;
 /// Before there are fields, what shines less than this share of the usual does not take part.
 const DIM: f64 = 0.4;
 /// Directions that judge a pixel, and pixels that judge a direction, about.

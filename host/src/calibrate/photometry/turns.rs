@@ -7,13 +7,13 @@
 //! fitted along in the turns after that. Where it does not settle nothing is known.
 
 use super::rank_one::{Fields, Held, Seen, fit, unknown_axes, with_height};
-use super::share::{Frames, Judged};
+use super::share::{Frames, Judged, NEAR_DEG};
 use crate::instrument::calibration::{SeenPart, UNKNOWNS, Unknowns};
 
 /// Turns of fitting and judging, at most.
 const TURNS: usize = 12;
 /// Up to which θ in degrees the turns before them reach, and how little of its prediction is whole then.
-const GROWTH_DEG: [f64; 6] = [52.0, 60.0, 66.0, 72.0, 76.0, 80.0];
+const GROWTH_DEG: [f64; 6] = [NEAR_DEG, 60.0, 66.0, 72.0, 76.0, 80.0];
 const GROWTH_LEAST: f64 = 0.8;
 /// In one turn what part of the standard is seen changes by so many tolerances at most: what edges do is linear over a part of a
 /// millimetre only, what falloff does is nearly.

@@ -1,0 +1,50 @@
+//! Files that are made from a `brdf.zarr` and hold the same otherwise.
+
+use std::path::Path;
+
+use serde_json::{Map, Value};
+
+use super::coordinates;
+use crate::brdf::Brdf;
+use crate::brdf::budget::arrays_of;
+use crate::hemisphere::incident::IncidentSet;
+use crate::instrument::optics::Unmeasurable;
+use crate::store::{BrdfLayout, BrdfWriter, StoreError};
+
+/// What a file made from another has of its own: its incident directions, why incident and outgoing ones have no data, the solid angle in
+/// sr of the pixel of each cell, and attributes; a null one takes away what the other has.
+pub(super) struct Own<'a> {
+    pub(super) grid: &'a IncidentSet,
+    pub(super) incident: &'a [Option<Unmeasurable>],
+    pub(super) outgoing: &'a [Option<Unmeasurable>],
+    pub(super) pixel_sr: &'a [f64],
+    pub(super) facts: Map<String, Value>,
+}
+
+/// A writer to `path` of a file like `brdf`, with its budget of uncertainty.
+pub(super) fn writer_like(brdf: &Brdf, own: Own, path: &Path) -> Result<BrdfWriter, StoreError> {
+    let disk = brdf.disk();
+    let layout = BrdfLayout {
+        incident: own.grid.len(),
+        grid: disk.size(),
+        channels: brdf.channels(),
+        chunk: brdf.chunk_range(0).len(),
+    };
+    let mut attributes = brdf.attributes().clone();
+    attributes.extend(own.facts);
+    attributes.retain(|name, value| !name.starts_with("rcg_") && !value.is_null());
+    let coordinates = coordinates(own.grid, own.incident, disk, own.outgoing, own.pixel_sr);
+    let writer = BrdfWriter::create(path, layout, &coordinates, attributes, true)?;
+    for array in arrays_of(brdf.budget()) {
+        writer.rewrite(&array)?;
+    }
+    Ok(writer)
+}
+
+/// Whether both paths lead to the same place, as far as that can be told.
+pub(super) fn is_same_place(one: &Path, other: &Path) -> bool {
+    match (one.canonicalize(), other.canonicalize()) {
+        (Ok(one), Ok(other)) => one == other,
+        _ => one == other,
+    }
+}
