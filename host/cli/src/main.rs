@@ -8,6 +8,7 @@ mod arguments;
 mod assemble;
 mod calibrate;
 mod capture;
+mod compare;
 mod controller;
 mod evaluate;
 mod failure;
@@ -22,6 +23,7 @@ mod paper;
 mod patterns;
 mod plan;
 mod plot;
+mod reflectance;
 mod render;
 mod request;
 mod study;
@@ -88,9 +90,11 @@ enum Command {
     Value(value::Args),
     /// Judge a BRDF by itself and against a known sample
     Evaluate(evaluate::Args),
+    Compare(compare::Args),
     Fit(fit::Args),
     Fill(fill::Args),
     Turn(turn::Args),
+    Reflectance(reflectance::Args),
     Render(render::Args),
     Plot(plot::Args),
     Study(study::Args),
@@ -111,9 +115,11 @@ impl Command {
                 | Self::Assemble(_)
                 | Self::Value(_)
                 | Self::Evaluate(_)
+                | Self::Compare(_)
                 | Self::Fill(_)
                 | Self::Turn(_)
                 | Self::Fit(_)
+                | Self::Reflectance(_)
                 | Self::Render(_)
                 | Self::Plot(_)
                 | Self::Study(_)
@@ -162,9 +168,11 @@ fn done(cli: &Cli, output: &Output) -> Done {
         Command::Map(args) => map::run(args, rig, output),
         Command::Value(args) => value::run(args, output),
         Command::Evaluate(args) => evaluate::run(args, output),
+        Command::Compare(args) => compare::run(args, output),
         Command::Fill(args) => fill::run(args, output),
         Command::Turn(args) => turn::run(args, output),
         Command::Fit(args) => fit::run(args, output),
+        Command::Reflectance(args) => reflectance::run(args, output),
         Command::Render(args) => render::run(args, output),
         Command::Plot(args) => plot::run(args, output),
         Command::Study(args) => study::run(args, output),

@@ -12,12 +12,13 @@ use crate::Done;
 use crate::failure::Failure;
 use crate::output::{Output, to_write};
 use crate::render::angles;
+use crate::value::QuantityArg;
 
 /// Plot reflectance against the azimuth of the outgoing direction.
 ///
 /// One curve per incident direction, at one outgoing polar angle. Directions that were not measured are gaps. The chart
-/// shows the luma (BT.601) of f in 1/sr; the table (.csv) has all channels, and why there is no value where there is
-/// none.
+/// shows the luma (BT.601); the table (.csv) has all channels, of a measurement with their standard uncertainties (k = 1) and
+/// provenance, and why there is no value where there is none.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// A brdf.zarr, a measured .bsdf file, or a model such as ward:brass
@@ -32,6 +33,8 @@ pub(crate) struct Args {
     /// Polar angle of the outgoing directions in degrees
     #[arg(long, value_name = "DEG", default_value_t = THETA_R_DEG)]
     theta_r: f64,
+    #[command(flatten)]
+    quantity: QuantityArg,
     /// Azimuths around the circle
     #[arg(long, value_name = "N", default_value_t = 360, value_parser = clap::value_parser!(u32).range(4..=36000))]
     azimuths: u32,
@@ -57,14 +60,15 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
     to_write(&args.out, CHART_OR_TABLE)?;
     let source = Source::open(&args.brdf)?;
     let scan = AzimuthScan::new(
-        source.reflectance(),
+        &source,
+        args.quantity.is,
         incident,
         args.theta_r,
         args.azimuths as usize,
     )?;
     scan.save(&args.brdf, &args.out)?;
     let value = json!({
-        "out": args.out, "incident_deg": incident, "theta_r_deg": args.theta_r,
+        "out": args.out, "incident_deg": incident, "theta_r_deg": args.theta_r, "quantity": args.quantity.is,
         "azimuths": args.azimuths, "without_value": scan.missing(),
     });
     output.print(&value, || {

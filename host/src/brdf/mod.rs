@@ -30,8 +30,10 @@ mod values;
 
 pub use azimuth::Azimuth;
 pub use budget::{BANDS_DEG, CAUSES, RegionBudget};
+pub(crate) use evidence::check_apart;
 pub use known::KnownBrdf;
 pub use source::{Source, SourceError};
+pub use values::Stated;
 
 /// Attribute of `brdf.zarr` for what [`Brdf::uncalibrated`] tells.
 pub(crate) const UNCALIBRATED: &str = "uncalibrated";
@@ -288,12 +290,17 @@ impl Brdf {
     /// degrees; 0 where the [`budget`](Self::budget) says nothing.
     #[must_use]
     pub(crate) fn shared_part(&self, incident_deg: f64, outgoing_deg: f64) -> f64 {
-        let is_in = |[_, end]: [f64; 2], deg: f64| budget::band(end) == budget::band(deg);
-        let of = self
-            .budget
-            .iter()
-            .find(|one| is_in(one.incident_deg, incident_deg) && is_in(one.outgoing_deg, outgoing_deg));
+        let of = self.region(incident_deg, outgoing_deg);
         of.map_or(0.0, |one| one.shared).clamp(0.0, 1.0)
+    }
+
+    /// The budget of the region with these polar angles of light and view in degrees; `None` where the file does not say.
+    #[must_use]
+    pub(crate) fn region(&self, incident_deg: f64, outgoing_deg: f64) -> Option<&RegionBudget> {
+        let is_in = |[_, end]: [f64; 2], deg: f64| budget::band(end) == budget::band(deg);
+        self.budget
+            .iter()
+            .find(|one| is_in(one.incident_deg, incident_deg) && is_in(one.outgoing_deg, outgoing_deg))
     }
 
     /// Relative standard uncertainty (k = 1) that all values have in common by the reflectances of the standards and by light

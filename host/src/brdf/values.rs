@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::Brdf;
 use crate::brdf::interpolation::{
     Blend, BranchErrors, Captures, Cells, Image, ImageOf, Interpolation, Lookup, learn, look_up,
+    look_up_apart,
 };
 use crate::brdf::reflectance::{Missing, Value};
 use crate::hemisphere::direction::is_above_horizon;
@@ -18,10 +19,89 @@ use crate::store::{BrdfRows, StoreError};
 
 /// Pairs that are answered together: each takes some 200 bytes meanwhile.
 const BATCH: usize = 1 << 20;
+/// As that, of pairs that are answered with their uncertainties.
+const STATED_BATCH: usize = 1 << 17;
 /// Bytes of the file that are in memory at a time, about.
 const GROUP_BYTES: usize = 1 << 28;
 
+/// What a file says of a pair of directions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stated {
+    /// f in sr⁻¹ per channel; a single channel is repeated.
+    pub f: [f32; 3],
+    /// Its standard uncertainty (k = 1) in sr⁻¹: that of the captured values as if the errors of neighbours were the same, and that of
+    /// interpolation between them.
+    pub sigma: [f32; 3],
+    /// What of that interpolation makes, sr⁻¹.
+    pub interpolation: [f32; 3],
+    /// What of it all values of the file have in common, sr⁻¹: standards, lamp and stray light.
+    pub common: [f32; 3],
+    /// The weakest origin of what took part, in the order of [`Provenance::ALL`].
+    pub provenance: Provenance,
+}
+
+impl Stated {
+    /// Share of the variance, 0 to 1, that all values of the file have in common, the largest of the channels.
+    #[must_use]
+    pub fn common_share(&self) -> f32 {
+        let shares = self.common.iter().zip(self.sigma);
+        shares.fold(0.0, |most, (common, sigma)| {
+            most.max((common / sigma).powi(2).min(1.0))
+        })
+    }
+}
+
 impl Brdf {
+    /// f with its uncertainty for pairs of unit vectors (incident, outgoing), both away from the surface, in the order asked: the
+    /// values are those of [`values`](Self::values).
+    ///
+    /// # Errors
+    /// [`StoreError`].
+    pub fn stated(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Result<Stated, Missing>>, StoreError> {
+        let blend = Blend::new(Interpolation::Blended, self.errors.as_ref());
+        let mut all = Vec::with_capacity(pairs.len());
+        for batch in pairs.chunks(STATED_BATCH) {
+            let found = above_the_horizon(batch, |above| {
+                let values = look_up_apart(self, &blend, above)?;
+                let sigmas = look_up(&Picked::sigmas(self), &blend, above)?;
+                let both = values.iter().zip(&sigmas).zip(above);
+                Ok(both
+                    .map(|((value, sigma), pair)| {
+                        let stated = self.stated_of(value, sigma, *pair);
+                        Some(stated.ok_or(f64::from(value.saturated)))
+                    })
+                    .collect())
+            })?;
+            all.extend(batch.iter().zip(found).map(|(&(wi, wo), found)| {
+                found
+                    .unwrap_or(Err(0.0))
+                    .map_err(|saturated| self.missing(wi, wo, saturated))
+            }));
+        }
+        Ok(all)
+    }
+
+    /// What the look-ups of a `value` and of its `sigma` say of a pair of directions.
+    fn stated_of(&self, value: &Lookup, sigma: &Lookup, (wi, wo): (DVec3, DVec3)) -> Option<Stated> {
+        let (f, captured) = (value.value()?, sigma.value()?);
+        let interpolation = value.interpolation_error(self.errors.as_ref())?;
+        let [theta_i, theta_o] = [wi, wo].map(|w| w.z.clamp(0.0, 1.0).acos().to_degrees());
+        let offset = self.shared_part(theta_i, theta_o).sqrt();
+        let factor = self.common_uncertainty().unwrap_or(0.0);
+        let each = |of: &dyn Fn(usize) -> f32| [0, 1, 2].map(of);
+        Some(Stated {
+            f,
+            sigma: each(&|channel| captured[channel].hypot(interpolation[channel])),
+            interpolation,
+            common: each(&|channel| {
+                let all = (factor * f64::from(f[channel])).hypot(offset * f64::from(captured[channel]));
+                (all as f32).min(captured[channel])
+            }),
+            provenance: Provenance::from_code(value.weakest)
+                .filter(|origin| *origin != Provenance::Missing)?,
+        })
+    }
+
     /// f for pairs of unit vectors (incident, outgoing), both away from the surface, in the order asked.
     ///
     /// # Errors
@@ -61,7 +141,7 @@ impl Brdf {
     /// # Errors
     /// [`StoreError`].
     pub(crate) fn learn(&self) -> Result<Option<BranchErrors>, StoreError> {
-        learn(&Seen::values(self))
+        learn(&Picked::seen(self))
     }
 
     /// f in sr⁻¹ for pairs of unit vectors (incident, outgoing) by direct interpolation of what was measured itself, not
@@ -80,7 +160,7 @@ impl Brdf {
     fn seen(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Option<[f32; 3]>>, StoreError> {
         let blend = Blend::new(Interpolation::Direct, None);
         above_the_horizon(pairs, |above| {
-            Ok(look_up(&Seen::values(self), &blend, above)?
+            Ok(look_up(&Picked::seen(self), &blend, above)?
                 .iter()
                 .map(Lookup::value)
                 .collect())
@@ -159,32 +239,39 @@ fn only_seen(mut provenance: Vec<u8>) -> Vec<u8> {
     provenance
 }
 
-/// What `pick` takes from the rows of a file, without what was filled in.
-struct Seen<'a> {
+/// What `pick` takes from the rows of a file.
+struct Picked<'a> {
     brdf: &'a Brdf,
     /// From rows to values [cell, channel] and provenance.
     pick: fn(BrdfRows) -> (Vec<f32>, Vec<u8>),
 }
 
-impl<'a> Seen<'a> {
-    /// The values themselves.
-    fn values(brdf: &'a Brdf) -> Self {
-        let pick = |rows: BrdfRows| (rows.f, rows.provenance);
+impl<'a> Picked<'a> {
+    /// The values that were measured themselves.
+    fn seen(brdf: &'a Brdf) -> Self {
+        let pick = |rows: BrdfRows| (rows.f, only_seen(rows.provenance));
         Self { brdf, pick }
     }
 
     /// The standard uncertainties in place of the values: linear interpolation of them is that of fully correlated errors, the
     /// largest it can be.
     fn sigmas(brdf: &'a Brdf) -> Self {
-        let pick = |rows: BrdfRows| {
-            let sigmas = rows.sigma.iter().map(|sigma| sigma.to_f32()).collect();
-            (sigmas, rows.provenance)
-        };
+        let pick = |rows: BrdfRows| (sigmas(&rows), rows.provenance);
+        Self { brdf, pick }
+    }
+
+    /// Those of what was measured itself.
+    fn seen_sigmas(brdf: &'a Brdf) -> Self {
+        let pick = |rows: BrdfRows| (sigmas(&rows), only_seen(rows.provenance));
         Self { brdf, pick }
     }
 }
 
-impl Captures for Seen<'_> {
+fn sigmas(rows: &BrdfRows) -> Vec<f32> {
+    rows.sigma.iter().map(|sigma| sigma.to_f32()).collect()
+}
+
+impl Captures for Picked<'_> {
     fn set(&self) -> &IncidentSet {
         &self.brdf.grid
     }
@@ -202,11 +289,7 @@ impl Captures for Seen<'_> {
         wanted: &[bool],
         each: &mut dyn FnMut(Range<usize>, ImageOf<'_>),
     ) -> Result<(), StoreError> {
-        let pick = |rows: BrdfRows| {
-            let (values, provenance) = (self.pick)(rows);
-            (values, only_seen(provenance))
-        };
-        self.brdf.scan_rows(wanted, &pick, each)
+        self.brdf.scan_rows(wanted, &self.pick, each)
     }
 }
 
@@ -223,8 +306,8 @@ impl Brdf {
     ) -> Result<Vec<Option<[[f32; 3]; 2]>>, StoreError> {
         let blend = Blend::new(Interpolation::Direct, None);
         above_the_horizon(pairs, |above| {
-            let values = look_up(&Seen::values(self), &blend, above)?;
-            let sigmas = look_up(&Seen::sigmas(self), &blend, above)?;
+            let values = look_up(&Picked::seen(self), &blend, above)?;
+            let sigmas = look_up(&Picked::seen_sigmas(self), &blend, above)?;
             let both = values.iter().zip(&sigmas);
             Ok(both
                 .zip(above)

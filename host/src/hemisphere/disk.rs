@@ -62,9 +62,16 @@ impl Disk {
     /// Direction of the centre of cell `index` = `row · size + column`; `None` beyond the horizon.
     #[must_use]
     pub fn direction(&self, index: usize) -> Option<DVec3> {
-        let half = self.size as f64 / 2.0;
-        let cell = DVec2::new((index % self.size) as f64 + 0.5, (index / self.size) as f64 + 0.5);
-        let p = cell / half - 1.0;
+        self.at(DVec2::new(
+            (index % self.size) as f64 + 0.5,
+            (index / self.size) as f64 + 0.5,
+        ))
+    }
+
+    /// The direction at a `position` on the grid in cells, (column, row); `None` beyond the horizon.
+    #[must_use]
+    pub fn at(&self, position: DVec2) -> Option<DVec3> {
+        let p = position / (self.size as f64 / 2.0) - 1.0;
         let rr = p.length_squared();
         // x = sin θ cos φ with sin θ = 2 sin(θ/2) cos(θ/2) = r √(2 − r²); cos θ = 1 − r².
         let p = DVec2::new(self.x.x, -self.x.y).rotate(p);

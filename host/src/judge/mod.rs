@@ -1,8 +1,11 @@
 //! Judgement of a result: errors and reciprocity, fits, pictures, charts, scans, and whole worlds drawn by chance.
 
 pub mod chart;
+pub mod compare;
 pub mod evaluate;
 pub mod fit;
+pub mod quantity;
+pub mod reflectance;
 pub mod render;
 pub mod scan;
 pub mod worlds;

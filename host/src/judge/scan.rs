@@ -2,16 +2,20 @@
 //!
 //! # Design
 //! The way in which figure 16 of the RCG paper shows a cloth: one curve per incident direction, θr fixed. A
-//! direction without a value is a gap in the curve and has its reason in the table.
+//! direction without a value is a gap in the curve and has its reason in the table. The table of a measurement has the standard
+//! uncertainty of each value and where it is from.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
+use glam::DVec3;
+
 use crate::base::file_format::CHART_OR_TABLE;
-use crate::brdf::reflectance::Reflectance;
-use crate::brdf::reflectance::Value;
+use crate::brdf::reflectance::{Reflectance, Value};
+use crate::brdf::{Source, Stated};
 use crate::hemisphere::direction::from_degrees;
 use crate::judge::chart::{Axis, Chart, ChartError, Curve, Scale};
+use crate::judge::quantity::Quantity;
 use crate::store::StoreError;
 use crate::store::whole_file::write_whole;
 
@@ -27,37 +31,73 @@ pub struct AzimuthScan {
     pub theta_r_deg: f64,
     /// Azimuths of the outgoing directions in degrees, 0 to 360, both included.
     pub phi_r_deg: Vec<f64>,
-    /// Per incident direction its angles (θ, φ) in degrees and f at each azimuth.
+    /// What is stated.
+    pub quantity: Quantity,
+    /// Per incident direction its angles (θ, φ) in degrees and that at each azimuth.
     pub curves: Vec<((f64, f64), Vec<Value>)>,
+    /// As that, what a measurement states of f; nothing of other sources.
+    stated: Vec<Vec<Option<Stated>>>,
 }
 
 impl AzimuthScan {
-    /// Looks f up at `steps` + 1 azimuths from 0 to 360°, for each of `incident_deg` (θ, φ in degrees).
+    /// Looks the `quantity` of `source` up at `steps` + 1 azimuths from 0 to 360°, for each of `incident_deg` (θ, φ in degrees).
     ///
     /// # Errors
     /// [`StoreError`] if the BRDF cannot be read.
     pub fn new(
-        material: &dyn Reflectance,
+        source: &Source,
+        quantity: Quantity,
         incident_deg: &[(f64, f64)],
         theta_r_deg: f64,
         steps: usize,
     ) -> Result<Self, StoreError> {
-        let phi_r_deg: Vec<f64> = (0..=steps).map(|k| 360.0 * k as f64 / steps as f64).collect();
-        let curves = incident_deg
-            .iter()
-            .map(|&(theta_deg, phi_deg)| {
-                let wi = from_degrees(theta_deg, phi_deg);
-                let pairs: Vec<_> = phi_r_deg
-                    .iter()
-                    .map(|&phi| (wi, from_degrees(theta_r_deg, phi)))
-                    .collect();
-                Ok(((theta_deg, phi_deg), material.values(&pairs)?))
-            })
-            .collect::<Result<_, StoreError>>()?;
-        Ok(Self {
+        let mut scan = Self::of(source.reflectance(), quantity, incident_deg, theta_r_deg, steps)?;
+        if let Source::Measured(brdf) = source {
+            let stated = scan.pairs().map(|pairs| {
+                let stated = brdf.stated(&pairs)?;
+                Ok(stated.into_iter().map(Result::ok).collect())
+            });
+            scan.stated = stated.collect::<Result<_, StoreError>>()?;
+        }
+        Ok(scan)
+    }
+
+    /// As [`new`](Self::new), of anything that has values, without their uncertainties.
+    ///
+    /// # Errors
+    /// [`StoreError`] if the BRDF cannot be read.
+    pub fn of(
+        material: &dyn Reflectance,
+        quantity: Quantity,
+        incident_deg: &[(f64, f64)],
+        theta_r_deg: f64,
+        steps: usize,
+    ) -> Result<Self, StoreError> {
+        let mut scan = Self {
             theta_r_deg,
-            phi_r_deg,
-            curves,
+            phi_r_deg: (0..=steps).map(|k| 360.0 * k as f64 / steps as f64).collect(),
+            quantity,
+            curves: incident_deg.iter().map(|at| (*at, Vec::new())).collect(),
+            stated: Vec::new(),
+        };
+        let all: Vec<Vec<(DVec3, DVec3)>> = scan.pairs().collect();
+        for (curve, pairs) in scan.curves.iter_mut().zip(all) {
+            let values = material.values(&pairs)?.into_iter().zip(&pairs);
+            curve.1 = values
+                .map(|(value, (_, wo))| value.map(|f| f.map(|f| quantity.factor(*wo) as f32 * f)))
+                .collect();
+        }
+        Ok(scan)
+    }
+
+    /// The pairs of directions of each curve.
+    fn pairs(&self) -> impl Iterator<Item = Vec<(DVec3, DVec3)>> + '_ {
+        self.curves.iter().map(|((theta_deg, phi_deg), _)| {
+            let wi = from_degrees(*theta_deg, *phi_deg);
+            let outgoing = self.phi_r_deg.iter();
+            outgoing
+                .map(|&phi| (wi, from_degrees(self.theta_r_deg, phi)))
+                .collect()
         })
     }
 
@@ -71,7 +111,7 @@ impl AzimuthScan {
             .count()
     }
 
-    /// Luma of f (BT.601) against φr, one curve per incident direction.
+    /// Luma (BT.601) against φr, one curve per incident direction.
     #[must_use]
     pub fn chart(&self, title: &str) -> Chart {
         let luma = |value: &Value| {
@@ -105,7 +145,7 @@ impl AzimuthScan {
                 ticks: (0..=6).map(|k| f64::from(k) * 60.0).collect(),
                 scale: Scale::Linear,
             },
-            y: Axis::covering("BRDF f (1/sr)", values.chain([0.0])),
+            y: Axis::covering(&self.quantity.label(), values.chain([0.0])),
             legend: "incident (θi, φi)".to_owned(),
             marks: false,
             curves,
@@ -115,18 +155,42 @@ impl AzimuthScan {
     /// The table: a row per incident direction and azimuth; where there is no value, its reason.
     #[must_use]
     pub fn csv(&self) -> String {
-        let mut table =
-            "theta_i_deg,phi_i_deg,theta_r_deg,phi_r_deg,f_r_per_sr,f_g_per_sr,f_b_per_sr,reason\n"
-                .to_owned();
-        for ((theta_i, phi_i), values) in &self.curves {
-            for (phi_r, value) in self.phi_r_deg.iter().zip(values) {
+        let name = self.quantity.column();
+        let unit = self.quantity.column_unit();
+        let columns = |before: &str| {
+            ["r", "g", "b"]
+                .map(|channel| format!("{before}_{channel}{unit}"))
+                .join(",")
+        };
+        let uncertain = if self.stated.is_empty() {
+            String::new()
+        } else {
+            format!(",{},provenance", columns(&format!("u_{name}")))
+        };
+        let mut table = format!(
+            "theta_i_deg,phi_i_deg,theta_r_deg,phi_r_deg,{},reason{uncertain}\n",
+            columns(name)
+        );
+        for (number, ((theta_i, phi_i), values)) in self.curves.iter().enumerate() {
+            for (place, (phi_r, value)) in self.phi_r_deg.iter().zip(values).enumerate() {
                 write!(table, "{theta_i},{phi_i},{},{phi_r},", self.theta_r_deg)
                     .expect("strings take everything");
                 match value {
-                    Ok([r, g, b]) => writeln!(table, "{r:.6e},{g:.6e},{b:.6e},"),
-                    Err(reason) => writeln!(table, ",,,{reason}"),
+                    Ok([r, g, b]) => write!(table, "{r:.6e},{g:.6e},{b:.6e},"),
+                    Err(reason) => write!(table, ",,,{reason}"),
                 }
                 .expect("strings take everything");
+                let factor = self.quantity.factor(from_degrees(self.theta_r_deg, *phi_r)) as f32;
+                match self.stated.get(number).map(|stated| stated[place]) {
+                    None => Ok(()),
+                    Some(None) => write!(table, ",,,,"),
+                    Some(Some(stated)) => {
+                        let [r, g, b] = stated.sigma.map(|sigma| factor * sigma);
+                        write!(table, ",{r:.3e},{g:.3e},{b:.3e},{}", stated.provenance.name())
+                    }
+                }
+                .expect("strings take everything");
+                table.push('\n');
             }
         }
         table
@@ -150,7 +214,6 @@ mod tests {
     use crate::brdf::reflectance::Missing;
     use crate::brdf::sample::parse;
     use crate::instrument::optics::Unmeasurable;
-    use glam::DVec3;
 
     /// Lambert that cannot be seen for x > 0.
     struct Half;
@@ -168,7 +231,7 @@ mod tests {
     #[test]
     fn a_cloth_is_as_bright_as_its_model_says() {
         let sample = parse("velvet").unwrap();
-        let scan = AzimuthScan::new(&sample, &INCIDENT_DEG, THETA_R_DEG, 72).unwrap();
+        let scan = AzimuthScan::of(&sample, Quantity::Brdf, &INCIDENT_DEG, THETA_R_DEG, 72).unwrap();
         let rows: Vec<Vec<f64>> = scan
             .csv()
             .lines()
@@ -189,7 +252,7 @@ mod tests {
 
     #[test]
     fn what_has_no_value_is_a_gap_with_a_reason() {
-        let scan = AzimuthScan::new(&Half, &[(30.0, 0.0)], 30.0, 8).unwrap();
+        let scan = AzimuthScan::of(&Half, Quantity::Brdf, &[(30.0, 0.0)], 30.0, 8).unwrap();
         let points = &scan.chart("half").curves[0].points;
         let gaps: Vec<f64> = points
             .iter()

@@ -144,8 +144,12 @@ impl Scene {
                     )
                 })
                 .to_vec(),
+            "compare" => ["svg", "png", "csv"]
+                .map(|ending| format!("ward:brass {brdf} --out {}", file(&format!("c.{ending}"))))
+                .to_vec(),
             "fill" => vec![format!("{brdf} --out {}", file("whole.zarr"))],
             "turn" => vec![format!("{brdf} --azimuth 20 --out {}", file("turned.zarr"))],
+            "reflectance" => vec![format!("{brdf} --theta 10,40"), "lambert:0.5".to_owned()],
             "render" => vec![format!("lambert --size 8 --out {}", file("a.png"))],
             "plot" => ["svg", "png", "csv"]
                 .map(|ending| format!("lambert --azimuths 8 --out {}", file(&format!("a.{ending}"))))

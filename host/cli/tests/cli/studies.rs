@@ -144,7 +144,7 @@ fn a_measured_plot_has_gaps_where_the_mirror_has_its_hole() {
     assert_eq!(number(&answer, "without_value"), 3.0 * 361.0);
     let rows = fs::read_to_string(&table).unwrap();
     assert!(
-        rows.lines().skip(1).all(|row| row.ends_with(",,,hole")),
+        rows.lines().skip(1).all(|row| row.ends_with(",,,hole,,,,")),
         "{}",
         rows.lines().nth(1).unwrap()
     );

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 use std::fs;
 use std::path::Path;
 
-use crate::command::{quick_measurement, run, text};
+use crate::command::{quick_measurement, run, text, refuses};
 use crate::tensor_file;
 
 type Angles = [f64; 4];
@@ -243,4 +243,49 @@ fn json_says_the_same() {
         assert!((found.as_f64().unwrap() / expected - 1.0).abs() < 1e-6);
     }
     assert_eq!(answers[1]["reason"], "below horizon");
+}
+
+#[test]
+fn a_value_is_the_same_with_its_uncertainty_and_in_other_quantities() {
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("m");
+    crate::command::quick_measurement(&out);
+    let brdf = out.join("brdf.zarr");
+    let asked = "40 10 50 120\n40 10 50 300\n95 0 10 0\n";
+    let lines = |options: &[&str]| -> Vec<String> {
+        let arguments = [&["value", text(&brdf)], options].concat();
+        run(&arguments, asked).done().lines().map(str::to_owned).collect()
+    };
+    let numbers =
+        |line: &String| -> Vec<f64> { line.split(' ').filter_map(|word| word.parse().ok()).collect() };
+    let (plain, stated, factor) = (
+        lines(&[]),
+        lines(&["--uncertainty"]),
+        lines(&["--quantity", "radiance-factor", "--uncertainty"]),
+    );
+    assert_eq!((plain.len(), stated.len(), factor.len()), (3, 3, 3));
+    for ((plain, stated), factor) in plain.iter().zip(&stated).zip(&factor) {
+        if plain.starts_with('-') {
+            assert_eq!((stated, factor), (plain, plain));
+            continue;
+        }
+        assert!(
+            stated.starts_with(plain.as_str()) && stated.ends_with("ed"),
+            "{stated}"
+        );
+        let (stated, factor) = (numbers(stated), numbers(factor));
+        assert!(stated[3..6].iter().all(|sigma| *sigma > 0.0) && (0.0..=1.0).contains(&stated[6]));
+        for (one, other) in stated[..6].iter().zip(&factor[..6]) {
+            assert!(
+                (other / one / std::f64::consts::PI - 1.0).abs() < 1e-3,
+                "{one} {other}"
+            );
+        }
+    }
+    refuses(
+        &["value", "satin", "--uncertainty"],
+        asked,
+        2,
+        &["--uncertainty: expected a brdf.zarr", "found satin"],
+    );
 }

@@ -94,6 +94,21 @@ impl BranchErrors {
         relative / shown(wi, f)
     }
 
+    /// Standard uncertainty of f in sr⁻¹ of the mean of the branches at the pair (`wi`, `wo`), where f is about `f`; `shares` has how much
+    /// each counts, and what of its error.
+    pub(super) fn of_blend(&self, wi: DVec3, wo: DVec3, f: f64, shares: &[[f32; 2]; BRANCHES]) -> f64 {
+        let (mut variance, mut sum) = (0.0, 0.0);
+        for (region, weight) in around(wi, wo) {
+            let errors = &self.0[region * BRANCHES..][..BRANCHES];
+            for (error, [share, part]) in errors.iter().zip(shares) {
+                let share = f64::from(weight * share);
+                variance += share * (f64::from(*part) * error).powi(2);
+                sum += share;
+            }
+        }
+        (variance / f64::max(sum, 1e-12)).sqrt() / shown(wi, f)
+    }
+
     /// From such numbers; `None` unless there are [`REGIONS`] × [`BRANCHES`] positive ones.
     #[must_use]
     pub fn from_values(values: Vec<f64>) -> Option<Self> {

@@ -1,6 +1,6 @@
 //! Captured images, read between their cells.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::IncidentSet;
@@ -46,6 +46,8 @@ pub(crate) struct Read {
     pub(crate) weight: f32,
     /// Weight of the cells that are missing from this image alone: they saturated.
     pub(crate) saturated: f32,
+    /// Largest code of provenance of the cells that have a value; 0 where the image does not say.
+    pub(crate) weakest: u8,
 }
 
 impl Cells {
@@ -99,6 +101,9 @@ impl Cells {
                 read.saturated += weight;
                 continue;
             }
+            if let Some(codes) = image.provenance {
+                read.weakest = read.weakest.max(codes[cell]);
+            }
             read.weight += weight;
             cosines += weight * cosine;
             read.value += weight * cosine * image.at(cell);
@@ -110,6 +115,30 @@ impl Cells {
             read.saturated *= rest;
         }
         read
+    }
+
+    /// What linear interpolation between the cells of `image` is off by at `wo`, in sr⁻¹: along each axis t·(1 − t)/2 of the second
+    /// difference, t being the place between two cells.
+    pub(crate) fn bend(&self, image: Image, wo: DVec3) -> Vec3 {
+        let here = self.read(image, wo);
+        let Some(position) = self.disk.position(wo).filter(|_| here.weight > 0.0) else {
+            return Vec3::ZERO;
+        };
+        let t = (position - 0.5).fract();
+        let here = here.value / here.weight;
+        let along = |axis: DVec2| {
+            let sides = [axis, -axis].map(|step| {
+                let read = self.read(image, self.disk.at(position + step)?);
+                (read.weight > 0.5).then(|| read.value / read.weight)
+            });
+            // Without both the slope would count.
+            match sides {
+                [Some(one), Some(other)] => (0.5 * (one + other) - here).abs(),
+                _ => Vec3::ZERO,
+            }
+        };
+        let part = t * (1.0 - t);
+        part.x as f32 * along(DVec2::X) + part.y as f32 * along(DVec2::Y)
     }
 }
 

@@ -33,7 +33,7 @@ mod tests;
 pub use blend::{BRANCHES, Blend, BranchErrors};
 pub(crate) use captures::{Captures, Cells, Image, ImageOf};
 pub(crate) use leave_one_out::learn;
-pub(crate) use lookup::{Lookup, look_up};
+pub(crate) use lookup::{Lookup, look_up, look_up_apart};
 pub use region::{REGIONS, Regions};
 pub use rule::{RULES, Rule};
 pub use table::Table;

@@ -36,7 +36,7 @@ mod repeat;
 pub(super) mod scoring;
 mod tally;
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;
 mod warnings;
 
 pub use histogram::{Quantile, Quantiles};

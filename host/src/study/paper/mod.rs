@@ -24,6 +24,7 @@ use crate::hemisphere::incident::Grid;
 use crate::instrument::optics::View;
 use crate::instrument::rig::{Rig, RigError};
 use crate::judge::chart::{ChartError, captioned};
+use crate::judge::quantity::Quantity;
 use crate::judge::render::{automatic_exposure, corrugated, save, sheet, sphere};
 use crate::judge::scan::{AzimuthScan, INCIDENT_DEG, THETA_R_DEG};
 use crate::measure::report::Summary;
@@ -209,7 +210,7 @@ fn cloth_figures(cloth: &str, brdf: &Brdf, dir: &Path) -> Result<(), PaperError>
     let model = parse(cloth)?;
     let scans: [(&str, &dyn Reflectance); 2] = [("measured", brdf), ("model", &model)];
     for (what, material) in scans {
-        let scan = AzimuthScan::new(material, &INCIDENT_DEG, THETA_R_DEG, AZIMUTHS)?;
+        let scan = AzimuthScan::of(material, Quantity::Brdf, &INCIDENT_DEG, THETA_R_DEG, AZIMUTHS)?;
         let stem = format!("{cloth}-{what}");
         scan.chart(&format!("{cloth}, {what}")).save_both(dir, &stem)?;
         write_whole(&dir.join(stem).with_extension("csv"), scan.csv().as_bytes())?;

@@ -1,6 +1,7 @@
 //! Laws of the figures: none over nothing, and what a direct computation says over something.
 
 mod direct;
+mod stated;
 
 use std::path::Path;
 
@@ -23,10 +24,10 @@ const SIZE: usize = 12;
 const CHUNK: usize = 16;
 
 /// One sample: f, σ and where it comes from; `None` is missing.
-type One = Option<(Vec<f32>, f32, Provenance)>;
+pub(in crate::judge) type One = Option<(Vec<f32>, f32, Provenance)>;
 
 /// Writes what `of` says of each (incident direction, cell) and opens it. Chunks without a value are left out.
-fn file(path: &Path, channels: usize, of: &mut dyn FnMut(usize, usize) -> One) -> Brdf {
+pub(in crate::judge) fn file(path: &Path, channels: usize, of: &mut dyn FnMut(usize, usize) -> One) -> Brdf {
     let grid = Grid::ThetaPhi { step_deg: STEP_DEG }.build().unwrap();
     let disk = Disk::new(SIZE);
     let layout = BrdfLayout {

@@ -1,0 +1,110 @@
+//! A comparison as a chart and as a table.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use super::{Compared, RegionAgreement};
+use crate::base::file_format::CHART_OR_TABLE;
+use crate::judge::chart::{Axis, Chart, ChartError, Curve, Scale};
+use crate::store::whole_file::write_whole;
+
+impl RegionAgreement {
+    /// Its directions in words: incident, outgoing, azimuth.
+    #[must_use]
+    pub fn name(&self) -> String {
+        let span = |[from, to]: [f64; 2]| format!("{from:.0}-{to:.0}°");
+        format!(
+            "{} → {} {}",
+            span(self.incident_deg),
+            span(self.outgoing_deg),
+            self.azimuth
+        )
+    }
+}
+
+impl Compared {
+    /// Bias of each region with its expanded uncertainty (k = 2), percent, by channel.
+    #[must_use]
+    pub fn chart(&self, title: &str) -> Chart {
+        let channels = self.overall.len();
+        let curve = |label: String, of: &dyn Fn(&RegionAgreement) -> Option<f64>| Curve {
+            label,
+            points: self
+                .regions
+                .iter()
+                .enumerate()
+                .map(|(number, region)| (number as f64 + 1.0, of(region).map(|share| 100.0 * share)))
+                .collect(),
+        };
+        let mut curves: Vec<Curve> = (0..channels)
+            .map(|channel| {
+                let label = ["red", "green", "blue"].get(channel).filter(|_| channels > 1);
+                let label = label.map_or_else(|| "bias".to_owned(), |colour| format!("bias, {colour}"));
+                curve(label, &|region| region.channels[channel].relative_bias)
+            })
+            .collect();
+        // That of the first channel stands for all.
+        for (label, sign) in [("+U (k = 2)", 2.0), ("-U (k = 2)", -2.0)] {
+            curves.push(curve(label.to_owned(), &|region| {
+                region.channels[0].standard_uncertainty.map(|u| sign * u)
+            }));
+        }
+        let values: Vec<f64> = curves
+            .iter()
+            .flat_map(|curve| curve.points.iter().filter_map(|point| point.1))
+            .collect();
+        Chart {
+            title: title.to_owned(),
+            x: Axis {
+                label: "region, in the order of the table".to_owned(),
+                ticks: (0..=self.regions.len().div_ceil(3))
+                    .map(|k| 3.0 * k as f64)
+                    .collect(),
+                scale: Scale::Linear,
+            },
+            y: Axis::covering("relative difference (%)", values.into_iter().chain([0.0])),
+            legend: "second over first".to_owned(),
+            marks: true,
+            curves,
+        }
+    }
+
+    /// The table: a row per region and channel; empty where there is no figure.
+    #[must_use]
+    pub fn csv(&self) -> String {
+        let mut table =
+            "region,theta_i_from_deg,theta_i_to_deg,theta_o_from_deg,theta_o_to_deg,azimuth,channel,samples,\
+                         relative_bias,standard_uncertainty,e_n,relative_scatter\n"
+                .to_owned();
+        let figure = |figure: Option<f64>| figure.map(|figure| format!("{figure:.6e}")).unwrap_or_default();
+        for (number, region) in self.regions.iter().enumerate() {
+            let ([i0, i1], [o0, o1]) = (region.incident_deg, region.outgoing_deg);
+            for (channel, one) in region.channels.iter().enumerate() {
+                writeln!(
+                    table,
+                    "{},{i0},{i1},{o0},{o1},{},{channel},{},{},{},{},{}",
+                    number + 1,
+                    region.azimuth,
+                    one.samples,
+                    figure(one.relative_bias),
+                    figure(one.standard_uncertainty),
+                    figure(one.e_n),
+                    figure(one.relative_scatter)
+                )
+                .expect("strings take everything");
+            }
+        }
+        table
+    }
+
+    /// Writes the chart (`.svg`, `.png`) or the table (`.csv`), as the name of `path` ends.
+    ///
+    /// # Errors
+    /// [`ChartError`].
+    pub fn save(&self, title: &str, path: &Path) -> Result<(), ChartError> {
+        match CHART_OR_TABLE.of(path)? {
+            "csv" => Ok(write_whole(path, self.csv().as_bytes())?),
+            _ => self.chart(title).save(path),
+        }
+    }
+}
