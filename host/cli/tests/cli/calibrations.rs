@@ -91,7 +91,7 @@ fn the_standard_is_what_is_said_of_it(lab: &Lab) {
     let alone = run(&again(&none), "").object();
     assert_eq!(alone["interreflection"], Value::Null);
     let other = run(&again(&[&none[..], &["--standard", "lambert:0.9"]].concat()), "").object();
-    assert_eq!(other["standard"], "lambert:0.9");
+    assert_eq!(other["standards"][0]["named"], "lambert:0.9");
     let sensitivity = |found: &Value| found["sensitivity"][0].as_f64().unwrap();
     let ratio = sensitivity(&other) / sensitivity(&alone);
     assert!((ratio / (0.98 / 0.9) - 1.0).abs() < 1e-6, "{ratio}");
