@@ -70,7 +70,12 @@ fn calibrated(rig: &Rig, virtual_rig: &Virtual, dir: &Path) -> Calibration {
     };
     let world = Setup::from(virtual_rig.clone()).world().expect("a world");
     photometry::capture(&request, dir, &world, &Silent).expect("captured");
-    photometry::calibrate(dir, &photometry::Said::default(), 0.0025).expect("calibrated");
+    photometry::calibrate(
+        dir,
+        &photometry::Said::default(),
+        &photometry::Trust::assumed(0.0025),
+    )
+    .expect("calibrated");
     Calibration::open(dir, rig).expect("read")
 }
 

@@ -102,7 +102,12 @@ fn what_the_standard_did_not_fill_is_off_sample_and_the_rest_is_right() {
         };
         let world = Setup::from(virtual_rig.clone()).world().unwrap();
         photometry::capture(&request, &dir, &world, &Silent).unwrap();
-        photometry::calibrate(&dir, &photometry::Said::default(), 0.0025).unwrap();
+        photometry::calibrate(
+            &dir,
+            &photometry::Said::default(),
+            &photometry::Trust::assumed(0.0025),
+        )
+        .unwrap();
         let calibration = Calibration::open(&dir, &known).unwrap();
         for tilt in std::iter::once(None).chain(tilts.into_iter().map(Some)) {
             let request = plan::Request {
@@ -154,7 +159,12 @@ fn a_sample_at_a_tilt_without_a_standard_is_refused() {
     };
     let world = Setup::default().world().unwrap();
     photometry::capture(&request, folder.path(), &world, &Silent).unwrap();
-    photometry::calibrate(folder.path(), &photometry::Said::default(), 0.0025).unwrap();
+    photometry::calibrate(
+        folder.path(),
+        &photometry::Said::default(),
+        &photometry::Trust::assumed(0.0025),
+    )
+    .unwrap();
     let calibration = Calibration::open(folder.path(), &known).unwrap();
     calibration.check_tilt(None).unwrap();
     calibration.check_tilt(Some("0:30".parse().unwrap())).unwrap();

@@ -63,7 +63,12 @@ fn calibrated(nominal: &Rig, truth: &str, tilts: &[&str], dir: &Path) -> Calibra
         image_size: 64,
     };
     photometry::capture(&request, dir, &world(2), &Silent).unwrap();
-    photometry::calibrate(dir, &photometry::Said::default(), STANDARD).unwrap();
+    photometry::calibrate(
+        dir,
+        &photometry::Said::default(),
+        &photometry::Trust::assumed(STANDARD),
+    )
+    .unwrap();
     Calibration::open(dir, nominal).unwrap()
 }
 

@@ -26,6 +26,7 @@ mod plot;
 mod reflectance;
 mod render;
 mod request;
+mod standard;
 mod study;
 mod truth;
 mod turn;
@@ -100,6 +101,7 @@ enum Command {
     Study(study::Args),
     Paper(paper::Args),
     Multiplex(multiplex::Args),
+    Standard(standard::Args),
     Truth(truth::Args),
     Worlds(worlds::Args),
     /// Talk to the trigger box
@@ -120,6 +122,7 @@ impl Command {
                 | Self::Turn(_)
                 | Self::Fit(_)
                 | Self::Reflectance(_)
+                | Self::Standard(_)
                 | Self::Render(_)
                 | Self::Plot(_)
                 | Self::Study(_)
@@ -177,6 +180,7 @@ fn done(cli: &Cli, output: &Output) -> Done {
         Command::Plot(args) => plot::run(args, output),
         Command::Study(args) => study::run(args, output),
         Command::Multiplex(args) => multiplex::run(args, rig, output),
+        Command::Standard(args) => standard::run(args, output),
         Command::Truth(args) => truth::run(args, rig, output),
         Command::Worlds(args) => worlds::run(args, output),
         Command::Paper(args) => paper::run(args, output),

@@ -4,11 +4,13 @@ use serde_json::{Map, Value, json};
 
 use crate::brdf::budget::BudgetSums;
 use crate::brdf::interpolation::{BRANCHES, BranchErrors, REGIONS};
-use crate::brdf::{Azimuth, DIRECTION_UNCERTAINTY, ERRORS, FIELD_UNCERTAINTY, LAMP_LIGHT, UNCALIBRATED};
+use crate::brdf::{
+    Azimuth, DIRECTION_UNCERTAINTY, ERRORS, FIELD_UNCERTAINTY, LAMP_LIGHT, STANDARDS, UNCALIBRATED,
+};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
-use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::calibration::stray::Level;
+use crate::instrument::calibration::{AppliedCalibration, Photometry};
 use crate::instrument::optics::Unmeasurable;
 use crate::instrument::rig::Rig;
 use crate::plan::Plan;
@@ -181,7 +183,8 @@ pub(super) fn attributes(
         "light": plan.code.map(Coding::light),
         UNCALIBRATED: unknown.iter().flatten().collect::<Vec<_>>(),
         DIRECTION_UNCERTAINTY: is_known.then_some(applied.direction_deg),
-        FIELD_UNCERTAINTY: applied.photometry.as_ref().map(|found| found.field_residual),
+        FIELD_UNCERTAINTY: applied.photometry.as_ref().map(Photometry::uncertainty_by_fields),
+        STANDARDS: applied.photometry.as_ref().map(|found| &found.standards),
         LAMP_LIGHT: lamp.map(|level| f64::from(level.light)),
         "source": concat!("rcg ", env!("CARGO_PKG_VERSION")),
     });

@@ -12,7 +12,7 @@
 //! 4. the standard uncertainty: to the noise come, as independent contributions,
 //!    - standards: what their reflectances make of light and of r together;
 //!    - fields: the relative uncertainties that photometry states, by their covariance at the pixels that see and light,
-//!      which grows where the standard was not seen;
+//!      which grows where the standard was not seen, and with what nobody certified of how its f goes with direction;
 //!    - seen part: that of the share;
 //!    - crosstalk: that of what channels show of each other;
 //!    - polarisation: what light that is polarised a little makes of gloss (`polarisation`);
@@ -37,7 +37,9 @@ use crate::brdf::budget::{BudgetSums, Shared, band};
 use crate::brdf::quadrature::spot_rad;
 use crate::hemisphere::disk::Disk;
 use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, lit_terms};
-use crate::instrument::calibration::{AppliedCalibration, Photometry, SEATED_DEG, Share, Shares};
+use crate::instrument::calibration::{
+    AppliedCalibration, Photometry, SEATED_DEG, Share, Shares, TwoStandards,
+};
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
 use crate::plan::pattern::PatternMaker;
@@ -57,8 +59,8 @@ pub(super) struct Correction {
     cells: Vec<f32>,
     /// What lights each incident direction.
     rows: Vec<Lit>,
-    /// Relative standard uncertainty of the standards' reflectance, and relative variance of all f by what the fields leave.
-    standard: f64,
+    /// What the standards' reflectances may be off by, and relative variance of all f by what the fields leave.
+    standards: TwoStandards,
     residual2: f32,
     /// Relative variance of all f by the lamp, in the calibration and since.
     lamp2: f32,
@@ -89,7 +91,8 @@ impl Correction {
         let channels = rig.camera.channels as usize;
         let mut cells = vec![1.0; disk.len() * channels];
         let mut cell_relative2 = vec![0.0; disk.len()];
-        let (mut standard, mut residual, mut by_lamp) = (0.0_f64, 0.0_f64, 0.0_f64);
+        let (mut residual, mut by_lamp) = (0.0_f64, 0.0_f64);
+        let mut standards = TwoStandards::default();
         if let Some(photometry) = &applied.photometry {
             if photometry.sensitivity.len() != channels {
                 return Err(format!(
@@ -98,12 +101,12 @@ impl Correction {
                 ));
             }
             (cells, cell_relative2) = throughput(rig, photometry, disk);
-            (standard, residual) = (photometry.uncertainty_by_standard(), photometry.field_residual);
+            (standards, residual) = (photometry.two_standards(), photometry.field_residual);
             by_lamp = photometry.lamp_uncertainty;
         }
         let lit = lit(rig, plan, directions, applied.photometry.as_ref());
         let [camera_deg, projector_deg] = applied.direction_deg;
-        let band_of = |w: DVec3| band(w.z.clamp(-1.0, 1.0).acos().to_degrees());
+        let band_of = |w: DVec3| band(polar_deg(w));
         Ok(Self {
             row_bands: (0..directions.grid.len())
                 .map(|index| band_of(directions.grid.direction(index)))
@@ -114,7 +117,7 @@ impl Correction {
             size: disk.size(),
             channels,
             cells,
-            standard,
+            standards,
             residual2: residual.powi(2) as f32,
             lamp2: by_lamp.powi(2) as f32,
             cell_relative2,
@@ -242,7 +245,7 @@ impl Correction {
                         let factor = self.cells[at] * lit.factor * shown[cell].factor;
                         let [stray2, lamp2] = [stray, lamp].map(|of| (of[at] * factor).powi(2));
                         let turned2 = room.directed[cell].powi(2);
-                        let standard2 = (self.standard as f32 * f[at]).powi(2).min(standards2);
+                        let standard2 = self.first_variance(f[at]).min(standards2);
                         let variances = [
                             (sigma[at].powi(2) - stray2 - lamp2).max(0.0),
                             stray2,
@@ -334,9 +337,14 @@ impl Correction {
     /// Variance of f in sr⁻² by the reflectances of the standards; interreflection of share 1 adds `per_share`.
     fn standards_variance(&self, f: f32, per_share: f32) -> f32 {
         match self.returned.as_ref().map(Returned::found) {
-            Some(found) if found.by_standards > 0.0 => found.standards_variance(self.standard, f, per_share),
-            _ => (self.standard as f32 * f).powi(2),
+            Some(found) => found.standards_variance(self.standards, f, per_share),
+            None => self.first_variance(f),
         }
+    }
+
+    /// The same by the first standard alone, if all that is measured were as bright.
+    fn first_variance(&self, f: f32) -> f32 {
+        (self.standards.uncertainty[0] as f32 * f).powi(2)
     }
 }
 
@@ -370,18 +378,23 @@ fn throughput(rig: &Rig, photometry: &Photometry, disk: Disk) -> (Vec<f32>, Vec<
         let at = disk.direction(cell).and_then(|w| camera.pixel(w).ok())?;
         let [x, y] = place(&camera, at);
         let field = &photometry.throughput;
-        Some((field.at(x, y), field.relative_uncertainty_at(x, y)))
+        let relative2 = field.relative_uncertainty_at(x, y).powi(2);
+        // What f of the standard is off by at its polar angle, the throughput has.
+        let of_standard2 = photometry.standards[0]
+            .angular
+            .variance(1, polar_deg(disk.direction(cell)?));
+        Some((field.at(x, y), relative2 + of_standard2))
     });
     let (mut factors, mut variances) = (Vec::new(), Vec::new());
     for field in fields {
-        let (field, relative) = field.unwrap_or((1.0, 0.0));
+        let (field, relative2) = field.unwrap_or((1.0, 0.0));
         factors.extend(
             photometry
                 .sensitivity
                 .iter()
                 .map(|k| (assumed / (k * field)) as f32),
         );
-        variances.push((relative * relative) as f32);
+        variances.push(relative2 as f32);
     }
     (factors, variances)
 }
@@ -445,13 +458,18 @@ fn lit(rig: &Rig, plan: &Plan, directions: &Directions, photometry: Option<&Phot
                 return of;
             };
             let [x, y] = place(&projector, at);
-            of.relative2 = (found.intensity.relative_uncertainty_at(x, y).powi(2)) as f32;
+            let of_standard2 = found.standards[0].angular.variance(0, polar_deg(w));
+            of.relative2 = (found.intensity.relative_uncertainty_at(x, y).powi(2) + of_standard2) as f32;
             of.leant = (2_f64.sqrt() * SEATED_DEG.to_radians() * w.z.acos().tan()) as f32;
             of.factor = (lit.irradiance / maker.irradiance_of(&lit, field)) as f32;
             of.terms = lit_terms(&lit.pixels, width_px, height_px);
             of
         })
         .collect()
+}
+
+fn polar_deg(w: DVec3) -> f64 {
+    w.z.clamp(-1.0, 1.0).acos().to_degrees()
 }
 
 /// Mean solid angle of the projector's pixels that are lit.

@@ -337,6 +337,7 @@ mod tests {
             standard_uncertainty: 0.0,
             by_standards: 0.0,
             own: 0.0,
+            apart: 0.8,
         };
         let mut returned = Returned::new(found, disk, 1);
         let is_seen = |cell: usize| disk.direction(cell).is_some_and(seen);

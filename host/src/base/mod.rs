@@ -1,7 +1,8 @@
-//! What everything stands on and nothing optical is in: words, progress, whose fault an error is, formats of files by their
+//! What everything stands on and nothing optical is in: words, days, progress, whose fault an error is, formats of files by their
 //! names, linear fits, medians.
 
 pub mod blame;
+pub mod date;
 pub mod file_format;
 pub(crate) mod linear_fit;
 pub(crate) mod median;

@@ -17,6 +17,7 @@ use crate::base::blame::Blame;
 use crate::brdf::interpolation::{BranchErrors, Cells};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
+use crate::instrument::calibration::Standard;
 use crate::instrument::optics::Unmeasurable;
 use crate::store::{BrdfReader, BrdfRows, StoreError};
 
@@ -45,6 +46,9 @@ pub(crate) const COMMON_UNCERTAINTY: &str = "common_uncertainty";
 pub(crate) const FIELD_UNCERTAINTY: &str = "field_uncertainty";
 /// Attribute of `brdf.zarr` for what [`Brdf::direction_uncertainty_deg`] tells.
 pub(crate) const DIRECTION_UNCERTAINTY: &str = "direction_uncertainty_deg";
+
+/// Attribute of `brdf.zarr` for what [`Brdf::standards`] tells.
+pub(crate) const STANDARDS: &str = "standards";
 
 /// Least part of σ that a value has for itself: half floats keep three digits.
 const OWN_PART: f64 = 0.1;
@@ -259,8 +263,8 @@ impl Brdf {
         self.attributes().get(COMMON_UNCERTAINTY)?.as_f64()
     }
 
-    /// Relative standard uncertainty (k = 1) of what the calibration's fields leave of what its standard showed, which neighbouring
-    /// directions share. It is a part of each σ. `None` if the file does not say.
+    /// Relative standard uncertainty (k = 1) of what the calibration's fields leave of what its standard showed, and of how f of the
+    /// standard goes with direction, which neighbouring directions share. It is a part of each σ. `None` if the file does not say.
     #[must_use]
     pub fn field_uncertainty(&self) -> Option<f64> {
         self.attributes().get(FIELD_UNCERTAINTY)?.as_f64()
@@ -272,6 +276,15 @@ impl Brdf {
     pub fn direction_uncertainty_deg(&self) -> Option<[f64; 2]> {
         let stated = self.attributes().get(DIRECTION_UNCERTAINTY)?;
         serde_json::from_value(stated.clone()).ok()
+    }
+
+    /// The reflectance standards of the calibration, of merged files those of all; empty if there was none, or the file does not say.
+    #[must_use]
+    pub fn standards(&self) -> Vec<Standard> {
+        let stated = self.attributes().get(STANDARDS).cloned();
+        stated
+            .and_then(|stated| serde_json::from_value(stated).ok())
+            .unwrap_or_default()
     }
 
     /// Diameter in degrees of the cone that one pattern lit.

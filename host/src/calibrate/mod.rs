@@ -56,7 +56,15 @@ pub enum CalibrateError {
     /// The picture of the residuals.
     #[error(transparent)]
     Picture(#[from] crate::judge::render::PictureError),
-    /// The views do not determine the geometry.
+    /// What is said of the standards does not go together.
+    #[error("standards: expected {expected}, found {found}")]
+    Standards {
+        /// What was expected.
+        expected: String,
+        /// What there is.
+        found: String,
+    },
+    /// The views do not determine what they should.
     #[error("calibration views: expected {expected}, found {found}; {advice}")]
     Views {
         /// What was expected.
@@ -94,7 +102,7 @@ impl Blame for CalibrateError {
             Self::Measurement(error) => error.is_input(),
             Self::Store(error) => error.is_input(),
             Self::File(_) | Self::Picture(_) => false,
-            Self::Rig(_) | Self::Found(_) | Self::Views { .. } => true,
+            Self::Rig(_) | Self::Found(_) | Self::Standards { .. } | Self::Views { .. } => true,
         }
     }
 }

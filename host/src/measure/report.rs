@@ -265,6 +265,8 @@ pub fn evaluation_lines(evaluation: &Evaluation) -> Vec<(&'static str, String)> 
             ),
         ),
     ];
+    let standards = evaluation.standards.iter();
+    lines.extend(standards.map(|standard| ("standard", standard.to_string())));
     lines.extend(budget_line(&evaluation.budget).map(|line| ("uncertainty", line)));
     lines.extend([
         (

@@ -1,13 +1,15 @@
 //! `rcg calibrate photometry`
 
 use std::path::PathBuf;
+use std::time::{SystemTime, UNIX_EPOCH};
 
+use rcg::base::date::Date;
 use rcg::base::progress::Progress as _;
 use rcg::brdf::sample::parse;
 use rcg::calibrate::photometry::{
-    Height, NONE, Request, Said, Views, Weakness, calibrate, capture, height, weaknesses,
+    Height, NONE, Request, Said, Trust, Views, Weakness, calibrate, capture, height, standards, weaknesses,
 };
-use rcg::instrument::calibration::{CameraFound, LampFound, Photometry, RIG};
+use rcg::instrument::calibration::{CameraFound, LampFound, Photometry, RIG, Standard};
 use rcg::instrument::rig::{Rig, Tilt};
 use rcg::store::Lock;
 use rcg::store::whole_file::write_whole;
@@ -26,8 +28,8 @@ pub(crate) struct Args {
     /// The directory of the calibration
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// The reflectance standard: a .bsdf file or a model such as lambert:0.98; captures that are there already are fitted again with it
-    /// [default: as when captured, else lambert:0.98]
+    /// The reflectance standard: its certificate (a .toml file, see `rcg standard`), a .bsdf file or a model such as lambert:0.98; captures
+    /// that are there already are fitted again with it [default: as when captured, else lambert:0.98]
     #[arg(long, value_name = "SAMPLE")]
     standard: Option<String>,
     /// A second standard, darker by 0.3 or more, which shows the interreflection; none to do without [default: lambert:0.2, none
@@ -43,14 +45,16 @@ pub(crate) struct Args {
         allow_hyphen_values = true
     )]
     tilts: Vec<Tilt>,
-    /// Standard uncertainty (k = 1) of the standard's reflectance, percent
-    #[arg(
-        long,
-        value_name = "PERCENT",
-        default_value_t = 0.25,
-        allow_negative_numbers = true
-    )]
-    standard_uncertainty_percent: f64,
+    /// Standard uncertainty (k = 1) of the reflectance of standards without a certificate, percent [default: 0.25]
+    #[arg(long, value_name = "PERCENT", allow_negative_numbers = true)]
+    standard_uncertainty_percent: Option<f64>,
+    /// The day on which the standards are captured, or were, on which their certificates have to hold [default: today, universal
+    /// time]
+    #[arg(long, value_name = "YYYY-MM-DD")]
+    date: Option<String>,
+    /// Take a certificate that has expired too; all documents say so
+    #[arg(long)]
+    standard_expired: bool,
     /// Longest exposure time in milliseconds [default: the longest that does not saturate]
     #[arg(long, value_name = "MS", allow_negative_numbers = true, value_parser = exposure_ms)]
     exposure_ms: Option<f64>,
@@ -68,13 +72,7 @@ const STANDARD: &str = "lambert:0.98";
 const IMAGE_SIZE: u32 = 96;
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
-    let uncertainty = args.standard_uncertainty_percent / 100.0;
-    if !(0.0..=0.5).contains(&uncertainty) {
-        return Err(Failure::input(format!(
-            "--standard-uncertainty-percent: expected a number from 0 to 50, found {}",
-            args.standard_uncertainty_percent
-        )));
-    }
+    let trust = trust(args)?;
     let exposure_s = args.exposure_ms.map(|ms| ms * 1e-3);
     let mut said = Said::default();
     let _lock = Lock::folder(&args.out)?;
@@ -106,20 +104,50 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         for standard in std::iter::once(&request.standard).chain(&request.second_standard) {
             parse(standard)?;
         }
+        let both = (request.standard.as_str(), request.second_standard.as_deref());
+        standards(both, full.camera.channels.into(), &trust)?;
         if is_new {
             write_whole(&path, full.to_toml().as_bytes())?;
         }
         capture(&request, &args.out, &world, output)?;
     }
-    let photometry = calibrate(&args.out, &said, uncertainty)
-        .map_err(|error| Failure::from(error).at(args.out.display()))?;
+    let photometry =
+        calibrate(&args.out, &said, &trust).map_err(|error| Failure::from(error).at(args.out.display()))?;
     let rig = Rig::load(&args.out.join(RIG).display().to_string())?;
     let summary = Summary {
         weaknesses: weaknesses(&photometry, &rig)?,
         height: height(&photometry, &rig)?,
         photometry,
     };
-    output.print(&summary, || text(&summary))
+    output.print(&summary, || text(&summary))?;
+    let warnings = summary.photometry.standards.iter().filter_map(Standard::warning);
+    output.warn(&warnings.collect::<Vec<_>>());
+    Ok(())
+}
+
+/// How far standards are trusted.
+fn trust(args: &Args) -> Result<Trust, Failure> {
+    let percent = args.standard_uncertainty_percent;
+    if let Some(percent) = percent.filter(|percent| !(0.0..=50.0).contains(percent)) {
+        return Err(Failure::input(format!(
+            "--standard-uncertainty-percent: expected a number from 0 to 50, found {percent}"
+        )));
+    }
+    let date = args.date.as_deref().map(str::parse).transpose();
+    Ok(Trust {
+        uncertainty: percent.map(|percent| percent / 100.0),
+        captured: Some(
+            date.map_err(|error| Failure::input(format!("--date: {error}")))?
+                .unwrap_or_else(today),
+        ),
+        takes_expired: args.standard_expired,
+    })
+}
+
+/// Today, in universal time.
+pub(crate) fn today() -> Date {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    Date::of_unix_s(since.map_or(0, |since| since.as_secs()))
 }
 
 /// The second standard that is asked for, or serves on `rig`.
@@ -260,6 +288,12 @@ fn interreflection(found: &Photometry) -> String {
     )
 }
 
+/// The second standard, if there was one.
+fn second(found: &Photometry) -> String {
+    let second = found.standards.get(1);
+    second.map_or_else(|| "none".to_owned(), Standard::to_string)
+}
+
 fn text(summary: &Summary) -> String {
     let found = &summary.photometry;
     let camera = &found.camera;
@@ -321,7 +355,7 @@ fn text(summary: &Summary) -> String {
                 percent(found.field_uncertainty),
                 percent(found.field_residual),
                 percent(found.lamp_uncertainty),
-                percent(found.standard_uncertainty)
+                percent(found.standards[0].standard_uncertainty)
             ),
         ),
         ("seen part", seen_part(summary)),
@@ -332,6 +366,8 @@ fn text(summary: &Summary) -> String {
                 .as_ref()
                 .map_or_else(|| "its height was not asked for".to_owned(), stood),
         ),
+        ("its reflectance", found.standards[0].to_string()),
+        ("second standard", second(found)),
         ("interreflection", interreflection(found)),
         ("weakest", worst(&summary.weaknesses)),
     ])

@@ -148,7 +148,12 @@ fn a_calibration_of_something_else_than_numbers_is_refused_by_its_field() {
         ("hot", json!(1.5)),
         ("version", json!(5)),
         ("version", json!(10)),
-        ("version", json!(12)),
+        ("version", json!(11)),
+        ("version", json!(13)),
+        ("apart", json!(0.0)),
+        ("own", json!(-1.0)),
+        ("each", json!(-0.1)),
+        ("known_to_deg", json!(91.0)),
     ] {
         let mut tried = 0;
         spoiled(&whole, &bad, &mut |spoiled, name| {
@@ -169,7 +174,7 @@ fn a_calibration_of_something_else_than_numbers_is_refused_by_its_field() {
         "",
         2,
         &[
-            "photometry.json: version: expected 11",
+            "photometry.json: version: expected 12",
             "rcg calibrate photometry --out DIR",
             "found 0",
         ],

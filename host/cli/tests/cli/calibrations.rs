@@ -91,7 +91,7 @@ fn the_standard_is_what_is_said_of_it(lab: &Lab) {
     let alone = run(&again(&none), "").object();
     assert_eq!(alone["interreflection"], Value::Null);
     let other = run(&again(&[&none[..], &["--standard", "lambert:0.9"]].concat()), "").object();
-    assert_eq!(other["standard"], "lambert:0.9");
+    assert_eq!(other["standards"][0]["named"], "lambert:0.9");
     let sensitivity = |found: &Value| found["sensitivity"][0].as_f64().unwrap();
     let ratio = sensitivity(&other) / sensitivity(&alone);
     assert!((ratio / (0.98 / 0.9) - 1.0).abs() < 1e-6, "{ratio}");
@@ -196,6 +196,94 @@ fn a_calibrated_rig_measures_what_is_there_tilted_too() {
     )
     .object();
     assert!(number(&both, "coverage") > 0.999);
+}
+
+/// The example of a certificate in `lab`, changed.
+fn certificate(lab: &Lab, name: &str, changes: &[(&str, &str)]) -> String {
+    let example = fs::read_to_string(crate::commands::standard()).unwrap();
+    let text = changes.iter().fold(example, |text, (from, to)| {
+        assert!(text.contains(from), "{from}");
+        text.replacen(from, to, 1)
+    });
+    let path = lab.at(name);
+    fs::write(&path, text).unwrap();
+    path
+}
+
+#[test]
+fn a_certificate_is_taken_while_it_holds_and_named_by_all_that_follows() {
+    let lab = Lab::new();
+    let day = ["--date", "2026-05-01"];
+    let white = certificate(&lab, "white.toml", &[("2036-02-17", "2026-06-30")]);
+    let grey = certificate(
+        &lab,
+        "grey.toml",
+        &[("EXAMPLE-2026-17", "GREY-1"), ("value = 0.985", "value = 0.2")],
+    );
+    let both = ["--standard", white.as_str(), "--second-standard", grey.as_str()];
+    let line = |rest: &[&str]| lab.calibrate("photometry", "32", &[&both[..], rest].concat());
+    let late = [
+        "white.toml",
+        "expires: expected",
+        "2026-07-01",
+        "found 2026-06-30",
+    ];
+    refuses(&line(&["--date", "2026-07-01"]), "", 2, &late);
+    let early = ["white.toml", "calibrated: expected", "found 2026-02-17"];
+    refuses(&line(&["--date", "2026-02-16"]), "", 2, &early);
+    let percent = [&day[..], &["--standard-uncertainty-percent", "0.3"]].concat();
+    let states = ["every standard has a certificate that states it", "found 0.3 %"];
+    refuses(&line(&percent), "", 2, &states);
+    refuses(
+        &line(&["--date", "1.5.2026"]),
+        "",
+        2,
+        &["--date: expected a day", "1.5.2026"],
+    );
+    assert!(
+        !Path::new(&lab.at("calibration"))
+            .join("photometry.raw.zarr")
+            .exists()
+    );
+
+    let found = run(&line(&[&day[..], &["--json"]].concat()), "").object();
+    assert_eq!(found["standards"][0]["certificate"]["expires"], "2026-06-30");
+    assert_eq!(found["standards"][1]["certificate"]["number"], "GREY-1");
+    assert!((number(&found, "standards.0.standard_uncertainty") - 0.0152).abs() < 1e-4);
+    assert!((number(&found, "standards.1.standard_uncertainty") - 0.0195).abs() < 1e-4);
+    // The same frames, fitted on a later day, by a certificate that holds no more.
+    let again = ["--date", "2026-07-01", "--standard-expired", "--json"];
+    let expired = run(&line(&again), "").object();
+    assert_eq!(expired["standards"][0]["certificate"]["expired"], true);
+    assert_eq!(expired["sensitivity"], found["sensitivity"]);
+
+    let calibration = lab.at("calibration");
+    let measure = lab.measure("named", "15", &["--calibration", &calibration, "--json"]);
+    let object = run(&measure, "").object();
+    let warnings = object["evaluation"]["warnings"].to_string();
+    assert!(warnings.contains("had expired on 2026-06-30"), "{warnings}");
+    let median = number(&object, "evaluation.against_reference.relative_error.median");
+    assert!(
+        median < number(&object, "evaluation.median_relative_sigma"),
+        "{median}"
+    );
+    let measured = Path::new(&lab.at("named")).to_owned();
+    let report = fs::read_to_string(measured.join("report.html")).unwrap();
+    assert!(report.contains("EXPIRED on 2026-06-30") && report.contains("GREY-1"));
+    let attributes = fs::read_to_string(measured.join("brdf.zarr/zarr.json")).unwrap();
+    let attributes: Value = serde_json::from_str(&attributes).unwrap();
+    let standards = &attributes["attributes"]["standards"];
+    assert_eq!(*standards, expired["standards"]);
+    assert_eq!(
+        standards[0]["certificate"]["sha256"].as_str().map(str::len),
+        Some(64)
+    );
+    let shown = run(&["evaluate", text(&measured.join("brdf.zarr"))], "");
+    assert!(
+        shown
+            .done()
+            .contains("certificate GREY-1 of Example Calibration Laboratory")
+    );
 }
 
 #[test]

@@ -155,6 +155,7 @@ impl Scene {
                 .map(|ending| format!("lambert --azimuths 8 --out {}", file(&format!("a.{ending}"))))
                 .to_vec(),
             "multiplex" => vec!["--step 30 --image-size 8 --order 3".to_owned()],
+            "standard" => vec![standard()],
             "truth" => vec![format!("--out {}", file("truth.toml"))],
             "controller run" => ["csv", "jsonl"]
                 .map(|ending| format!("--steps 3 --records {}", file(&format!("r.{ending}"))))
@@ -188,6 +189,11 @@ impl Scene {
             })
             .collect()
     }
+}
+
+/// The example of a certificate.
+pub(crate) fn standard() -> String {
+    concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/standard.toml").to_owned()
 }
 
 #[test]

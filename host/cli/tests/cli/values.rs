@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 use std::fs;
 use std::path::Path;
 
-use crate::command::{quick_measurement, run, text, refuses};
+use crate::command::{quick_measurement, refuses, run, text};
 use crate::tensor_file;
 
 type Angles = [f64; 4];

@@ -8,6 +8,7 @@
 //! All values are the BRDF f in sr⁻¹, without the cosine, in three channels R, G, B. Directions are unit vectors
 //! that point away from the surface, in the sample frame.
 
+mod certified;
 mod ggx;
 mod lambert;
 mod rgl;
@@ -29,6 +30,7 @@ use glam::DVec3;
 use crate::base::blame::Blame;
 use crate::hemisphere::direction::{from_angles, is_above_horizon};
 
+pub use certified::{Certified, Contribution, USUAL, reflectance_factor};
 pub use ggx::Ggx;
 pub use lambert::Lambert;
 pub use rgl::MeasuredRgl;
@@ -121,13 +123,14 @@ impl Blame for SampleError {
 /// | `velvet`, `velvet:pile`, `velvet:rd=0.03,rs=0.6,ax=0.7,ay=1.2` | [`Velvet`], anisotropic cloth |
 /// | `satin`, `satin:silk`, `satin:f0=0.3,along=0.14,across=0.6,weft=0.2,rd=0.12` | [`Satin`], anisotropic cloth |
 /// | a path | [`MeasuredRgl`], a `.bsdf` tensor file of the RGL material database |
+/// | a path that ends in `.toml` | [`Certified`], a reflectance standard with its certificate |
 ///
 /// A preset may be followed by parameters that change it, as in `ward:brass,ax=0.1`; what is not given keeps the
 /// default. `@` and degrees behind it turn it: of `ward:brass@30` the +x lies at an azimuth of 30°.
 ///
 /// # Errors
 /// [`SampleError::Spec`] for an unknown model, preset or parameter, a bad number or one out of range; for a path
-/// the errors of [`MeasuredRgl::open`].
+/// the errors of [`MeasuredRgl::open`] and [`Certified::open`].
 pub fn parse(spec: &str) -> Result<Box<dyn Sample>, SampleError> {
     let (bare, azimuth_deg) = split_turn(spec)?;
     let sample = unturned(bare)?;
@@ -162,6 +165,9 @@ fn unturned(spec: &str) -> Result<Box<dyn Sample>, SampleError> {
         "satin" => Ok(Box::new(Satin::from_arguments(spec, arguments)?)),
         _ => {
             let path = Path::new(spec);
+            if is_certificate(path) {
+                return Ok(Box::new(Certified::open(path)?));
+            }
             let named_bsdf = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("bsdf"));
             // A file that exists is judged by its content, whatever its name.
             if named_bsdf || path.is_file() {
@@ -170,11 +176,24 @@ fn unturned(spec: &str) -> Result<Box<dyn Sample>, SampleError> {
             Err(SampleError::Spec {
                 spec: spec.to_owned(),
                 field: "model".to_owned(),
-                expected: "lambert, ward, ggx, velvet, satin or the path of a .bsdf file".to_owned(),
+                expected: "lambert, ward, ggx, velvet, satin or the path of a .bsdf file or of a certificate (.toml)".to_owned(),
                 found: format!("'{model}'"),
             })
         }
     }
+}
+
+/// The certificate that `spec` names; `None` if it names a model or a measured file.
+///
+/// # Errors
+/// Those of [`Certified::open`].
+pub fn certificate_of(spec: &str) -> Result<Option<Certified>, SampleError> {
+    let path = file_of(spec).filter(|path| is_certificate(path));
+    path.map(Certified::open).transpose()
+}
+
+fn is_certificate(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"))
 }
 
 /// The file that `spec` names; `None` for a model.

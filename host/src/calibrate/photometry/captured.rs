@@ -285,14 +285,14 @@ impl<'a> Captured<'a> {
     }
 
     /// The interreflection from the `second` standard, with its name, beside the `first`, which has its `own` (see
-    /// [`interreflected`]); both are known to a relative standard uncertainty.
+    /// [`interreflected`]); they are known to these relative standard uncertainties.
     pub(super) fn interreflection(
         &self,
         (second, spec): (&dyn Sample, &str),
         linear: &Linear,
         other: OtherLight,
         first: &Seen,
-        (own, standard_uncertainty): (f64, f64),
+        (own, uncertainties): (f64, [f64; 2]),
     ) -> Result<Interreflection, CalibrateError> {
         let black = self.black(Shows::SecondBlack, linear);
         let removal = self.removal(0, other)?;
@@ -304,6 +304,6 @@ impl<'a> Captured<'a> {
             _ => None,
         };
         self.lit(&mut other, is_of_it, linear, &black, &removal, (second, spec))?;
-        interreflection(first, &other, (own, interreflected(second)), standard_uncertainty)
+        interreflection(first, &other, (own, interreflected(second)), uncertainties)
     }
 }

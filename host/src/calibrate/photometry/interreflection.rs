@@ -29,12 +29,12 @@ pub(super) fn interreflected(standard: &dyn Sample) -> f64 {
 }
 
 /// The share that returns, from what the standards show of their own reflectance: `first` adds share·`a`, `second`
-/// share·`b`; each reflectance is known to `standard_uncertainty`, relative.
+/// share·`b`; their reflectances are known to these standard `uncertainties`, relative.
 pub(super) fn interreflection(
     first: &Seen,
     second: &Seen,
     (a, b): (f64, f64),
-    standard_uncertainty: f64,
+    uncertainties: [f64; 2],
 ) -> Result<Interreflection, CalibrateError> {
     check_apart(a, b)?;
     let (ratio, uncertainty) = first.ratio_to(second).ok_or_else(|| CalibrateError::Views {
@@ -46,8 +46,9 @@ pub(super) fn interreflection(
     let found = Interreflection {
         share: (ratio - 1.0) / (a - ratio * b),
         standard_uncertainty: uncertainty / (a - b).abs(),
-        by_standards: standard_uncertainty * std::f64::consts::SQRT_2 / (a - b).abs(),
+        by_standards: uncertainties[0].hypot(uncertainties[1]) / (a - b).abs(),
         own: a,
+        apart: a - b,
     };
     let doubt = found.standard_uncertainty.hypot(found.by_standards);
     if found.share > LARGEST + CLEAR * doubt {

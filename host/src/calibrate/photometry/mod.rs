@@ -13,6 +13,7 @@
 //! | `linear` | numbers as a linear camera would give them, and what they say of the lamp |
 //! | `field` | smooth fields over an image |
 //! | `rank_one` | light and throughput from the standard |
+//! | `standards` | what is known of the standards |
 //! | `interreflection` | what returns onto the sample, from two standards |
 //! | `crosstalk` | what the camera's colours show of each other |
 //! | `contrast` | light of black projector pixels |
@@ -42,6 +43,7 @@ mod linear;
 mod pixels;
 mod rank_one;
 mod share;
+mod standards;
 mod stray;
 #[cfg(test)]
 mod tests;
@@ -52,6 +54,7 @@ use std::path::Path;
 
 pub use again::{NONE, Said};
 pub use capture::{Request, Views, capture};
+pub use standards::{Trust, standards};
 pub use weakness::{Height, Weakness, height, weaknesses};
 
 use camera::{Times, camera, flicker, set_linearity};
@@ -86,17 +89,22 @@ fn level(index: usize) -> u8 {
     (17 * index) as u8
 }
 
-/// Fits the photometry to the captures in `dir`, of which that is `said`, and writes what was found beside them; the standard's
-/// reflectance is known to `standard_uncertainty` (relative, k = 1).
+/// Fits the photometry to the captures in `dir`, of which that is `said`, and writes what was found beside them; `trust` says what
+/// standards without a certificate are known to, and when they were captured.
 ///
 /// # Errors
 /// [`CalibrateError`].
-pub fn calibrate(dir: &Path, said: &Said, standard_uncertainty: f64) -> Result<Photometry, CalibrateError> {
+pub fn calibrate(dir: &Path, said: &Said, trust: &Trust) -> Result<Photometry, CalibrateError> {
     let (mut views, raw) = Views::read(dir)?;
     let second_standard = said.apply(&mut views)?;
     let calibrated = Rig::load(&dir.join(RIG).display().to_string())?;
     check_rig(&dir.join(capture::RAW), &calibrated, &rig_hash(&views.rig))?;
     let rig = views.rig_of(0)?;
+    let known = standards(
+        (&views.standard, second_standard.as_deref()),
+        rig.camera.channels.into(),
+        trust,
+    )?;
     let captured = Captured::read(dir, &views, &raw, &rig)?;
     let mut series = captured.series();
     let (linear, flicker) = camera_of(&mut series, &rig)?;
@@ -130,7 +138,7 @@ pub fn calibrate(dir: &Path, said: &Said, standard_uncertainty: f64) -> Result<P
         None => None,
         Some(spec) => {
             let second = AsSeen::new(spec, crosstalk)?;
-            let known = (own, standard_uncertainty);
+            let known = (own, [0, 1].map(|number| known[number].standard_uncertainty));
             Some(captured.interreflection((&second, spec), &linear, other, &all[0], known)?)
         }
     };
@@ -140,8 +148,7 @@ pub fn calibrate(dir: &Path, said: &Said, standard_uncertainty: f64) -> Result<P
         version: PHOTOMETRY_VERSION,
         sights: all.iter().map(Seen::sight).collect(),
         rig_sha256: rig_hash(&views.rig),
-        standard: views.standard.clone(),
-        standard_uncertainty,
+        standards: known,
         camera,
         crosstalk,
         contrast: contrast::contrast(

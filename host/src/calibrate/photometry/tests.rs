@@ -60,7 +60,7 @@ fn calibrated_beside(
     });
     change(&mut request);
     let found = capture(&request, folder.path(), &setup.world().unwrap(), &Silent)
-        .and_then(|()| super::calibrate(folder.path(), &Said::default(), 0.0025));
+        .and_then(|()| super::calibrate(folder.path(), &Said::default(), &Trust::assumed(0.0025)));
     (truth, found)
 }
 

@@ -62,8 +62,11 @@ pub fn weaknesses(found: &Photometry, rig: &Rig) -> Result<Vec<Weakness>, RigErr
     let mut all = vec![
         weakness(
             "standard",
-            found.standard_uncertainty,
-            "a reflectance standard with a closer certificate",
+            // What the polar angles of light and view make of it comes to what all directions share.
+            found.standards[0]
+                .standard_uncertainty
+                .hypot(2_f64.sqrt() * found.standards[0].angular.each),
+            "a reflectance standard with a closer certificate, one that says how it reflects by angle",
         ),
         weakness(
             "light and throughput",

@@ -14,6 +14,7 @@
 //! | `sight` | where the standard was seen and lit |
 //! | `stray` | glare, ghost and direct light, and how images lose them |
 //! | `lamp` | how steady the light is |
+//! | `standard` | the reflectance standards, and whose word they are |
 //! | `lights` | the incident directions with which it is lit |
 //! | `file` | JSON of finite numbers |
 
@@ -26,6 +27,7 @@ pub(crate) mod lights;
 pub(crate) mod photometry;
 mod seen_part;
 mod sight;
+mod standard;
 pub(crate) mod stray;
 
 use std::path::Path;
@@ -43,12 +45,13 @@ pub use field::SmoothField;
 pub(crate) use field::{HIGHEST, TERMS, degree, terms};
 pub use geometry::{AS_STATED, Found, GEOMETRY, Geometry, TiltFound, WORST_DEG};
 pub use lamp::{LampFound, Monitor};
-pub(crate) use photometry::PHOTOMETRY_VERSION;
 pub use photometry::{CameraFound, Interreflection, PHOTOMETRY, Photometry};
+pub(crate) use photometry::{PHOTOMETRY_VERSION, TwoStandards};
 pub use seen_part::SeenPart;
 pub(crate) use seen_part::{ELLIPSE, FAR, Patches, Share, Shares, UNKNOWNS, Unknowns};
 pub use sight::Sight;
 pub(crate) use sight::{BLIND, EDGE, SEEN, UNSEEN};
+pub use standard::{Angular, Certificate, Standard};
 pub use stray::{GhostFound, Stray};
 
 /// Name of the calibrated rig's file.

@@ -9,6 +9,7 @@ use super::field::{self, SmoothField};
 use super::lamp::LampFound;
 use super::seen_part::SeenPart;
 use super::sight::Sight;
+use super::standard::Standard;
 use super::stray::Stray;
 use super::{CalibrationError, check_rig, file};
 use crate::instrument::rig::{Binned, ROUNDING_DN2, Rig, Tilt};
@@ -20,8 +21,9 @@ pub(crate) const COMMAND: &str = "rcg calibrate photometry --out DIR";
 /// Version of `photometry.json`: 2 says where the standard was seen, 3 what the end of a field's series leaves; 4
 /// describes pixels of the sensor, not of the image; 5 has stray light, 6 the lamp and what pixels and rows differ by, 7 what
 /// part of the sample is seen, 8 up to where the camera is linear, 9 has of what watches the lamp its own light only,
-/// 10 states what the lamp of the standard makes of all, 11 has what the camera's colours show of each other.
-pub(crate) const PHOTOMETRY_VERSION: u32 = 11;
+/// 10 states what the lamp of the standard makes of all, 11 has what the camera's colours show of each other, 12 whose word the
+/// standards are, and each by its own uncertainty.
+pub(crate) const PHOTOMETRY_VERSION: u32 = 12;
 
 /// What calibration found, as `photometry.json` has it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -32,10 +34,8 @@ pub struct Photometry {
     pub version: u32,
     /// Hash of the calibrated rig that it belongs to.
     pub rig_sha256: String,
-    /// The standard.
-    pub standard: String,
-    /// Relative standard uncertainty of its reflectance.
-    pub standard_uncertainty: f64,
+    /// The standard, and the second one if there was one.
+    pub standards: Vec<Standard>,
     /// The camera.
     pub camera: CameraFound,
     /// What its colours show of each other, if it has any.
@@ -85,26 +85,40 @@ pub struct Interreflection {
     /// Its standard uncertainty (k = 1) by noise.
     pub standard_uncertainty: f64,
     /// That by the reflectances of both standards, which the sensitivity shares: see `standards_variance`.
-    #[serde(default)]
     pub by_standards: f64,
     /// What a share of 1 would add to the signal of the first standard, relative.
-    #[serde(default)]
     pub own: f64,
+    /// By how much that is more than it would add to that of the second.
+    pub apart: f64,
+}
+
+/// What the reflectances of two standards may be off by.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct TwoStandards {
+    /// Of the first and of the second, relative, k = 1.
+    pub(crate) uncertainty: [f64; 2],
+    /// Whether both may be off together, for all that is known: so plates of one material or of one laboratory may be.
+    pub(crate) may_agree: bool,
 }
 
 impl Interreflection {
-    /// Variance of f in sr⁻² by the reflectances of the standards, each known to `standard_uncertainty` (relative, k = 1), where
-    /// a share of 1 would add `per_share` sr⁻¹.
+    /// Variance of f in sr⁻² by the reflectances of the `standards`, where a share of 1 would add `per_share` sr⁻¹.
     ///
     /// Of the standards a and b, of which the first is off by δ₁ and the second by δ₂, the share comes out wrong by
     /// (δ₁ − δ₂)/(a − b), and the sensitivity by δ₁ and by a times as much. So a Lambertian sample as dark as the second
-    /// standard is as uncertain as that, and one as bright as the first as the first is; others show more of it.
+    /// standard is as uncertain as that, and one as bright as the first as the first is; others show more of it. Where both may be
+    /// off together, that counts as far as it is worse.
     #[must_use]
-    pub(crate) fn standards_variance(&self, standard_uncertainty: f64, f: f32, per_share: f32) -> f32 {
-        let apart = standard_uncertainty * std::f64::consts::SQRT_2 / self.by_standards;
-        let by_share = (self.own as f32 * f - per_share) / apart as f32;
-        let variance = (f - by_share).powi(2) + by_share.powi(2);
-        (standard_uncertainty * standard_uncertainty) as f32 * variance
+    pub(crate) fn standards_variance(&self, standards: TwoStandards, f: f32, per_share: f32) -> f32 {
+        let by_second = (self.own as f32 * f - per_share) / self.apart as f32;
+        let [first, second] = standards.uncertainty.map(|relative| relative as f32);
+        let (first, second) = (first * (f - by_second), second * by_second);
+        let together = if standards.may_agree {
+            (2.0 * first * second).max(0.0)
+        } else {
+            0.0
+        };
+        first.powi(2) + second.powi(2) + together
     }
 }
 
@@ -113,8 +127,9 @@ impl Interreflection {
 const UNKNOWN_RETURN: f64 = 5e-3;
 
 impl Photometry {
-    /// Relative standard uncertainty (k = 1) of f by that of the standard's reflectance, and by the light that may have returned onto
-    /// it where no second standard told of that: to a darker sample less returns. Everything measured by it has that in common.
+    /// Relative standard uncertainty (k = 1) of f that all directions share by the standard's reflectance, and by the light that may have
+    /// returned onto it where no second standard told of that: to a darker sample less returns. Everything measured by it has that in
+    /// common.
     #[must_use]
     pub fn uncertainty_by_standard(&self) -> f64 {
         let returned = if self.interreflection.is_none() {
@@ -122,7 +137,28 @@ impl Photometry {
         } else {
             0.0
         };
-        self.standard_uncertainty.hypot(returned)
+        self.standards[0].standard_uncertainty.hypot(returned)
+    }
+
+    /// What the standards may be off by, both.
+    #[must_use]
+    pub(crate) fn two_standards(&self) -> TwoStandards {
+        let second = self.standards.get(1);
+        TwoStandards {
+            uncertainty: [
+                self.uncertainty_by_standard(),
+                second.map_or(0.0, |second| second.standard_uncertainty),
+            ],
+            may_agree: self.standards.len() > 1 && self.standards.iter().all(|one| one.certificate.is_some()),
+        }
+    }
+
+    /// Relative standard uncertainty (k = 1) that neighbouring directions share: of what the fields leave of what the standard showed,
+    /// and of how its f goes with direction, as far as that is known.
+    #[must_use]
+    pub(crate) fn uncertainty_by_fields(&self) -> f64 {
+        let angular = 2_f64.sqrt() * self.standards[0].angular.each;
+        self.field_residual.hypot(angular)
     }
 
     /// Reads the photometry at `path`, which must be that of `rig` (its camera at full size).
@@ -149,6 +185,11 @@ impl Photometry {
         if self.version != PHOTOMETRY_VERSION {
             let expected = format!("{PHOTOMETRY_VERSION}; `{COMMAND}` fits what was captured again");
             return content("version", expected, self.version.to_string());
+        }
+        let count = 1 + usize::from(self.interreflection.is_some());
+        if self.standards.len() != count {
+            let expected = format!("{count}, the second with the interreflection");
+            return content("standards", expected, self.standards.len().to_string());
         }
         for (field, found, low, high) in self.ranges() {
             if !(low..=high).contains(&found) {
@@ -219,7 +260,6 @@ impl Photometry {
         let camera = &self.camera;
         let least = f64::MIN_POSITIVE;
         let mut all: Vec<(String, f64, f64, f64)> = [
-            ("standard_uncertainty", self.standard_uncertainty, 0.0, 0.5),
             ("camera.dark_dn", camera.dark_dn, -65_535.0, 65_535.0),
             ("camera.dark_dn_per_s", camera.dark_dn_per_s, -1e12, 1e12),
             ("camera.gain_e_per_dn", camera.gain_e_per_dn, least, 1e12),
@@ -241,6 +281,12 @@ impl Photometry {
         for (index, k) in self.sensitivity.iter().enumerate() {
             all.push((format!("sensitivity[{index}]"), *k, least, f64::MAX));
         }
+        for (index, standard) in self.standards.iter().enumerate() {
+            let within = |(field, found, low, high): (String, f64, f64, f64)| {
+                (format!("standards[{index}].{field}"), found, low, high)
+            };
+            all.extend(standard.ranges().into_iter().map(within));
+        }
         if let Some(back) = self.interreflection {
             let within = |field: &str| format!("interreflection.{field}");
             all.push((within("share"), back.share, -0.5, 0.5));
@@ -250,6 +296,9 @@ impl Photometry {
                 0.0,
                 0.5,
             ));
+            all.push((within("by_standards"), back.by_standards, 0.0, 5.0));
+            all.push((within("own"), back.own, 0.0, 2.0));
+            all.push((within("apart"), back.apart.abs(), 0.1, 2.0));
         }
         all
     }

@@ -26,6 +26,7 @@ use serde::Serialize;
 use crate::brdf::sample::Sample;
 use crate::brdf::{Azimuth, Brdf, RegionBudget};
 use crate::hemisphere::judged::is_judged;
+use crate::instrument::calibration::Standard;
 use crate::store::StoreError;
 use crate::store::provenance::Provenance;
 
@@ -61,6 +62,8 @@ pub struct Evaluation {
     /// What has no part in that uncertainty, for want of a calibration: directions, light and throughput. `None` if the file
     /// does not say.
     pub uncalibrated: Option<Vec<String>>,
+    /// The reflectance standards behind the values; empty if the file names none.
+    pub standards: Vec<Standard>,
     /// |f(a,b) − f(b,a)| / mean over random pairs with θ ≤ 70° that were measured both ways, median.
     pub reciprocity_residual_median: Option<f64>,
     /// Pairs that went into it.
@@ -224,6 +227,7 @@ pub fn evaluate(
         median_relative_sigma: seen.sigma.median(),
         budget: brdf.budget().to_vec(),
         uncalibrated: brdf.uncalibrated(),
+        standards: brdf.standards(),
         reciprocity_residual_median: reciprocity.median,
         reciprocity_pairs: reciprocity.pairs,
         reciprocity_share: reciprocity.share,

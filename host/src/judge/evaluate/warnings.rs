@@ -2,10 +2,11 @@
 
 use super::{Evaluation, Quantile};
 use crate::hemisphere::judged::{JUDGED_THETA_DEG, RECIPROCAL_THETA_DEG};
+use crate::instrument::calibration::Standard;
 
 /// One sentence for each figure that is none, or found from a part where only the whole has a meaning.
 pub(super) fn warnings(found: &Evaluation) -> Vec<String> {
-    let mut all = Vec::new();
+    let mut all: Vec<String> = found.standards.iter().filter_map(Standard::warning).collect();
     let judged = format!("with θ ≤ {JUDGED_THETA_DEG}° both ways");
     if found.measured_samples == 0 {
         all.push(

@@ -1,0 +1,134 @@
+//! `rcg standard`
+
+use std::path::PathBuf;
+
+use rcg::brdf::sample::{Certified, Contribution, Sample as _, albedo, reflectance_factor};
+use rcg::hemisphere::direction::from_degrees;
+use rcg::instrument::calibration::Standard;
+use serde::Serialize;
+
+use crate::Done;
+use crate::output::{Output, table};
+
+/// Show what the certificate of a reflectance standard says and what is made of it.
+///
+/// The file is one for `rcg calibrate photometry --standard`; docs/standard.toml in the sources is an example of it.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// The certificate (TOML)
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+}
+
+/// Polar angles at which the uncertainty is shown, degrees.
+const SHOWN_DEG: [f64; 6] = [0.0, 30.0, 45.0, 60.0, 70.0, 80.0];
+
+/// What is made of a certificate.
+#[derive(Serialize)]
+struct Answer {
+    #[serde(flatten)]
+    standard: Standard,
+    /// f in sr⁻¹ at 0/45 and at 45/0, red, green and blue.
+    f_0_45: [f64; 3],
+    f_45_0: [f64; 3],
+    /// π·f at 0/45.
+    reflectance_factor_0_45: [f64; 3],
+    /// Reflectance for light at 8°.
+    reflectance_8_hemisphere: [f64; 3],
+    /// What makes the uncertainty that all directions share.
+    contributions: Vec<Contribution>,
+    /// Uncertainty of f in all by polar angle.
+    by_angle: Vec<ByAngle>,
+}
+
+/// Relative standard uncertainty (k = 1) of f where light, or view, or both are at a polar angle, the other at 0.
+#[derive(Serialize)]
+struct ByAngle {
+    theta_deg: f64,
+    light: f64,
+    view: f64,
+    both: f64,
+}
+
+pub(crate) fn run(args: &Args, output: &Output) -> Done {
+    let certified = Certified::open(&args.file)?;
+    let standard = certified.standard().clone();
+    let at = |deg: f64| from_degrees(deg, 0.0);
+    let away = |deg: f64| from_degrees(deg, 180.0);
+    let f_0_45 = certified.f(at(0.0), away(45.0));
+    let by_angle = SHOWN_DEG.map(|theta_deg| {
+        let variance = |end: usize, deg: f64| standard.angular.variance(end, deg);
+        let all = |light_deg: f64, view_deg: f64| {
+            let own = variance(0, light_deg) + variance(1, view_deg);
+            standard.standard_uncertainty.hypot(own.sqrt())
+        };
+        ByAngle {
+            theta_deg,
+            light: all(theta_deg, 0.0),
+            view: all(0.0, theta_deg),
+            both: all(theta_deg, theta_deg),
+        }
+    });
+    let answer = Answer {
+        f_0_45,
+        f_45_0: certified.f(at(45.0), away(0.0)),
+        reflectance_factor_0_45: f_0_45.map(reflectance_factor),
+        reflectance_8_hemisphere: albedo(&certified, at(8.0)),
+        contributions: certified.contributions().to_vec(),
+        by_angle: by_angle.into(),
+        standard,
+    };
+    output.print(&answer, || text(&answer))
+}
+
+fn text(answer: &Answer) -> String {
+    let percent = |relative: f64| format!("{:.2} %", 100.0 * relative);
+    let channels = |values: [f64; 3]| {
+        let [red, green, blue] = values.map(|value| format!("{value:.4}"));
+        if red == green && green == blue {
+            red
+        } else {
+            format!("{red} {green} {blue}")
+        }
+    };
+    let certificate = answer.standard.certificate.as_ref();
+    let mut lines = vec![
+        (
+            "certificate",
+            certificate.map_or_else(String::new, ToString::to_string),
+        ),
+        ("f at 0/45", format!("{} 1/sr", channels(answer.f_0_45))),
+        ("f at 45/0", format!("{} 1/sr", channels(answer.f_45_0))),
+        ("π f at 0/45", channels(answer.reflectance_factor_0_45)),
+        ("reflectance at 8/h", channels(answer.reflectance_8_hemisphere)),
+        (
+            "all directions share",
+            format!("{} (k = 1)", percent(answer.standard.standard_uncertainty)),
+        ),
+    ];
+    for part in answer.contributions.iter().filter(|part| part.relative > 0.0) {
+        lines.push(("", format!("{} {}", percent(part.relative), part.cause)));
+    }
+    let [light_deg, view_deg] = answer.standard.angular.known_to_deg;
+    lines.push((
+        "angular behaviour",
+        if light_deg.max(view_deg) > 0.0 {
+            format!("as stated up to θ = {light_deg}° of light and {view_deg}° of view; farther out by what is usual of matte plates")
+        } else {
+            "not stated: taken for Lambertian, to what is usual of matte plates".to_owned()
+        },
+    ));
+    for at in &answer.by_angle {
+        lines.push((
+            "",
+            format!(
+                "f at θ = {:2}° of light {}, of view {}, of both {} (k = 1, all together)",
+                at.theta_deg,
+                percent(at.light),
+                percent(at.view),
+                percent(at.both)
+            ),
+        ));
+    }
+    table(&lines)
+}

@@ -1,0 +1,132 @@
+//! Days of the Gregorian calendar, as certificates have them.
+
+use std::fmt::{self, Display};
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+use toml::value::Datetime;
+
+/// A day, written `2027-03-14` (ISO 8601); later days are greater.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
+pub struct Date {
+    year: u16,
+    month: u8,
+    day: u8,
+}
+
+/// What is no day.
+#[derive(Debug, thiserror::Error)]
+#[error("expected a day such as 2027-03-14, found {0}")]
+pub struct DateError(String);
+
+impl Date {
+    /// The day, in universal time, so many seconds after the beginning of 1970.
+    #[must_use]
+    pub fn of_unix_s(seconds: u64) -> Self {
+        // Years are counted from March on, so that the odd day is the last one, in eras of 400 years (146,097 days) that are all
+        // alike; 719,468 days lie between the first of March of year 0 and 1970.
+        let days = seconds / 86_400 + 719_468;
+        let (era, of_era) = (days / 146_097, days % 146_097);
+        let year_of_era = (of_era - of_era / 1_460 + of_era / 36_524 - of_era / 146_096) / 365;
+        let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+        let month = (5 * of_year + 2) / 153;
+        let day = of_year - (153 * month + 2) / 5 + 1;
+        let is_next = month >= 10;
+        Self {
+            year: (era * 400 + year_of_era + u64::from(is_next)) as u16,
+            month: (if is_next { month - 9 } else { month + 3 }) as u8,
+            day: day as u8,
+        }
+    }
+}
+
+impl Display for Date {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:04}-{:02}-{:02}", self.year, self.month, self.day)
+    }
+}
+
+impl FromStr for Date {
+    type Err = DateError;
+
+    fn from_str(text: &str) -> Result<Self, DateError> {
+        let none = || DateError(crate::base::text::shown(text));
+        let Datetime {
+            date: Some(date),
+            time: None,
+            offset: None,
+        } = text.parse().map_err(|_| none())?
+        else {
+            return Err(none());
+        };
+        Ok(Self {
+            year: date.year,
+            month: date.month,
+            day: date.day,
+        })
+    }
+}
+
+impl TryFrom<String> for Date {
+    type Error = DateError;
+
+    fn try_from(text: String) -> Result<Self, DateError> {
+        text.parse()
+    }
+}
+
+impl From<Date> for String {
+    fn from(date: Date) -> Self {
+        date.to_string()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn days_follow_each_other_as_the_calendar_has_them() {
+        for (days, text) in [
+            (0, "1970-01-01"),
+            (59, "1970-03-01"),
+            (789, "1972-02-29"),
+            (11_016, "2000-02-29"),
+            (20_088, "2024-12-31"),
+            (20_089, "2025-01-01"),
+            (47_541, "2100-03-01"),
+        ] {
+            let date = Date::of_unix_s(days * 86_400 + 86_399);
+            assert_eq!(date.to_string(), text);
+            assert_eq!(text.parse::<Date>().unwrap(), date);
+        }
+        // Each is a day that there is, and later than the one before.
+        let mut before = Date::of_unix_s(0);
+        for days in 1..60_000 {
+            let date = Date::of_unix_s(days * 86_400);
+            assert!(
+                date > before && date.to_string().parse::<Date>().unwrap() == date,
+                "{date}"
+            );
+            before = date;
+        }
+    }
+
+    #[test]
+    fn what_is_no_day_is_refused() {
+        for bad in [
+            "",
+            "2025",
+            "2025-02-29",
+            "2025-13-01",
+            "14.3.2025",
+            "2025-03-14T10:00:00",
+            "2025-03-14T10:00:00Z",
+            "10:00:00",
+            "2025-3-4",
+        ] {
+            assert!(bad.parse::<Date>().is_err(), "{bad}");
+        }
+    }
+}
