@@ -8,11 +8,13 @@ mod arguments;
 mod assemble;
 mod calibrate;
 mod capture;
+mod clock;
 mod controller;
 mod evaluate;
 mod failure;
 mod fill;
 mod fit;
+mod log;
 mod map;
 mod measure;
 mod multiplex;
@@ -24,6 +26,7 @@ mod plan;
 mod plot;
 mod render;
 mod request;
+mod session;
 mod study;
 mod truth;
 mod turn;
@@ -133,6 +136,7 @@ fn main() -> ExitCode {
         Err(error) => return usage::answer(&error),
     };
     let output = Output::new(cli.json, cli.quiet, cli.verbose);
+    output.log(&command_line());
     match done(&cli, &output) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) if failure.is_broken_pipe() => ExitCode::SUCCESS,
@@ -141,6 +145,20 @@ fn main() -> ExitCode {
             ExitCode::from(failure.exit_code())
         }
     }
+}
+
+/// The command with its arguments, as the log has it.
+fn command_line() -> String {
+    let quoted = |word: String| {
+        if word.contains(char::is_whitespace) {
+            format!("'{word}'")
+        } else {
+            word
+        }
+    };
+    let words = std::env::args().skip(1).map(quoted);
+    let words: Vec<String> = std::iter::once("rcg".to_owned()).chain(words).collect();
+    format!("{} (version {})", words.join(" "), env!("CARGO_PKG_VERSION"))
 }
 
 fn done(cli: &Cli, output: &Output) -> Done {

@@ -4,7 +4,9 @@ use serde_json::{Map, Value, json};
 
 use crate::brdf::budget::BudgetSums;
 use crate::brdf::interpolation::{BRANCHES, BranchErrors, REGIONS};
-use crate::brdf::{Azimuth, DIRECTION_UNCERTAINTY, ERRORS, FIELD_UNCERTAINTY, LAMP_LIGHT, UNCALIBRATED};
+use crate::brdf::{
+    Azimuth, DIRECTION_UNCERTAINTY, ERRORS, FIELD_UNCERTAINTY, LAMP_LIGHT, LINEAGE, UNCALIBRATED,
+};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
 use crate::instrument::calibration::AppliedCalibration;
@@ -155,6 +157,7 @@ pub(super) fn attributes(
     plan: &Plan,
     applied: &AppliedCalibration,
     lamp: Option<Level>,
+    lineage: Option<&Value>,
 ) -> Map<String, Value> {
     let is_known = applied.direction_deg.iter().all(|deg| *deg > 0.0);
     let unknown = [
@@ -184,6 +187,7 @@ pub(super) fn attributes(
         FIELD_UNCERTAINTY: applied.photometry.as_ref().map(|found| found.field_residual),
         LAMP_LIGHT: lamp.map(|level| f64::from(level.light)),
         "source": concat!("rcg ", env!("CARGO_PKG_VERSION")),
+        LINEAGE: lineage,
     });
     match attributes {
         Value::Object(mut map) => {

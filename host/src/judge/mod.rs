@@ -1,6 +1,7 @@
 //! Judgement of a result: errors and reciprocity, fits, pictures, charts, scans, and whole worlds drawn by chance.
 
 pub mod chart;
+pub mod differences;
 pub mod evaluate;
 pub mod fit;
 pub mod render;
