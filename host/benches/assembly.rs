@@ -6,7 +6,7 @@ use std::path::Path;
 
 use divan::{Bencher, counter::ItemsCount};
 use half::f16;
-use rcg::assemble::{CHUNK, assemble};
+use rcg::assemble::{CHUNK, Target, assemble};
 use rcg::base::progress::Silent;
 use rcg::capture::directory::Measurement;
 use rcg::hemisphere::incident::Grid;
@@ -49,6 +49,10 @@ fn assemble_frames(bencher: Bencher) {
     let dir = tempfile::tempdir().expect("a place for files");
     let m = captured(&dir.path().join("m"));
     let (raw, brdf) = (m.path("raw.zarr"), m.path("brdf.zarr"));
+    let target = Target {
+        path: &brdf,
+        lineage: None,
+    };
     bencher
         .counter(ItemsCount::new(m.plan.direction_count))
         .bench_local(|| {
@@ -58,7 +62,7 @@ fn assemble_frames(bencher: Bencher) {
                 &m.directions,
                 &AppliedCalibration::default(),
                 &raw,
-                &brdf,
+                target,
                 &|_| {},
             )
             .expect("assembles")

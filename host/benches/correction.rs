@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::LazyLock;
 
 use divan::{Bencher, counter::ItemsCount};
-use rcg::assemble::assemble;
+use rcg::assemble::{Target, assemble};
 use rcg::base::progress::Silent;
 use rcg::calibrate::photometry;
 use rcg::capture::directory::Measurement;
@@ -84,10 +84,14 @@ fn assembled(bencher: Bencher, change: impl Fn(&mut AppliedCalibration)) {
     let mut applied = calibration.clone();
     change(&mut applied);
     let (raw, brdf) = (m.path("raw.zarr"), m.path("brdf.zarr"));
+    let target = Target {
+        path: &brdf,
+        lineage: None,
+    };
     bencher
         .counter(ItemsCount::new(m.plan.direction_count))
         .bench_local(|| {
-            assemble(&m.rig, &m.plan, &m.directions, &applied, &raw, &brdf, &|_| {}).expect("assembles")
+            assemble(&m.rig, &m.plan, &m.directions, &applied, &raw, target, &|_| {}).expect("assembles")
         });
 }
 

@@ -43,6 +43,7 @@ fn setup(bridge: Option<&Bridge>, noise: bool, faults: Faults) -> Setup {
             faults,
             ..Virtual::default()
         },
+        session: None,
     }
 }
 

@@ -1,9 +1,13 @@
 //! `rcg assemble`
 
-use std::path::PathBuf;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
 
+use rcg::assemble::Assembled;
 use rcg::capture::directory::Measurement;
-use rcg::measure::report::dynamic_range;
+use rcg::judge::differences::Differences;
+use rcg::measure::again::{Again, assemble_again};
+use rcg::measure::report::{dynamic_range, quantile};
 
 use crate::Done;
 use crate::output::Output;
@@ -14,23 +18,97 @@ pub(crate) struct Args {
     /// Directory of the measurement
     #[arg(value_name = "DIR")]
     dir: PathBuf,
+    /// The brdf.zarr to write in place of the measurement's own one, which stays as it is
+    #[arg(long, value_name = "OUT")]
+    out: Option<PathBuf>,
+    /// Take the calibration in this directory into account in place of the one that the measurement was begun with; its geometry must be
+    /// the same, by which the patterns were lit
+    #[arg(long, value_name = "DIR", requires = "out")]
+    calibration: Option<PathBuf>,
 }
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
+    if let Some(out) = &args.out {
+        return again(args, out, output);
+    }
     let measurement = Measurement::open_to_write(&args.dir)?;
+    output.log_into(measurement.dir());
     let assembled = rcg::measure::assemble_measurement(&measurement, output)?;
-    output.print(&assembled, || {
-        format!(
-            "{} incident directions, {} samples measured, {} saturated, dynamic range {}: {}\n",
-            assembled.directions,
-            assembled.measured,
-            assembled.saturated,
-            dynamic_range(assembled.dynamic_range),
-            measurement.path("brdf.zarr").display()
-        )
-    })?;
+    output.print(&assembled, || text(&assembled, &measurement.path("brdf.zarr")))?;
+    warn(&assembled, output);
+    Ok(())
+}
+
+/// Assembles elsewhere, perhaps with another calibration.
+fn again(args: &Args, out: &Path, output: &Output) -> Done {
+    let measurement = Measurement::open(&args.dir)?;
+    let again = assemble_again(&measurement, args.calibration.as_deref(), out, output)?;
+    output.print(&again, || text(&again.assembled, out) + &compared(&again))?;
+    warn(&again.assembled, output);
+    Ok(())
+}
+
+fn warn(assembled: &Assembled, output: &Output) {
     if assembled.measured == 0 {
         output.warn(&["nothing was measured: no sample has a value".to_owned()]);
     }
-    Ok(())
+}
+
+fn text(assembled: &Assembled, path: &Path) -> String {
+    format!(
+        "{} incident directions, {} samples measured, {} saturated, dynamic range {}: {}\n",
+        assembled.directions,
+        assembled.measured,
+        assembled.saturated,
+        dynamic_range(assembled.dynamic_range),
+        path.display()
+    )
+}
+
+/// What was taken into account, and what that changed.
+fn compared(again: &Again) -> String {
+    let sum = |sum: &Option<String>| {
+        sum.as_ref()
+            .map_or("none".to_owned(), |sum| format!("SHA-256 {sum:.12}"))
+    };
+    let (taken, own) = (&again.calibration_sha256, &again.own_calibration_sha256);
+    let before = if taken == own {
+        "the measurement's own".to_owned()
+    } else {
+        format!("the measurement's own: {}", sum(own))
+    };
+    let mut text = format!("calibration: {} ({before})\n", sum(taken));
+    match &again.differences {
+        None => text.push_str("differences: none to state, the measurement has no result of its own\n"),
+        Some(found) => {
+            writeln!(text, "differences to {}", described(found)).expect("strings take everything");
+        }
+    }
+    text
+}
+
+fn described(found: &Differences) -> String {
+    let percent =
+        |share: Option<f64>| share.map_or("none".to_owned(), |share| format!("{:.2} %", 100.0 * share));
+    let largest = found.largest.map_or_else(String::new, |largest| {
+        let direction = |[theta, phi]: [f64; 2]| format!("({theta:.1}°, {phi:.1}°)");
+        format!(
+            "; the largest is {:.2} of its σ ({}) from {} to {}",
+            largest.sigmas,
+            percent(largest.relative),
+            direction(largest.incident_deg),
+            largest.outgoing_deg.map_or("the horizon".to_owned(), direction)
+        )
+    });
+    format!(
+        "its own result: median {}, sum × {}, {} beyond its uncertainty (k = 2){largest}; of {} pairs of directions {} came, {} went",
+        quantile(found.median_relative),
+        found
+            .scale
+            .map_or("none".to_owned(), |scale| format!("{scale:.5}")),
+        percent(found.beyond_k2_share),
+        found.pairs,
+        percent(found.came_share),
+        percent(found.went_share)
+    )
 }

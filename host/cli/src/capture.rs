@@ -8,6 +8,7 @@ use rcg::measure::Job;
 use crate::Done;
 use crate::output::Output;
 use crate::request::{FaultArgs, PortArgs};
+use crate::session::SessionArgs;
 
 /// Capture the frames of a planned measurement, or what is missing of them.
 #[derive(Debug, clap::Args)]
@@ -19,15 +20,20 @@ pub(crate) struct Args {
     faults: FaultArgs,
     #[command(flatten)]
     port: PortArgs,
+    #[command(flatten)]
+    session: SessionArgs,
 }
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
     let trigger_box = args.port.trigger_box()?;
+    let session = args.session.opening("capture", None)?;
     let mut measurement = Measurement::open_to_write(&args.dir)?;
+    output.log_into(measurement.dir());
     if let Some(virtual_rig) = &mut measurement.plan.virtual_rig {
         virtual_rig.faults = args.faults.faults(virtual_rig.faults);
     }
     let job = Job::of(&measurement, trigger_box)?;
+    measurement.note_session(&session)?;
     let tally = rcg::measure::capture(&measurement, &job, output)?;
     output.print(&tally, || {
         format!(

@@ -8,12 +8,14 @@ mod arguments;
 mod assemble;
 mod calibrate;
 mod capture;
+mod clock;
 mod compare;
 mod controller;
 mod evaluate;
 mod failure;
 mod fill;
 mod fit;
+mod log;
 mod map;
 mod measure;
 mod multiplex;
@@ -26,6 +28,7 @@ mod plot;
 mod reflectance;
 mod render;
 mod request;
+mod session;
 mod standard;
 mod study;
 mod truth;
@@ -142,6 +145,7 @@ fn main() -> ExitCode {
         Err(error) => return usage::answer(&error),
     };
     let output = Output::new(cli.json, cli.quiet, cli.verbose);
+    output.log(&command_line());
     match done(&cli, &output) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) if failure.is_broken_pipe() => ExitCode::SUCCESS,
@@ -150,6 +154,20 @@ fn main() -> ExitCode {
             ExitCode::from(failure.exit_code())
         }
     }
+}
+
+/// The command with its arguments, as the log has it.
+fn command_line() -> String {
+    let quoted = |word: String| {
+        if word.contains(char::is_whitespace) {
+            format!("'{word}'")
+        } else {
+            word
+        }
+    };
+    let words = std::env::args().skip(1).map(quoted);
+    let words: Vec<String> = std::iter::once("rcg".to_owned()).chain(words).collect();
+    format!("{} (version {})", words.join(" "), env!("CARGO_PKG_VERSION"))
 }
 
 fn done(cli: &Cli, output: &Output) -> Done {

@@ -16,6 +16,7 @@ use crate::Done;
 use crate::failure::Failure;
 use crate::output::{Output, table};
 use crate::request::{CalibrationArgs, PortArgs, RequestArgs, VirtualArgs};
+use crate::session::SessionArgs;
 
 /// Plan, capture, assemble, evaluate and report in one go.
 #[derive(Debug, clap::Args)]
@@ -50,6 +51,8 @@ pub(crate) struct Args {
     virtual_rig: VirtualArgs,
     #[command(flatten)]
     port: PortArgs,
+    #[command(flatten)]
+    session: SessionArgs,
 }
 
 /// The job of the measurement that was begun, adaptively if there is a `begun`, which must be what is asked for.
@@ -84,6 +87,9 @@ fn resumed(
         },
     };
     measurement.check_same(&request, &virtual_rig)?;
+    if let Some(session) = &setup.session {
+        measurement.note_session(session)?;
+    }
     let job = Job::of(&measurement, setup.trigger_box.clone())?;
     Ok((job, measurement))
 }
@@ -149,8 +155,10 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     }
     let trigger_box = args.port.trigger_box()?;
     let (rig, calibration) = args.calibration.rig(Rig::load(rig)?)?;
+    let used = args.calibration.dir().zip(calibration.as_ref());
     let setup = Setup {
         trigger_box,
+        session: Some(args.session.opening("measure", used)?),
         calibration,
         ..Setup::default()
     };
@@ -172,6 +180,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         }
         begin(args, &rig, setup, begun.as_ref(), replay.as_ref(), output)?
     };
+    output.log_into(measurement.dir());
     let began = Instant::now();
     let summary = complete(&measurement, &job, &|| began.elapsed(), output)?;
     output.print(&summary, || {
@@ -180,6 +189,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         table(&lines)
     })?;
     output.warn(&summary.evaluation.warnings);
+    output.log("done");
     Ok(())
 }
 

@@ -3,7 +3,7 @@
 use std::io::{self, IsTerminal as _, Write as _};
 use std::path::Path;
 use std::sync::Mutex;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use rcg::base::file_format::Formats;
@@ -16,15 +16,22 @@ use tracing_subscriber::filter::Targets;
 use tracing_subscriber::prelude::*;
 
 use crate::failure::Failure;
+use crate::log::Log;
 
 /// Characters of the longest complaint: a few hundred say all, the rest is what somebody's input was.
 const LONGEST_SENTENCE: usize = 1000;
+
+/// What the log has of the program's own events.
+const LOGGED: &str = "rcg=info,warn";
 
 /// The command's voice.
 pub(crate) struct Output {
     json: bool,
     quiet: bool,
     bar: Mutex<Option<ProgressBar>>,
+    log: Log,
+    /// The stage that is on, and since when.
+    stage: Mutex<Option<(String, Instant)>>,
 }
 
 impl Output {
@@ -45,12 +52,51 @@ impl Output {
             // Else it would print to stderr that it cannot print to stderr.
             .log_internal_errors(false)
             .with_filter(filter);
-        tracing_subscriber::registry().with(voice).init();
+        let log = Log::default();
+        let kept = log.clone();
+        let kept = tracing_subscriber::fmt::layer()
+            .with_writer(move || kept.clone())
+            .with_target(false)
+            .with_ansi(false)
+            .without_time()
+            .log_internal_errors(false)
+            .with_filter(LOGGED.parse::<Targets>().expect("invariant: our own levels"));
+        tracing_subscriber::registry().with(voice).with(kept).init();
         Self {
             json,
             quiet,
             bar: Mutex::new(None),
+            log,
+            stage: Mutex::new(None),
         }
+    }
+
+    /// Keeps what is said in the log of the measurement in `dir` from now on, and what was said before; the caller has the right to write
+    /// there.
+    pub(crate) fn log_into(&self, dir: &Path) {
+        self.log.open(dir);
+    }
+
+    /// Keeps a line in the log, and nowhere else.
+    pub(crate) fn log(&self, line: &str) {
+        self.log.say(line);
+    }
+
+    /// Says, once, that nothing more is kept of what is said.
+    fn complain_of_log(&self) {
+        if let Some(complaint) = self.log.complaint().filter(|_| !self.quiet) {
+            writeln!(
+                io::stderr(),
+                "rcg: warning: {complaint}; what is said is not kept"
+            )
+            .ok();
+        }
+    }
+
+    fn stage(&self) -> std::sync::MutexGuard<'_, Option<(String, Instant)>> {
+        self.stage
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
     /// Whether `--json` was given.
@@ -81,6 +127,10 @@ impl Output {
 
     /// Says what the answer does not hold, unless remarks are unwanted; it has to be in the answer itself too.
     pub(crate) fn warn(&self, sentences: &[String]) {
+        for sentence in sentences {
+            self.log(&format!("warning: {sentence}"));
+        }
+        self.complain_of_log();
         for sentence in sentences.iter().filter(|_| !self.quiet) {
             // A reader of stderr that has gone is no reason to fail.
             writeln!(io::stderr(), "rcg: warning: {sentence}").ok();
@@ -90,6 +140,7 @@ impl Output {
     /// Says why the command failed.
     pub(crate) fn fail(&self, failure: &Failure) {
         self.end();
+        self.log(&format!("failed: {failure}"));
         complain(
             &failure.to_string(),
             failure.exit_code(),
@@ -130,6 +181,8 @@ pub(crate) fn table(lines: &[(&str, String)]) -> String {
 
 impl Progress for Output {
     fn begin(&self, stage: &str, total: usize, unit: &str) {
+        self.log(&format!("{stage}: {total} {unit}"));
+        *self.stage() = Some((stage.to_owned(), Instant::now()));
         if self.quiet {
             return;
         }
@@ -161,13 +214,24 @@ impl Progress for Output {
     }
 
     fn remark(&self, line: &str) {
+        self.log(line);
         if !self.quiet {
             // A reader of stderr that has gone is no reason to stop measuring.
             writeln!(io::stderr(), "{}", plain(line)).ok();
         }
     }
 
+    fn begun(&self, dir: &Path) {
+        self.log_into(dir);
+    }
+
     fn end(&self) {
+        if let Some((stage, began)) = self.stage().take() {
+            self.log(&format!(
+                "{stage}: over after {:.1} s",
+                began.elapsed().as_secs_f64()
+            ));
+        }
         if let Some(bar) = self.bar().take() {
             bar.finish();
         }

@@ -15,8 +15,10 @@ use rcg::virtual_rig::setup::Setup;
 use serde_json::{Value, json};
 
 use crate::Done;
+use crate::failure::Failure;
 use crate::output::{Output, table};
 use crate::request::{CalibrationArgs, PortArgs, RequestArgs, VirtualArgs};
+use crate::session::SessionArgs;
 
 /// Show what a measurement would take, or write its plan.
 #[derive(Debug, clap::Args)]
@@ -32,19 +34,30 @@ pub(crate) struct Args {
     virtual_rig: VirtualArgs,
     #[command(flatten)]
     port: PortArgs,
+    #[command(flatten)]
+    session: SessionArgs,
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let trigger_box = args.port.trigger_box()?;
+    if let (Some(option), None) = (args.session.given(), &args.out) {
+        return Err(Failure::input(format!(
+            "{option}: expected --out beside it, found none"
+        )));
+    }
     let (rig, calibration) = args.calibration.rig(Rig::load(rig)?)?;
+    let used = args.calibration.dir().zip(calibration.as_ref());
     let setup = Setup {
+        session: Some(args.session.opening("plan", used)?),
         virtual_rig: args.virtual_rig.virtual_rig(None),
         trigger_box,
         calibration,
     };
     let request = args.request.request(None)?;
     let plan = if let Some(out) = &args.out {
-        prepare(out, &rig, request, &setup, output)?.0.plan
+        let (job, measurement) = prepare(out, &rig, request, &setup, output)?;
+        output.log_into(measurement.dir());
+        job.plan
     } else if !request.brackets.is_one() {
         Job::new(&rig, request, &setup, output)?.plan
     } else {

@@ -184,6 +184,11 @@ pub(crate) struct CalibrationArgs {
 }
 
 impl CalibrationArgs {
+    /// Its directory, if one was given.
+    pub(crate) fn dir(&self) -> Option<&Path> {
+        self.calibration.as_deref()
+    }
+
     /// The rig to measure with: `rig`, or what the calibration made of it, and the calibration.
     pub(crate) fn rig(&self, rig: Rig) -> Result<(Rig, Option<Calibration>), Failure> {
         let Some(dir) = &self.calibration else {
@@ -333,7 +338,7 @@ pub(crate) fn spot_deg(text: &str) -> Result<f64, String> {
 }
 
 /// Words on one line, which no terminal obeys.
-fn words(text: &str) -> Result<String, String> {
+pub(crate) fn words(text: &str) -> Result<String, String> {
     match text.trim() {
         words if !words.is_empty() && words.len() <= 1000 && !words.contains(char::is_control) => {
             Ok(words.to_owned())

@@ -5,7 +5,7 @@ use serde_json::{Map, Value, json};
 use crate::brdf::budget::BudgetSums;
 use crate::brdf::interpolation::{BRANCHES, BranchErrors, REGIONS};
 use crate::brdf::{
-    Azimuth, DIRECTION_UNCERTAINTY, ERRORS, FIELD_UNCERTAINTY, LAMP_LIGHT, STANDARDS, UNCALIBRATED,
+    Azimuth, DIRECTION_UNCERTAINTY, ERRORS, FIELD_UNCERTAINTY, LAMP_LIGHT, LINEAGE, STANDARDS, UNCALIBRATED,
 };
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
@@ -157,6 +157,7 @@ pub(super) fn attributes(
     plan: &Plan,
     applied: &AppliedCalibration,
     lamp: Option<Level>,
+    lineage: Option<&Value>,
 ) -> Map<String, Value> {
     let is_known = applied.direction_deg.iter().all(|deg| *deg > 0.0);
     let unknown = [
@@ -187,6 +188,7 @@ pub(super) fn attributes(
         STANDARDS: applied.photometry.as_ref().map(|found| &found.standards),
         LAMP_LIGHT: lamp.map(|level| f64::from(level.light)),
         "source": concat!("rcg ", env!("CARGO_PKG_VERSION")),
+        LINEAGE: lineage,
     });
     match attributes {
         Value::Object(mut map) => {

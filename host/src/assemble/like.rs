@@ -2,13 +2,14 @@
 
 use std::path::Path;
 
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 use super::coordinates;
-use crate::brdf::Brdf;
 use crate::brdf::budget::arrays_of;
+use crate::brdf::{Brdf, LINEAGE};
 use crate::hemisphere::incident::IncidentSet;
 use crate::instrument::optics::Unmeasurable;
+use crate::store::checksum::sum_of_tree;
 use crate::store::{BrdfLayout, BrdfWriter, StoreError};
 
 /// What a file made from another has of its own: its incident directions, why incident and outgoing ones have no data, the solid angle in
@@ -41,8 +42,22 @@ pub(super) fn writer_like(brdf: &Brdf, own: Own, path: &Path) -> Result<BrdfWrit
     Ok(writer)
 }
 
+/// The lineage of what `command` makes of the files `inputs`: their contents, and their own lineages.
+pub(super) fn lineage_of(command: &str, inputs: &[&Brdf]) -> Result<Value, StoreError> {
+    let input = |brdf: &&Brdf| {
+        let sum = sum_of_tree(brdf.path()).map_err(|error| StoreError::io(brdf.path(), "read", error))?;
+        Ok(json!({ "sha256": sum, LINEAGE: brdf.attributes().get(LINEAGE) }))
+    };
+    let inputs: Vec<Value> = inputs.iter().map(input).collect::<Result<_, StoreError>>()?;
+    Ok(json!({
+        "program": concat!("rcg ", env!("CARGO_PKG_VERSION")),
+        "command": command,
+        "inputs": inputs,
+    }))
+}
+
 /// Whether both paths lead to the same place, as far as that can be told.
-pub(super) fn is_same_place(one: &Path, other: &Path) -> bool {
+pub(crate) fn is_same_place(one: &Path, other: &Path) -> bool {
     match (one.canonicalize(), other.canonicalize()) {
         (Ok(one), Ok(other)) => one == other,
         _ => one == other,

@@ -33,11 +33,12 @@ use std::path::Path;
 
 use glam::DVec3;
 use rayon::prelude::*;
+use serde_json::Value;
 
 use crate::assemble::resample::Resampling;
-use crate::base::{blame::Blame, text::by};
+use crate::base::text::by;
 use crate::brdf::budget::BudgetSums;
-use crate::brdf::{Brdf, BrdfError, COMMON_UNCERTAINTY};
+use crate::brdf::{Brdf, COMMON_UNCERTAINTY};
 use crate::hemisphere::disk::Disk;
 use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::frame_format::FrameFormat;
@@ -54,8 +55,9 @@ mod colours;
 mod coordinates;
 mod correction;
 mod edges;
+mod error;
 mod interreflection;
-mod like;
+pub(crate) mod like;
 mod luminance;
 mod merge;
 mod off_sample;
@@ -71,6 +73,7 @@ use coordinates::{attributes, common_uncertainty};
 pub(crate) use coordinates::{coordinates, interpolation_errors, list_attributes};
 use correction::Correction;
 use edges::Edges;
+pub use error::AssembleError;
 use off_sample::OffSample;
 use projection::Projection;
 use radiometry::{BlackFrames, Work, usual_lag};
@@ -109,35 +112,6 @@ impl Assembled {
     }
 }
 
-/// Why assembly failed.
-#[derive(Debug, thiserror::Error)]
-pub enum AssembleError {
-    /// A store.
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    /// What was assembled cannot be read again.
-    #[error(transparent)]
-    Brdf(#[from] BrdfError),
-    /// The raw frames do not belong to the plan.
-    #[error("{path}: {reason}")]
-    Mismatch {
-        /// The raw store.
-        path: String,
-        /// What is wrong.
-        reason: String,
-    },
-}
-
-impl Blame for AssembleError {
-    fn is_input(&self) -> bool {
-        match self {
-            Self::Brdf(error) => error.is_input(),
-            Self::Store(error) => error.is_input(),
-            Self::Mismatch { .. } => true,
-        }
-    }
-}
-
 /// The dynamic range of exposures of `exposures_s` seconds (ascending) of the camera of `rig`, at any incident direction:
 /// the largest f that does not saturate the shortest over the noise-equivalent f, which is the standard deviation (k = 1)
 /// of f in the longest where there is no light. For one exposure it is that of the camera (EMVA 1288: saturation capacity
@@ -148,6 +122,15 @@ pub fn dynamic_range(rig: &Rig, exposures_s: &[f64]) -> Option<f64> {
     let range_dn = rig.range_dn();
     let ratio = (range_dn / shortest_s) / (dark_noise_dn(rig, *longest_s) / longest_s);
     (ratio.is_finite() && ratio > 0.0).then_some(ratio)
+}
+
+/// Where a result is written, and what it says of where it comes from.
+#[derive(Clone, Copy, Debug)]
+pub struct Target<'a> {
+    /// The `brdf.zarr`.
+    pub path: &'a Path,
+    /// Its lineage (see [`Measurement::lineage`](crate::capture::directory::Measurement::lineage)), if that is known.
+    pub lineage: Option<&'a Value>,
 }
 
 /// Assembles the frames of `raw` into `brdf.zarr` at `target`; `progress` is told the number of frames done.
@@ -161,7 +144,7 @@ pub fn assemble(
     directions: &Directions,
     applied: &AppliedCalibration,
     raw_path: &Path,
-    target: &Path,
+    target: Target<'_>,
     progress: &(dyn Fn(usize) + Sync),
 ) -> Result<Assembled, AssembleError> {
     let mismatch = |reason: String| AssembleError::Mismatch {
@@ -207,10 +190,10 @@ pub fn assemble(
         correction.learn(rig, photometry, &black.radiometry, &resampling);
     }
     let writer = BrdfWriter::create(
-        target,
+        target.path,
         layout(grid.len(), disk, format.channels),
         &coordinates(grid, &reasons, disk, &resampling.reasons, &resampling.pixel_sr),
-        attributes(rig, plan, applied, lamp),
+        attributes(rig, plan, applied, lamp, target.lineage),
         true,
     )?;
     let mut projection = Projection {

@@ -11,9 +11,9 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::interpolation_errors;
-use super::like::{Own, is_same_place, writer_like};
+use super::like::{Own, is_same_place, lineage_of, writer_like};
 use crate::base::blame::Blame;
-use crate::brdf::{Azimuth, Brdf, BrdfError};
+use crate::brdf::{Azimuth, Brdf, BrdfError, LINEAGE};
 use crate::hemisphere::incident::IncidentSet;
 use crate::judge::fit::{AZIMUTH, Fit, FitError, Model};
 use crate::store::StoreError;
@@ -159,6 +159,7 @@ fn write(brdf: &Brdf, by_deg: f64, azimuth: &Azimuth, out: &Path) -> Result<(), 
     let outgoing: Vec<_> = cells.clone().map(|cell| brdf.outgoing_reason(cell)).collect();
     let pixel_sr: Vec<f64> = cells.map(|cell| brdf.pixel_sr(cell)).collect();
     let mut facts = azimuth.attributes();
+    facts.insert(LINEAGE.to_owned(), lineage_of("turn", &[brdf])?);
     if let (IncidentSet::Rings(_), Some(Value::String(rings))) = (&set, brdf.attributes().get(RINGS)) {
         let as_captured = rings.trim_end_matches(TURNED);
         let turned = if azimuth.deg == 0.0 { "" } else { TURNED };

@@ -1,5 +1,7 @@
 //! How the library tells how far it is.
 
+use std::path::Path;
+
 /// Somebody who wants to know. Called from any thread.
 pub trait Progress: Sync {
     /// A stage begins that will do `total` things called `unit` (plural).
@@ -10,6 +12,8 @@ pub trait Progress: Sync {
     fn end(&self);
     /// Something worth saying between stages, in one line.
     fn remark(&self, _line: &str) {}
+    /// The folder `dir` holds from now on what is being made.
+    fn begun(&self, _dir: &Path) {}
 }
 
 /// Nobody.

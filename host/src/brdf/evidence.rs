@@ -2,29 +2,30 @@
 //!
 //! # Design
 //! A capture is known by its content: the SHA-256 of every measured f and where it stands. A copy, a link or another name is
-//! the same capture, and so is one that was assembled again. What is made of captures (`fill`) names them in its
+//! the same capture. One that was assembled again, with another calibration perhaps, has other values; it is known by the sum of its
+//! frames, which stands in the lineage of the file. What is made of captures (`fill`) names them in its
 //! attribute `captures`, so that it is no evidence beside them either.
 
 use rayon::prelude::*;
+use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 
-use super::{Brdf, BrdfError};
+use super::{Brdf, BrdfError, LINEAGE};
 use crate::store::StoreError;
 use crate::store::checksum::hex;
 use crate::store::provenance::Provenance;
 
 /// Attribute with the captures that a file was made of.
 pub(crate) const CAPTURES: &str = "captures";
+/// Name of a measurement's frames among the sums of a lineage.
+pub(crate) const FRAMES: &str = "raw.zarr";
 
 /// The captures behind `brdf`, as hexadecimal sums; none if nothing was measured.
 ///
 /// # Errors
 /// [`StoreError`].
 pub(crate) fn captures(brdf: &Brdf) -> Result<Vec<String>, StoreError> {
-    let named = brdf
-        .attributes()
-        .get(CAPTURES)
-        .and_then(serde_json::Value::as_array);
+    let named = brdf.attributes().get(CAPTURES).and_then(Value::as_array);
     if let Some(named) = named {
         return Ok(named
             .iter()
@@ -54,6 +55,10 @@ pub(crate) fn captures(brdf: &Brdf) -> Result<Vec<String>, StoreError> {
     if sums.iter().all(Option::is_none) {
         return Ok(Vec::new());
     }
+    let mut all = Vec::new();
+    if let Some(lineage) = brdf.attributes().get(LINEAGE) {
+        frames(lineage, &mut all);
+    }
     let mut sum = Sha256::new();
     for (chunk, part) in sums.iter().enumerate() {
         if let Some(part) = part {
@@ -61,7 +66,18 @@ pub(crate) fn captures(brdf: &Brdf) -> Result<Vec<String>, StoreError> {
             sum.update(part);
         }
     }
-    Ok(vec![hex(&sum.finalize())])
+    all.push(hex(&sum.finalize()));
+    Ok(all)
+}
+
+/// Adds the sums of all frames that a `lineage` names, its own or those of what it was made of.
+fn frames(lineage: &Value, all: &mut Vec<String>) {
+    if let Some(sum) = lineage["sha256"][FRAMES].as_str() {
+        all.push(format!("{FRAMES} {sum}"));
+    }
+    for input in lineage["inputs"].as_array().into_iter().flatten() {
+        frames(&input[LINEAGE], all);
+    }
 }
 
 /// Whether no capture stands behind both files.

@@ -38,6 +38,8 @@ pub use values::Stated;
 
 /// Attribute of `brdf.zarr` for what [`Brdf::uncalibrated`] tells.
 pub(crate) const UNCALIBRATED: &str = "uncalibrated";
+/// Attribute of `brdf.zarr`: where it comes from.
+pub(crate) const LINEAGE: &str = "lineage";
 /// Attribute of `brdf.zarr`: light of the lamp over that of the calibration.
 pub(crate) const LAMP_LIGHT: &str = "lamp_light";
 /// Attribute of `brdf.zarr` for what [`Brdf::common_uncertainty`] tells.

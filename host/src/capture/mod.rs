@@ -19,6 +19,7 @@ pub mod pairing;
 pub mod pilot;
 pub mod projector;
 pub mod records;
+pub mod session;
 pub mod steps;
 
 use std::time::Duration;

@@ -2,6 +2,7 @@
 
 pub mod chart;
 pub mod compare;
+pub mod differences;
 pub mod evaluate;
 pub mod fit;
 pub mod quantity;

@@ -8,6 +8,7 @@ use crate::brdf::sample::{Sample, parse};
 use crate::capture::Instrument;
 use crate::capture::directory::{Measurement, MeasurementError};
 use crate::capture::pilot::{auto_exposure_s, choose_light, choose_spot, propose};
+use crate::capture::session::Opening;
 use crate::instrument::calibration::Calibration;
 use crate::instrument::monitor::watching;
 use crate::instrument::rig::Rig;
@@ -38,6 +39,8 @@ pub struct Job {
     pub reference: Option<Reference>,
     /// How the instrument really is, as far as calibration found out; it is written into a measurement that begins.
     pub calibration: Option<Calibration>,
+    /// Who measures, when and with what; it is written into a measurement that begins.
+    pub session: Option<Opening>,
 }
 
 impl Job {
@@ -119,6 +122,7 @@ impl Job {
             world: Some(world),
             reference,
             calibration: setup.calibration.clone(),
+            session: setup.session.clone(),
         };
         job.watch();
         if chooses {
@@ -149,6 +153,7 @@ impl Job {
             plan,
             world,
             calibration: None,
+            session: None,
         })
     }
 
@@ -158,7 +163,8 @@ impl Job {
     /// [`MeasurementError`].
     pub fn begin(&self, out: &Path) -> Result<Measurement, MeasurementError> {
         let applied = self.calibration.as_ref().map(Calibration::applied);
-        Measurement::create_with(out, self.rig.clone(), self.plan.clone(), applied.as_ref())
+        let (rig, plan) = (self.rig.clone(), self.plan.clone());
+        Measurement::create_with(out, rig, plan, applied.as_ref(), self.session.as_ref())
     }
 
     /// The instrument.

@@ -1,10 +1,12 @@
 //! The main job: plan, capture, assemble, evaluate and report on a virtual rig, in one go.
 
 pub mod adaptive;
+pub mod again;
 mod budget;
 mod disk_space;
 pub mod goal;
 mod job;
+mod record;
 pub mod report;
 
 use std::path::Path;
@@ -12,14 +14,14 @@ use std::time::Duration;
 
 use serde_json::{Map, json};
 
-use crate::assemble::{AssembleError, Assembled, assemble};
+use crate::assemble::{AssembleError, Assembled};
 use crate::base::blame::Blame;
 use crate::base::progress::Progress;
 use crate::brdf::sample::SampleError;
 use crate::brdf::{Brdf, BrdfError};
 use crate::capture::Tally;
 use crate::capture::directory::{Measurement, MeasurementError, State};
-use crate::instrument::calibration::{AppliedCalibration, CalibrationError};
+use crate::instrument::calibration::CalibrationError;
 use crate::instrument::rig::Rig;
 use crate::judge::evaluate::evaluate;
 use crate::measure::report::{Elapsed, ReportError, Summary, report};
@@ -61,7 +63,7 @@ pub enum MeasureError {
 impl Blame for MeasureError {
     fn is_input(&self) -> bool {
         match self {
-            Self::Measurement(error) => error.is_input(),
+            Self::Measurement(error) | Self::Report(ReportError::Record(error)) => error.is_input(),
             Self::Brdf(error) => error.is_input(),
             Self::Assemble(error) => error.is_input(),
             Self::Sample(error) => error.is_input(),
@@ -108,6 +110,7 @@ pub fn prepare(
 /// [`MeasureError`].
 pub fn capture(measurement: &Measurement, job: &Job, progress: &dyn Progress) -> Result<Tally, MeasureError> {
     let mut instrument = job.open()?;
+    measurement.note_box(&instrument)?;
     if let Some(world) = &job.world {
         measurement.check_read(&world.inputs)?;
     }
@@ -125,22 +128,7 @@ pub fn assemble_measurement(
     measurement: &Measurement,
     progress: &dyn Progress,
 ) -> Result<Assembled, MeasureError> {
-    let frames = measurement.plan.lit_patterns() * measurement.plan.brackets();
-    progress.begin("assemble", frames, "frames");
-    let Measurement {
-        rig,
-        plan,
-        directions,
-        ..
-    } = measurement;
-    let (raw, brdf) = (measurement.path("raw.zarr"), measurement.path("brdf.zarr"));
-    // Frames of another measurement are not combined with this one's plan.
-    measurement.raw()?;
-    let applied = AppliedCalibration::read(measurement.dir()).map_err(Box::new)?;
-    let assembled = assemble(rig, plan, directions, &applied, &raw, &brdf, &|done| {
-        progress.reach(done);
-    })?;
-    progress.end();
+    let assembled = again::assembled(measurement, None, &measurement.path("brdf.zarr"), progress)?;
     let mut facts = Map::new();
     facts.insert("assembled".to_owned(), json!(assembled));
     measurement.note(State::Assembled, facts)?;

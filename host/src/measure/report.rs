@@ -7,12 +7,13 @@ use image::{Rgb, RgbImage};
 use serde::Serialize;
 
 use super::budget::{budget_html, budget_line};
+use super::record::record_html;
 use crate::assemble::Assembled;
 use crate::brdf::Brdf;
 use crate::brdf::reflectance::Reflectance;
 use crate::brdf::sample::Sample;
 use crate::capture::Tally;
-use crate::capture::directory::Measurement;
+use crate::capture::directory::{Measurement, MeasurementError};
 use crate::hemisphere::judged::{JUDGED_THETA_DEG, RECIPROCAL_THETA_DEG};
 use crate::judge::evaluate::{Albedo, Comparison, Evaluation, Quantile, Resolution};
 use crate::judge::render::{PictureError, automatic_exposure, save, sheet, sphere, srgb};
@@ -92,6 +93,9 @@ pub enum ReportError {
     /// A file.
     #[error(transparent)]
     File(#[from] FileError),
+    /// Who measured, when and with what.
+    #[error(transparent)]
+    Record(#[from] MeasurementError),
 }
 
 /// Draws `figures/`, with `reference` beside what was measured if there is one, and writes `report.html`.
@@ -108,7 +112,8 @@ pub fn report(
     fs::create_dir_all(&figures).map_err(|source| FileError::at(&figures, source))?;
     save(&spheres(brdf, reference)?, &figures.join("sphere.png"))?;
     save(&frames(measurement)?, &figures.join("frames.png"))?;
-    write_whole(&measurement.path("report.html"), page(summary).as_bytes())?;
+    let page = page(summary, &record_html(measurement)?);
+    write_whole(&measurement.path("report.html"), page.as_bytes())?;
     Ok(())
 }
 
@@ -439,7 +444,8 @@ pub fn duration(seconds: f64) -> String {
     }
 }
 
-fn page(summary: &Summary) -> String {
+/// The page; `record` is its section on who measured.
+fn page(summary: &Summary, record: &str) -> String {
     let mut rows = String::new();
     let warnings = &summary.evaluation.warnings;
     let warnings = warnings.iter().map(|sentence| ("warning", sentence.clone()));
@@ -460,7 +466,7 @@ fn page(summary: &Summary) -> String {
          <h2>Spheres</h2>\n<p>{shown}; lights at {lights}. Hatched: directions \
          that were not measured.</p>\n<img src=\"figures/sphere.png\" alt=\"lit spheres\">\n\
          <h2>Camera images</h2>\n<p>From steep to grazing incidence, each stretched to its own range.</p>\n\
-         <img src=\"figures/frames.png\" alt=\"camera images\">\n{budget}</html>\n",
+         <img src=\"figures/frames.png\" alt=\"camera images\">\n{budget}{record}</html>\n",
         title = escape(&summary.sample),
         budget = budget_html(&summary.evaluation.budget),
         shown = match &summary.evaluation.against_reference {

@@ -13,6 +13,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::array::{ArraySpec, ElementType, ZarrArray, described};
 use super::atomic::AtomicStore;
+use super::checksum::hex;
 use super::error::StoreError;
 use super::exposure_record::FILL_U64;
 use super::header::Header;
@@ -69,6 +70,17 @@ impl Seals {
     /// Whether segment `index` has a seal.
     pub(super) fn is_present(&self, index: usize) -> bool {
         self.array.is_present(index)
+    }
+
+    /// SHA-256 of the seals of all `segments`, in their order, each as eight bytes with the least significant first: what binds all chunks.
+    pub(super) fn sum(&self, segments: usize) -> Result<String, StoreError> {
+        let mut digest = Sha256::new();
+        for index in 0..segments {
+            for seal in self.array.read_present::<u64>(index)? {
+                digest.update(seal.to_le_bytes());
+            }
+        }
+        Ok(hex(&digest.finalize()))
     }
 
     /// Removes the seal of segment `index`: it is not whole from now on.

@@ -13,6 +13,7 @@ use crate::capture::Instrument;
 use crate::capture::device::{Device, DeviceError, Patience};
 use crate::capture::directory::{Sums, stamps_of, sums_of};
 use crate::capture::link::{self, Link};
+use crate::capture::session::Opening;
 use crate::instrument::calibration::Calibration;
 use crate::instrument::rig::{Rig, RigError, Tilt};
 use crate::plan::Virtual;
@@ -74,6 +75,8 @@ pub struct Setup {
     pub trigger_box: Option<TriggerBox>,
     /// How the instrument really is, as far as calibration found out.
     pub calibration: Option<Calibration>,
+    /// Who measures, when and with what; it is written into a measurement that begins.
+    pub session: Option<Opening>,
 }
 
 /// A trigger box outside of this program.

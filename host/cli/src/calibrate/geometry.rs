@@ -13,6 +13,7 @@ use crate::Done;
 use crate::failure::Failure;
 use crate::output::Output;
 use crate::request::{ConditionArgs, PortArgs, image_size};
+use crate::session::SessionArgs;
 
 /// Where the flat mirror stands if nobody says otherwise: tilt and azimuth, degrees.
 const TILTS: [[f64; 2]; 4] = [[0.0, 0.0], [15.0, 0.0], [15.0, 120.0], [15.0, 240.0]];
@@ -53,6 +54,8 @@ pub(crate) struct Args {
     conditions: ConditionArgs,
     #[command(flatten)]
     port: PortArgs,
+    #[command(flatten)]
+    session: SessionArgs,
 }
 
 fn tilt(text: &str) -> Result<[f64; 2], String> {
@@ -73,7 +76,9 @@ fn tilt_uncertainty(text: &str) -> Result<f64, String> {
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
+    let session = args.session.opening("calibrate geometry", None)?;
     let _lock = Lock::folder(&args.out)?;
+    session.check(&args.out)?;
     let mut said = Said::default();
     let tilts = (!args.tilts.is_empty()).then(|| args.tilts.clone());
     if Views::exist(&args.out) {
@@ -98,6 +103,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     }
     let geometry =
         calibrate(&args.out, &said).map_err(|error| Failure::from(error).at(args.out.display()))?;
+    session.note(&args.out)?;
     output.print(&geometry, || text(&geometry))
 }
 

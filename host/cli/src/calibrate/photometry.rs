@@ -18,6 +18,7 @@ use crate::Done;
 use crate::failure::Failure;
 use crate::output::{Output, table};
 use crate::request::{ConditionArgs, PortArgs, exposure_ms, image_size};
+use crate::session::SessionArgs;
 
 /// Find camera, projector's response, light, throughput and interreflection with reflectance standards.
 ///
@@ -65,6 +66,8 @@ pub(crate) struct Args {
     conditions: ConditionArgs,
     #[command(flatten)]
     port: PortArgs,
+    #[command(flatten)]
+    session: SessionArgs,
 }
 
 /// What stands in the holder if nobody says, and pixels a side of its images.
@@ -75,7 +78,9 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let trust = trust(args)?;
     let exposure_s = args.exposure_ms.map(|ms| ms * 1e-3);
     let mut said = Said::default();
+    let session = args.session.opening("calibrate photometry", None)?;
     let _lock = Lock::folder(&args.out)?;
+    session.check(&args.out)?;
     if Views::exist(&args.out) {
         said = Said {
             standard: args.standard.clone(),
@@ -113,6 +118,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     }
     let photometry =
         calibrate(&args.out, &said, &trust).map_err(|error| Failure::from(error).at(args.out.display()))?;
+    session.note(&args.out)?;
     let rig = Rig::load(&args.out.join(RIG).display().to_string())?;
     let summary = Summary {
         weaknesses: weaknesses(&photometry, &rig)?,

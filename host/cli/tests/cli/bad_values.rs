@@ -41,7 +41,7 @@ fn values() -> Vec<(OsString, bool)> {
 }
 
 /// Options that take any words.
-const WORDS: [&str; 2] = ["--sample-name", "--sample-description"];
+const WORDS: [&str; 4] = ["--sample-name", "--sample-description", "--operator", "--note"];
 
 fn is_words(value: &OsString) -> bool {
     value

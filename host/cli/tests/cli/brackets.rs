@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::answers::number;
 use crate::command::{refuses, run, text};
-use crate::tree::assert_same;
+use crate::tree::assert_same_values;
 
 fn arguments<'a>(out: &'a Path, brackets: &'a str) -> Vec<&'a str> {
     let out = text(out);
@@ -66,7 +66,7 @@ fn brackets_widen_the_dynamic_range_by_their_ratio() {
         text(&plan),
     ];
     run(&replay, "").done();
-    assert_same(&replayed.join("brdf.zarr"), &three.join("brdf.zarr"));
+    assert_same_values(&replayed.join("brdf.zarr"), &three.join("brdf.zarr"));
 }
 
 #[test]

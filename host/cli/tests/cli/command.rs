@@ -37,6 +37,8 @@ pub(crate) fn rcg<S: AsRef<OsStr>>(arguments: &[S]) -> Command {
         .args(arguments)
         .arg("-q")
         .env_remove("RCG_LOG")
+        // What is made at another time is the same to the bit.
+        .env("SOURCE_DATE_EPOCH", "1700000000")
         .env("RCG_RIG", "rcg-1-16bit");
     command
 }

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::model::Modelled;
 use super::near::Near;
-use super::{FillError, Options, Way, directions, facts, finish, writer_like};
+use super::{FillError, Options, Origin, Way, directions, facts, finish, writer_like};
 use crate::base::progress::Progress;
 use crate::brdf::Brdf;
 use crate::instrument::optics::Unmeasurable;
@@ -18,11 +18,11 @@ use crate::store::{BrdfRows, StoreError, stored_sigma};
 const REACH: usize = 8;
 /// Incident directions beyond an occluded one, degrees, where its neighbours are looked for.
 const REACH_DEG: f64 = 12.0;
-/// Fills what `brdf`, which holds these `captures`, lacks into the file at `path`, as `options` say; the model, if one was needed and
+/// Fills what `brdf`, which is of this `origin`, lacks into the file at `path`, as `options` say; the model, if one was needed and
 /// found.
 pub(super) fn fill(
     brdf: &Brdf,
-    captures: &[String],
+    origin: &Origin,
     path: &Path,
     options: &Options,
     progress: &dyn Progress,
@@ -61,7 +61,7 @@ pub(super) fn fill(
         path,
         &incident,
         &outgoing,
-        facts(&text, &[], captures),
+        facts(&text, &[], Some(origin)),
     )?;
     progress.begin("fill", brdf.chunks(), "chunks");
     for chunk in 0..brdf.chunks() {

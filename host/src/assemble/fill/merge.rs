@@ -116,7 +116,7 @@ pub(super) fn merge(
         .iter()
         .map(|other| other.path().display().to_string())
         .collect();
-    let mut facts = facts("merged", &names, &[]);
+    let mut facts = facts("merged", &names, None);
     let uncalibrated: BTreeSet<String> = all
         .iter()
         .filter_map(|brdf| brdf.uncalibrated())

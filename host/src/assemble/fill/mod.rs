@@ -40,7 +40,7 @@ use crate::assemble::like::{self, Own, is_same_place};
 use crate::assemble::{interpolation_errors, list_attributes};
 use crate::base::blame::Blame;
 use crate::base::progress::Progress;
-use crate::brdf::{Brdf, BrdfError, evidence};
+use crate::brdf::{Brdf, BrdfError, LINEAGE, evidence};
 use crate::hemisphere::direction::{from_angles, is_above_horizon};
 use crate::hemisphere::incident::IncidentSet;
 use crate::instrument::optics::Unmeasurable;
@@ -220,14 +220,20 @@ pub fn fill(
     }
     // Hidden and of this process, so that it is nobody else's.
     let merged_path = out.with_file_name(format!(".merged-{}.zarr", std::process::id()));
-    let captures = captures(&base, &further)?;
+    let origin = Origin {
+        captures: captures(&base, &further)?,
+        lineage: like::lineage_of(
+            "fill",
+            &std::iter::once(&base).chain(&further).collect::<Vec<_>>(),
+        )?,
+    };
     let (merged, alignments) = if further.is_empty() {
         (base, Vec::new())
     } else {
         let alignments = merge::merge(&base, &further, &merged_path, options.is_any_scale, progress)?;
         (Brdf::open(&merged_path)?, alignments)
     };
-    let filled = gaps::fill(&merged, &captures, out, options, progress);
+    let filled = gaps::fill(&merged, &origin, out, options, progress);
     drop(merged);
     if !alignments.is_empty() {
         // A leftover costs space and harms nothing.
@@ -261,6 +267,14 @@ pub fn fill(
         model,
         warnings,
     })
+}
+
+/// What a filled file is made of.
+struct Origin {
+    /// The captures.
+    captures: Vec<String>,
+    /// Its lineage.
+    lineage: Value,
 }
 
 /// Directions of the cells of `brdf`; `None` below the horizon.
@@ -431,11 +445,14 @@ fn solid_angles(brdf: &Brdf, least: f64) -> (Vec<f64>, f64) {
 }
 
 /// What the attributes of a file say of how it was filled, and from which captures.
-fn facts(text: &str, others: &[String], captures: &[String]) -> Map<String, Value> {
+fn facts(text: &str, others: &[String], origin: Option<&Origin>) -> Map<String, Value> {
     let mut facts = Map::new();
     facts.insert("filled".to_owned(), json!(text));
-    if !captures.is_empty() {
-        facts.insert(evidence::CAPTURES.to_owned(), json!(captures));
+    if let Some(origin) = origin {
+        if !origin.captures.is_empty() {
+            facts.insert(evidence::CAPTURES.to_owned(), json!(origin.captures));
+        }
+        facts.insert(LINEAGE.to_owned(), origin.lineage.clone());
     }
     if !others.is_empty() {
         facts.insert("merged_with".to_owned(), json!(others));

@@ -2,6 +2,7 @@
 
 use crate::base::blame::Blame;
 use crate::capture::CaptureError;
+use crate::capture::session::SessionError;
 use crate::hemisphere::incident::IncidentError;
 use crate::instrument::calibration::CalibrationError;
 use crate::instrument::rig::RigError;
@@ -80,6 +81,33 @@ pub enum MeasurementError {
     /// The capture.
     #[error(transparent)]
     Capture(#[from] CaptureError),
+    /// Who measured, when and with what.
+    #[error(transparent)]
+    Session(#[from] SessionError),
+    /// A result would be written where something else belongs.
+    #[error("{path}: output: expected a brdf.zarr of its own, found {found}")]
+    NotApart {
+        /// The place.
+        path: String,
+        /// What is there.
+        found: String,
+    },
+    /// Frames that were captured with another geometry.
+    #[error(
+        "{path}: geometry: expected the one with which the patterns of {measurement} were lit (rig with SHA-256 {expected:.12}), found \
+         another ({found:.12}), by which the lit pixels pointed elsewhere; assemble with another photometry of the same geometry, or \
+         measure again"
+    )]
+    OtherGeometry {
+        /// The rig of the calibration.
+        path: String,
+        /// The measurement.
+        measurement: String,
+        /// Hash of its rig.
+        expected: String,
+        /// That of the calibration's, its camera image scaled and its sample tilted likewise.
+        found: String,
+    },
 }
 
 impl Blame for MeasurementError {
@@ -90,10 +118,13 @@ impl Blame for MeasurementError {
             | Self::Differs { .. }
             | Self::Changed { .. }
             | Self::Manifest { .. }
+            | Self::NotApart { .. }
+            | Self::OtherGeometry { .. }
             | Self::Rig(_)
             | Self::Plan(_)
             | Self::Calibration(_) => true,
             Self::Store(error) => error.is_input(),
+            Self::Session(error) => error.is_input(),
             Self::File(_) | Self::Capture(_) => false,
         }
     }

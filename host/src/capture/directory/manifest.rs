@@ -11,7 +11,7 @@ use serde_json::{Map, Value, json};
 
 use super::identity::Sums;
 use super::{MeasurementError, State};
-use crate::store::checksum::sum;
+use crate::store::checksum::sum_of_json;
 use crate::store::whole_file::write_whole;
 
 /// Its name.
@@ -77,7 +77,7 @@ impl Manifest {
             }
         }
         let checksum = facts.shift_remove(SELF);
-        if checksum != Some(json!(own_sum(&facts))) {
+        if checksum != Some(json!(sum_of_json(&facts))) {
             return Err(fail("one that something else has changed".to_owned()));
         }
         Ok(Self { path, facts })
@@ -94,6 +94,11 @@ impl Manifest {
         serde_json::from_value(self.facts.get(fact)?.clone()).ok()
     }
 
+    /// Takes facts in; the state stays.
+    pub(super) fn add(&mut self, facts: Map<String, Value>) {
+        self.facts.extend(facts);
+    }
+
     /// Takes state and facts in.
     pub(super) fn note(&mut self, state: State, facts: Map<String, Value>) {
         self.facts.insert("state".to_owned(), json!(state));
@@ -106,13 +111,8 @@ impl Manifest {
     /// [`MeasurementError::File`].
     pub(super) fn write(&self) -> Result<(), MeasurementError> {
         let mut all = self.facts.clone();
-        all.insert(SELF.to_owned(), json!(own_sum(&self.facts)));
+        all.insert(SELF.to_owned(), json!(sum_of_json(&self.facts)));
         let text = serde_json::to_string_pretty(&all).expect("JSON values can be written");
         Ok(write_whole(&self.path, text.as_bytes())?)
     }
-}
-
-fn own_sum(facts: &Map<String, Value>) -> String {
-    let text = serde_json::to_string(facts).expect("JSON values can be written");
-    sum(text.as_bytes())
 }

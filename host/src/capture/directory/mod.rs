@@ -7,7 +7,6 @@
 //! was killed goes on with the next one. What is derived (`brdf.zarr`, figures, report) appears under its name only when it is
 //! whole. `manifest.json` also says how far things are. Who writes has the directory's [`Lock`].
 
-use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -17,6 +16,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
+use crate::capture::session::Opening;
 use crate::capture::{Instrument, Tally};
 use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::optics::View;
@@ -24,14 +24,15 @@ use crate::instrument::rig::Rig;
 use crate::plan::light::together;
 use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::plan::{Directions, Exposure, Plan};
-use crate::store::lock::{self, dangling};
 use crate::store::raw::SUBJECT;
-use crate::store::whole_file::{FileError, is_partial, write_whole};
+use crate::store::whole_file::{FileError, write_whole};
 use crate::store::{Lock, RawLayout, RawStore, Segment, StoreError};
 
+mod begin;
 mod error;
 mod files;
 mod identity;
+mod lineage;
 mod manifest;
 mod resume;
 mod segment;
@@ -39,21 +40,9 @@ mod segment;
 pub use error::MeasurementError;
 use files::write_synced;
 pub(crate) use identity::{Sums, stamps_of, sums_at, sums_of};
-use manifest::{MANIFEST, Manifest};
+pub(crate) use lineage::box_of;
+use manifest::Manifest;
 pub(crate) use segment::take_segment;
-
-/// Files that a directory can hold before it is a measurement.
-const BEGINNINGS: [&str; 9] = [
-    "rig.tmp",
-    "rig.toml",
-    "plan.tmp",
-    "adaptive.tmp",
-    "calibration.tmp",
-    AppliedCalibration::FILE,
-    "manifest.tmp",
-    MANIFEST,
-    lock::NAME,
-];
 
 /// How far a measurement is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -86,68 +75,15 @@ pub struct Measurement {
 }
 
 impl Measurement {
-    /// Whether `dir` could become a new measurement: absent or empty.
-    ///
-    /// # Errors
-    /// [`MeasurementError::Exists`].
-    pub fn check_new(dir: &Path) -> Result<(), MeasurementError> {
-        let taken = |path: &Path, found| MeasurementError::Exists {
-            path: path.display().to_string(),
-            found,
-        };
-        if let Some(link) = dangling(dir) {
-            return Err(taken(link, "a link that leads nowhere"));
-        }
-        let is_file = |entry: std::io::Result<fs::DirEntry>| {
-            // The lock of a writer that was killed, or ours.
-            entry.map_or(true, |entry| entry.file_name() != lock::NAME)
-        };
-        match fs::read_dir(dir).map(|mut entries| entries.any(is_file)) {
-            Ok(false) => Ok(()),
-            Ok(true) if Self::exists(dir) => Err(taken(dir, "a measurement; use --resume to go on with it")),
-            Ok(true) => Err(taken(dir, "one with files in it")),
-            Err(_) if !dir.exists() => Ok(()),
-            Err(_) if !dir.is_dir() => Err(taken(dir, "a file")),
-            Err(source) => Err(FileError::at(dir, source).into()),
-        }
-    }
-
-    /// Removes what [`create`](Self::create) leaves in `dir` if it ends before there is a plan (killed, disk full);
-    /// where there is a plan, or anything else, all stays as it is.
-    ///
-    /// # Errors
-    /// [`MeasurementError::File`]; [`StoreError::Busy`] if another process is writing there.
-    pub fn sweep(dir: &Path) -> Result<(), MeasurementError> {
-        if !dir.is_dir() {
-            return Ok(());
-        }
-        let _lock = Lock::folder(dir)?;
-        let entries = fs::read_dir(dir).map_err(|source| FileError::at(dir, source))?;
-        let names: Vec<_> = entries.flatten().map(|entry| entry.file_name()).collect();
-        let all_of = |ours: &[&str]| {
-            let is_ours = |name: &OsString| is_partial(name) || ours.iter().any(|one| name == one);
-            names.iter().all(is_ours)
-        };
-        let has_plan = names.iter().any(|name| name == "plan.tmp");
-        // The plan comes first, under its temporary name: without it these are somebody's files.
-        if has_plan && all_of(&BEGINNINGS) || all_of(&[lock::NAME]) {
-            for name in names.iter().filter(|name| *name != lock::NAME) {
-                let path = dir.join(name);
-                fs::remove_file(&path).map_err(|source| FileError::at(&path, source))?;
-            }
-        }
-        Ok(())
-    }
-
     /// Begins a measurement in `dir`, with the right to write there. `rig` has its camera image scaled to the plan's size.
     ///
     /// # Errors
     /// [`MeasurementError`].
     pub fn create(dir: &Path, rig: Rig, plan: Plan) -> Result<Self, MeasurementError> {
-        Self::create_with(dir, rig, plan, None)
+        Self::create_with(dir, rig, plan, None, None)
     }
 
-    /// As [`create`](Self::create), with what a calibration found of the instrument.
+    /// As [`create`](Self::create), with what a calibration found of the instrument, and with the session in which it begins.
     ///
     /// # Errors
     /// [`MeasurementError`].
@@ -156,11 +92,13 @@ impl Measurement {
         rig: Rig,
         plan: Plan,
         calibration: Option<&AppliedCalibration>,
+        session: Option<&Opening>,
     ) -> Result<Self, MeasurementError> {
         Self::check_new(dir)?;
         let lock = Lock::folder(dir)?;
         Self::check_new(dir)?;
-        Ok(Self::create_in_with(dir, rig, plan, calibration, Map::new())?.holding(lock))
+        let facts = Map::new();
+        Ok(Self::create_in_with(dir, rig, plan, calibration, session, facts)?.holding(lock))
     }
 
     /// As [`create`](Self::create), in a directory that holds what belongs to the measurement already, its calibration
@@ -169,10 +107,11 @@ impl Measurement {
     /// # Errors
     /// [`MeasurementError`].
     pub fn create_in(dir: &Path, rig: Rig, plan: Plan) -> Result<Self, MeasurementError> {
-        Self::create_in_with(dir, rig, plan, None, Map::new())
+        Self::create_in_with(dir, rig, plan, None, None, Map::new())
     }
 
-    /// As [`create_in`](Self::create_in), with the `calibration` to write and `facts` for the manifest.
+    /// As [`create_in`](Self::create_in), with the `calibration` and the `session` to write and `facts` for the manifest. Sessions that are
+    /// recorded there already stay.
     ///
     /// # Errors
     /// [`MeasurementError`].
@@ -181,7 +120,8 @@ impl Measurement {
         rig: Rig,
         plan: Plan,
         calibration: Option<&AppliedCalibration>,
-        facts: Map<String, Value>,
+        session: Option<&Opening>,
+        mut facts: Map<String, Value>,
     ) -> Result<Self, MeasurementError> {
         let directions = Directions::new(&rig, &plan.request.grid)?;
         // A directory with a plan is a measurement, so the plan gets its name last. Until then it lies there under its
@@ -192,6 +132,10 @@ impl Measurement {
         if let Some(calibration) = calibration {
             calibration.write(dir)?;
         }
+        if let Some(session) = session {
+            session.note(dir)?;
+        }
+        facts.extend(lineage::first_session(dir)?);
         let measurement = Self {
             dir: dir.to_owned(),
             sums: sums_at(dir, &rig, &plan)?,
@@ -276,6 +220,7 @@ impl Measurement {
             directions,
         };
         measurement.check_files()?;
+        measurement.record()?;
         Ok(measurement)
     }
 

@@ -74,11 +74,8 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Opens the calibration in `dir`, which must be one of `rig`: of the nominal rig or of what calibration made of it.
-    ///
-    /// # Errors
-    /// [`CalibrationError::OtherRig`]; [`CalibrationError::Content`], also for a directory in which no calibration succeeded.
-    pub fn open(dir: &Path, rig: &Rig) -> Result<Self, CalibrationError> {
+    /// Refuses a directory in which no calibration succeeded.
+    fn check_succeeded(dir: &Path) -> Result<(), CalibrationError> {
         if ![GEOMETRY, PHOTOMETRY].iter().any(|file| dir.join(file).is_file()) {
             let found = match std::fs::read_dir(dir) {
                 Err(error) => error.to_string(),
@@ -101,6 +98,24 @@ impl Calibration {
                 found,
             });
         }
+        Ok(())
+    }
+
+    /// Opens the calibration in `dir`, of whatever rig it is.
+    ///
+    /// # Errors
+    /// As for [`open`](Self::open).
+    pub fn of_any_rig(dir: &Path) -> Result<Self, CalibrationError> {
+        Self::check_succeeded(dir)?;
+        Self::open(dir, &Rig::load(&dir.join(RIG).display().to_string())?)
+    }
+
+    /// Opens the calibration in `dir`, which must be one of `rig`: of the nominal rig or of what calibration made of it.
+    ///
+    /// # Errors
+    /// [`CalibrationError::OtherRig`]; [`CalibrationError::Content`], also for a directory in which no calibration succeeded.
+    pub fn open(dir: &Path, rig: &Rig) -> Result<Self, CalibrationError> {
+        Self::check_succeeded(dir)?;
         let calibrated = Rig::load(&dir.join(RIG).display().to_string())?;
         let (given, own) = (rig_hash(rig), rig_hash(&calibrated));
         let path = dir.join(GEOMETRY);
@@ -199,6 +214,12 @@ impl AppliedCalibration {
         } else {
             Ok(Self::default())
         }
+    }
+
+    /// SHA-256 of its file.
+    #[must_use]
+    pub fn sum(&self) -> String {
+        sum(file::text(self).as_bytes())
     }
 
     /// Writes it into the measurement in `dir`.

@@ -14,7 +14,8 @@ use super::{BATCH, Goal, Stop};
 use crate::assemble::{FrameAssembler, certainly_lit};
 use crate::base::progress::Progress;
 use crate::capture::Instrument;
-use crate::capture::directory::{Measurement, MeasurementError, take_segment};
+use crate::capture::directory::{Measurement, MeasurementError, box_of, take_segment};
+use crate::capture::session::{Opening, Record};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{DirectionList, Grid, IncidentSet};
 use crate::instrument::calibration::{AppliedCalibration, Calibration};
@@ -127,6 +128,8 @@ pub fn measure(
     } else {
         Journal::create(out, &asked, scaled, applied.as_ref(), segments, &inputs, clock_hz)?
     };
+    record(setup.session.as_ref(), out, &instrument)?;
+    progress.begun(out);
     let (directions_deg, adapted) = fixed.run(
         &journal,
         first,
@@ -139,12 +142,22 @@ pub fn measure(
     let grid = Grid::List { directions_deg };
     let plan = published(&journal, &job, Request { grid, ..request }, segments)?;
     let facts = Map::from_iter([("adaptive".to_owned(), json!(adapted))]);
-    let measurement = Measurement::create_in_with(out, scaled.clone(), plan, None, facts)?.holding(lock);
+    let measurement =
+        Measurement::create_in_with(out, scaled.clone(), plan, None, None, facts)?.holding(lock);
     journal.close()?;
     // It borrows the job.
     drop(fixed);
     let plan = measurement.plan.clone();
     Ok((Job { plan, ..job }, measurement, adapted))
+}
+
+/// Records in `out` in which `session` somebody measures there, and with which trigger box.
+fn record(session: Option<&Opening>, out: &Path, instrument: &Instrument) -> Result<(), MeasurementError> {
+    if let Some(session) = session {
+        session.note(out)?;
+        Record::note_box(out, box_of(instrument))?;
+    }
+    Ok(())
 }
 
 /// The plan of `request`, whose grid is what `journal` holds in `segments`, with the frames where a measurement has them.

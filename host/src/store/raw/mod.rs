@@ -391,6 +391,15 @@ impl RawStore {
         Ok(total)
     }
 
+    /// What tells these frames from all others: SHA-256 of the seals of all segments, which are digests of the checksums of all chunks
+    /// and of what the file is about.
+    ///
+    /// # Errors
+    /// [`StoreError::Checksum`] or [`StoreError::Chunk`] if a seal is damaged or missing; [`StoreError::Io`].
+    pub fn sum(&self) -> Result<String, StoreError> {
+        self.seals.sum(self.segments())
+    }
+
     /// Reads segment `index`.
     ///
     /// # Errors

@@ -1,0 +1,88 @@
+//! What a directory may hold before it is a measurement.
+
+use std::ffi::OsString;
+use std::fs;
+use std::path::Path;
+
+use super::manifest::MANIFEST;
+use super::{Measurement, MeasurementError};
+use crate::capture::session::{ATTACHMENTS, Record};
+use crate::instrument::calibration::AppliedCalibration;
+use crate::store::Lock;
+use crate::store::lock::{self, dangling};
+use crate::store::whole_file::{FileError, is_partial};
+
+/// Files that a directory can hold before it is a measurement.
+const BEGINNINGS: [&str; 11] = [
+    ATTACHMENTS,
+    Record::FILE,
+    "rig.tmp",
+    "rig.toml",
+    "plan.tmp",
+    "adaptive.tmp",
+    "calibration.tmp",
+    AppliedCalibration::FILE,
+    "manifest.tmp",
+    MANIFEST,
+    lock::NAME,
+];
+
+impl Measurement {
+    /// Whether `dir` could become a new measurement: absent or empty.
+    ///
+    /// # Errors
+    /// [`MeasurementError::Exists`].
+    pub fn check_new(dir: &Path) -> Result<(), MeasurementError> {
+        let taken = |path: &Path, found| MeasurementError::Exists {
+            path: path.display().to_string(),
+            found,
+        };
+        if let Some(link) = dangling(dir) {
+            return Err(taken(link, "a link that leads nowhere"));
+        }
+        let is_file = |entry: std::io::Result<fs::DirEntry>| {
+            // The lock of a writer that was killed, or ours.
+            entry.map_or(true, |entry| entry.file_name() != lock::NAME)
+        };
+        match fs::read_dir(dir).map(|mut entries| entries.any(is_file)) {
+            Ok(false) => Ok(()),
+            Ok(true) if Self::exists(dir) => Err(taken(dir, "a measurement; use --resume to go on with it")),
+            Ok(true) => Err(taken(dir, "one with files in it")),
+            Err(_) if !dir.exists() => Ok(()),
+            Err(_) if !dir.is_dir() => Err(taken(dir, "a file")),
+            Err(source) => Err(FileError::at(dir, source).into()),
+        }
+    }
+
+    /// Removes what [`create`](Self::create) leaves in `dir` if it ends before there is a plan (killed, disk full);
+    /// where there is a plan, or anything else, all stays as it is.
+    ///
+    /// # Errors
+    /// [`MeasurementError::File`]; [`StoreError::Busy`] if another process is writing there.
+    pub fn sweep(dir: &Path) -> Result<(), MeasurementError> {
+        if !dir.is_dir() {
+            return Ok(());
+        }
+        let _lock = Lock::folder(dir)?;
+        let entries = fs::read_dir(dir).map_err(|source| FileError::at(dir, source))?;
+        let names: Vec<_> = entries.flatten().map(|entry| entry.file_name()).collect();
+        let all_of = |ours: &[&str]| {
+            let is_ours = |name: &OsString| is_partial(name) || ours.iter().any(|one| name == one);
+            names.iter().all(is_ours)
+        };
+        let has_plan = names.iter().any(|name| name == "plan.tmp");
+        // The plan comes first, under its temporary name: without it these are somebody's files.
+        if has_plan && all_of(&BEGINNINGS) || all_of(&[lock::NAME]) {
+            for name in names.iter().filter(|name| *name != lock::NAME) {
+                let path = dir.join(name);
+                let removed = if name == ATTACHMENTS {
+                    fs::remove_dir_all(&path)
+                } else {
+                    fs::remove_file(&path)
+                };
+                removed.map_err(|source| FileError::at(&path, source))?;
+            }
+        }
+        Ok(())
+    }
+}
