@@ -63,6 +63,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         virtual_rig: args.virtual_rig.virtual_rig(None),
         trigger_box,
         calibration,
+        session: None,
     };
     let request = args.request.request(None)?;
     if request.exposure_s.is_some() || !request.brackets.is_one() {

@@ -57,16 +57,18 @@ pub fn assemble_again(
         .is_file()
         .then(|| AppliedCalibration::read(measurement.dir()));
     let own = own.transpose().map_err(Box::new)?.map(|applied| applied.sum());
-    let assembled = assembled(measurement, other.as_ref(), out, progress)?;
+    // Before any work: a damaged one cannot be compared with.
     let path = measurement.path("brdf.zarr");
-    let differences = if path.exists() {
-        let (older, newer) = (Brdf::open(&path)?, Brdf::open(out)?);
-        progress.begin("compare", 1, "results");
-        let differences = differences(&older, &newer)?;
-        progress.end();
-        differences
-    } else {
-        None
+    let older = path.exists().then(|| Brdf::open(&path)).transpose()?;
+    let assembled = assembled(measurement, other.as_ref(), out, progress)?;
+    let differences = match older {
+        Some(older) => {
+            progress.begin("compare", 1, "results");
+            let differences = differences(&older, &Brdf::open(out)?)?;
+            progress.end();
+            differences
+        }
+        None => None,
     };
     Ok(Again {
         assembled,

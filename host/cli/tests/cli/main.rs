@@ -35,6 +35,7 @@ mod judge;
 #[cfg(unix)]
 mod killed;
 mod light;
+mod lineage;
 mod locks;
 #[cfg(unix)]
 mod matrix;

@@ -42,6 +42,8 @@ pub(super) struct Case {
     /// Killed and resumed.
     pub(super) resume: bool,
     pub(super) replay: bool,
+    /// Whether somebody says who measures.
+    pub(super) said: bool,
     pub(super) image_size: &'static str,
     pub(super) seed: &'static str,
     pub(super) via: Via,
@@ -69,6 +71,7 @@ pub(super) const USUAL: Case = Case {
     fault: None,
     resume: false,
     replay: false,
+    said: false,
     image_size: "24",
     seed: "1",
     via: Via::Measure,
@@ -77,7 +80,7 @@ pub(super) const USUAL: Case = Case {
 /// A feature's name, and the values that are not the usual one with what they change.
 type Feature = (&'static str, &'static [(&'static str, fn(&mut Case))]);
 
-pub(super) const FEATURES: [Feature; 16] = [
+pub(super) const FEATURES: [Feature; 17] = [
     (
         "rig",
         &[("rcg-2", |c| c.rig = "rcg-2"), ("dmd", |c| c.rig = "dmd")],
@@ -151,6 +154,7 @@ pub(super) const FEATURES: [Feature; 16] = [
     ),
     ("resume", &[("killed", |c| c.resume = true)]),
     ("replay", &[("plan", |c| c.replay = true)]),
+    ("session", &[("said", |c| c.said = true)]),
     ("image-size", &[("odd", |c| c.image_size = "25")]),
     ("seed", &[("other", |c| c.seed = "7")]),
     (
@@ -210,6 +214,7 @@ impl Case {
             Via::Multiplex if self.adaptive => Some("--adaptive"),
             Via::Multiplex if self.resume => Some("--resume"),
             Via::Multiplex if self.replay => Some("--replay"),
+            Via::Multiplex if self.said => Some("--operator"),
             _ if self.adaptive && self.light.is_some() => Some("light: expected single with --adaptive"),
             _ => None,
         }

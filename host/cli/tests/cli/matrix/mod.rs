@@ -182,6 +182,10 @@ impl Trial<'_> {
         if !case.noise {
             put("--noise", "off");
         }
+        if case.said {
+            put("--operator", "Ada");
+            put("--note", "of the matrix");
+        }
         put("--image-size", case.image_size);
         put("--seed", case.seed);
         all
