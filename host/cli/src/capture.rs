@@ -32,8 +32,10 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
     if let Some(virtual_rig) = &mut measurement.plan.virtual_rig {
         virtual_rig.faults = args.faults.faults(virtual_rig.faults);
     }
-    let job = Job::of(&measurement, trigger_box)?;
-    measurement.note_session(&session)?;
+    let job = Job {
+        session: Some(session),
+        ..Job::of(&measurement, trigger_box)?
+    };
     let tally = rcg::measure::capture(&measurement, &job, output)?;
     output.print(&tally, || {
         format!(

@@ -87,10 +87,10 @@ fn resumed(
         },
     };
     measurement.check_same(&request, &virtual_rig)?;
-    let job = Job::of(&measurement, setup.trigger_box.clone())?;
-    if let Some(session) = &setup.session {
-        measurement.note_session(session)?;
-    }
+    let job = Job {
+        session: setup.session.clone(),
+        ..Job::of(&measurement, setup.trigger_box.clone())?
+    };
     Ok((job, measurement))
 }
 

@@ -39,7 +39,7 @@ pub struct Job {
     pub reference: Option<Reference>,
     /// How the instrument really is, as far as calibration found out; it is written into a measurement that begins.
     pub calibration: Option<Calibration>,
-    /// Who measures, when and with what; it is written into a measurement that begins.
+    /// Who measures, when and with what; it is written into a measurement that begins, and into one that goes on when it captures.
     pub session: Option<Opening>,
 }
 

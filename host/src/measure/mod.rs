@@ -110,10 +110,14 @@ pub fn prepare(
 /// [`MeasureError`].
 pub fn capture(measurement: &Measurement, job: &Job, progress: &dyn Progress) -> Result<Tally, MeasureError> {
     let mut instrument = job.open()?;
-    measurement.note_box(&instrument)?;
     if let Some(world) = &job.world {
         measurement.check_read(&world.inputs)?;
     }
+    // Nothing can be refused any more.
+    if let Some(session) = &job.session {
+        measurement.note_session(session)?;
+    }
+    measurement.note_box(&instrument)?;
     progress.begin("capture", measurement.plan.len(), "exposures");
     let tally = measurement.capture(&mut instrument, &mut |done| progress.reach(done))?;
     progress.end();

@@ -161,6 +161,18 @@ pub fn check(path: &Path) -> io::Result<()> {
     WholeFile::create(path).map(drop)
 }
 
+/// Removes unfinished files of these `names` in the folder `dir`, which killed processes left; only for names that nobody else writes there
+/// now. One that cannot be removed is hidden and harms nothing.
+pub(crate) fn sweep(dir: &Path, names: &[&str]) {
+    let entries = fs::read_dir(dir).into_iter().flatten().flatten();
+    for entry in entries.filter(|entry| is_partial(&entry.file_name())) {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        if names.iter().any(|one| name.starts_with(&format!(".{one}."))) {
+            fs::remove_file(entry.path()).ok();
+        }
+    }
+}
+
 /// Whether `name` is that of an unfinished file.
 #[must_use]
 pub fn is_partial(name: &OsStr) -> bool {
@@ -243,7 +255,12 @@ mod tests {
             .filter(|name| is_partial(OsStr::new(name)))
             .collect();
         assert_eq!(hidden.len(), 1, "{hidden:?}");
+        sweep(dir.path(), &["scan", "svg", "session.json"]);
+        assert_eq!(names(dir.path()).len(), before.len() + 1);
         drop(given_up);
+        assert_eq!(names(dir.path()), before);
+        fs::write(dir.path().join(".scan.svg.7-0.partial"), "of one that was killed").unwrap();
+        sweep(dir.path(), &["scan.svg"]);
         assert_eq!(names(dir.path()), before);
 
         write(&path, b"whole").unwrap();

@@ -10,7 +10,7 @@ use crate::capture::session::{ATTACHMENTS, Record};
 use crate::instrument::calibration::AppliedCalibration;
 use crate::store::Lock;
 use crate::store::lock::{self, dangling};
-use crate::store::whole_file::{FileError, is_partial};
+use crate::store::whole_file::{self, FileError, is_partial};
 
 /// Files that a directory can hold before it is a measurement.
 const BEGINNINGS: [&str; 11] = [
@@ -26,6 +26,11 @@ const BEGINNINGS: [&str; 11] = [
     MANIFEST,
     lock::NAME,
 ];
+
+/// Removes what killed writers left in `dir` of the files that only the one with the right to write there writes.
+pub(crate) fn sweep_unfinished(dir: &Path) {
+    whole_file::sweep(dir, &[Record::FILE, MANIFEST, "report.html"]);
+}
 
 impl Measurement {
     /// Whether `dir` could become a new measurement: absent or empty.

@@ -37,6 +37,7 @@ mod manifest;
 mod resume;
 mod segment;
 
+pub(crate) use begin::sweep_unfinished;
 pub use error::MeasurementError;
 use files::write_synced;
 pub(crate) use identity::{Sums, stamps_of, sums_at, sums_of};
@@ -171,6 +172,7 @@ impl Measurement {
             });
         }
         let lock = Lock::folder(dir)?;
+        sweep_unfinished(dir);
         Ok(Self::open(dir)?.holding(lock))
     }
 

@@ -14,7 +14,7 @@ use super::{BATCH, Goal, Stop};
 use crate::assemble::{FrameAssembler, certainly_lit};
 use crate::base::progress::Progress;
 use crate::capture::Instrument;
-use crate::capture::directory::{Measurement, MeasurementError, box_of, take_segment};
+use crate::capture::directory::{Measurement, MeasurementError, box_of, sweep_unfinished, take_segment};
 use crate::capture::session::{Opening, Record};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{DirectionList, Grid, IncidentSet};
@@ -153,6 +153,7 @@ pub fn measure(
 
 /// Records in `out` in which `session` somebody measures there, and with which trigger box.
 fn record(session: Option<&Opening>, out: &Path, instrument: &Instrument) -> Result<(), MeasurementError> {
+    sweep_unfinished(out);
     if let Some(session) = session {
         session.note(out)?;
         Record::note_box(out, box_of(instrument))?;
