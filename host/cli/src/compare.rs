@@ -24,7 +24,8 @@ pub(crate) struct Args {
     /// A brdf.zarr of the same sample
     #[arg(value_name = "B")]
     b: PathBuf,
-    /// Both were measured by the same standard: what is wrong with it cancels, and is no excuse for a difference
+    /// Both were measured by the same standard, as files with the same certificate say by themselves: what is wrong with it cancels, and
+    /// is no excuse for a difference
     #[arg(long)]
     same_standard: bool,
     /// Also write a chart of the biases (.svg, .png) or the table (.csv)
@@ -91,6 +92,12 @@ fn text(compared: &Compared) -> String {
             },
         ),
     ));
+    if compared.shares_standard {
+        lines.push((
+            "standard",
+            "the same in both: what is wrong with it cancels".to_owned(),
+        ));
+    }
     lines.push((
         "regions",
         format!(

@@ -61,16 +61,17 @@ pub struct Compared {
     pub warnings: Vec<String>,
 }
 
-/// Compares `b` with `a`, one of a measurement, a measured file and a model; with `shares_standard` both were measured by the same
-/// standard.
+/// Compares `b` with `a`, one of a measurement, a measured file and a model; with `same_standard` both were measured by the same
+/// standard, which certificates of the same content say too.
 ///
 /// # Errors
 /// [`BrdfError`] if their azimuths do not count from the same direction, both hold the same capture, or a file cannot be read.
-pub fn compare(a: &Source, b: &Brdf, shares_standard: bool) -> Result<Compared, BrdfError> {
+pub fn compare(a: &Source, b: &Brdf, same_standard: bool) -> Result<Compared, BrdfError> {
     if let Source::Measured(a) = a {
         check_azimuth(a, b)?;
         crate::brdf::check_apart(b, a)?;
     }
+    let shares_standard = same_standard || has_same_certificate(a, b);
     let found = pairs::of(a, b)?;
     let mut regions = Regions::new(b.channels());
     for pair in &found.pairs {
@@ -93,6 +94,13 @@ pub fn compare(a: &Source, b: &Brdf, shares_standard: bool) -> Result<Compared, 
     };
     compared.warnings = warnings(&compared);
     Ok(compared)
+}
+
+/// Whether the first standards of both have one certificate.
+fn has_same_certificate(a: &Source, b: &Brdf) -> bool {
+    let Source::Measured(a) = a else { return false };
+    let certificate = |brdf: &Brdf| Some(brdf.standards().into_iter().next()?.certificate?.sha256);
+    certificate(a).is_some_and(|sum| certificate(b) == Some(sum))
 }
 
 /// Refuses files of which one has its azimuths from a lobe's axis and the other from its holder.
