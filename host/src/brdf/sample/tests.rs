@@ -196,7 +196,7 @@ fn a_wrong_specification_is_answered_with_one_sentence() {
     );
     wrong(
         "",
-        "sample '', model: expected lambert, ward, ggx, velvet, satin or the path of a .bsdf file, found ''",
+        "sample '', model: expected lambert, ward, ggx, velvet, satin or the path of a .bsdf file or of a certificate (.toml), found ''",
     );
     wrong(
         "lambert:",
