@@ -90,7 +90,8 @@ fn compared(again: &Again) -> String {
 fn described(found: &Differences) -> String {
     let percent =
         |share: Option<f64>| share.map_or("none".to_owned(), |share| format!("{:.2} %", 100.0 * share));
-    let largest = found.largest.map_or_else(String::new, |largest| {
+    let largest = found.largest.filter(|largest| largest.sigmas > 0.0);
+    let largest = largest.map_or_else(String::new, |largest| {
         let direction = |[theta, phi]: [f64; 2]| format!("({theta:.1}°, {phi:.1}°)");
         format!(
             "; the largest is {:.2} of its σ ({}) from {} to {}",
