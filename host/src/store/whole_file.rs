@@ -167,7 +167,9 @@ pub(crate) fn sweep(dir: &Path, names: &[&str]) {
     let entries = fs::read_dir(dir).into_iter().flatten().flatten();
     for entry in entries.filter(|entry| is_partial(&entry.file_name())) {
         let name = entry.file_name().to_string_lossy().into_owned();
-        if names.iter().any(|one| name.starts_with(&format!(".{one}."))) {
+        // What stands between the first dot and the writer, `PID-N.partial`.
+        let of = name[1..name.len() - ENDING.len()].rsplit_once('.');
+        if of.is_some_and(|(of, _)| names.contains(&of)) {
             fs::remove_file(entry.path()).ok();
         }
     }

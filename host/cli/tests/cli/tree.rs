@@ -43,20 +43,24 @@ pub(crate) fn assert_same(found: &Path, expected: &Path) {
     }
 }
 
-/// [`files`] of the `brdf.zarr` at `root` but for its lineage, which says which files decided it.
-pub(crate) fn values(root: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    let mut files = files(root);
+/// The files of a `brdf.zarr` without its lineage, which says of which files and captures it is.
+pub(crate) fn values(brdf: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut files = files(brdf);
     let group = files.get_mut(Path::new("zarr.json")).expect("a group");
     let mut object: serde_json::Value = serde_json::from_slice(group).expect("JSON");
     let attributes = object["attributes"].as_object_mut().expect("attributes");
-    assert!(attributes.shift_remove("lineage").is_some(), "{}", root.display());
+    assert!(attributes.shift_remove("lineage").is_some(), "{}", brdf.display());
     *group = object.to_string().into_bytes();
     files
 }
 
-/// Checks that two `brdf.zarr` are the same but for their lineage: they are of different captures.
+/// Checks that two `brdf.zarr` are the same but for their lineage.
 pub(crate) fn assert_same_values(found: &Path, expected: &Path) {
-    assert!(values(found) == values(expected), "{} has other values", found.display());
+    assert!(
+        values(found) == values(expected),
+        "{} has other values",
+        found.display()
+    );
 }
 
 /// Number of files in `folder` whose name starts with `prefix`; 0 if there is no such folder.
