@@ -1,5 +1,6 @@
 //! `rcg compare`
 
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use rcg::base::file_format::CHART_OR_TABLE;
@@ -120,14 +121,16 @@ fn text(compared: &Compared) -> String {
         let largest = |of: &dyn Fn(&Agreement) -> Option<f64>| {
             percent(region.channels.iter().filter_map(of).reduce(f64::max))
         };
-        text.push_str(&format!(
-            "{:30} {:>20} ± {:8} {:>12}  {}\n",
+        writeln!(
+            text,
+            "{:30} {:>20} ± {:8} {:>12}  {}",
             region.name(),
             biases.join(" "),
             largest(&|one| one.standard_uncertainty),
             worst.map_or_else(|| "none".to_owned(), |e_n| format!("{e_n:.2}")),
             largest(&|one| one.relative_scatter)
-        ));
+        )
+        .expect("strings take everything");
     }
     text
 }

@@ -1,5 +1,7 @@
 //! `rcg reflectance`
 
+use std::fmt::Write as _;
+
 use rcg::brdf::Source;
 use rcg::judge::reflectance::{Geometry, Reflected, reflected};
 use serde_json::json;
@@ -63,11 +65,13 @@ fn text(all: &[Reflected]) -> String {
         let sigma = one
             .standard_uncertainty
             .map_or_else(|| "none".to_owned(), numbers);
-        text.push_str(&format!(
-            "{:11} {value:21} {sigma:29} {:.2} %\n",
+        writeln!(
+            text,
+            "{:11} {value:21} {sigma:29} {:.2} %",
             one.geometry,
             100.0 * one.seen
-        ));
+        )
+        .expect("strings take everything");
     }
     text
 }

@@ -1,6 +1,7 @@
 //! `rcg value`
 
-use std::io::{self, Write};
+use std::fmt::Write as _;
+use std::io::{self, Write as _};
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
@@ -55,6 +56,9 @@ fn named() -> impl TypedValueParser<Value = Quantity> {
 /// What is answered of one pair of directions.
 type Answer = Result<(Json, String), Missing>;
 
+/// Answers pairs of directions (incident, outgoing) in the order asked.
+type Answers<'a> = dyn Fn(&[(DVec3, DVec3)]) -> Result<Vec<Answer>, Failure> + 'a;
+
 /// The answer of a value in the `quantity`, seen along `wo`.
 fn plain(quantity: Quantity, wo: DVec3, f: [f32; 3]) -> (Json, String) {
     let value = f.map(|f| quantity.factor(wo) as f32 * f);
@@ -75,10 +79,12 @@ fn with_uncertainty(quantity: Quantity, wo: DVec3, stated: &Stated) -> (Json, St
     value["by_interpolation"] = json!(scaled(stated.interpolation));
     value["common_share"] = json!(share);
     value["provenance"] = json!(stated.provenance.name());
-    line.push_str(&format!(
+    write!(
+        line,
         " {r:.3e} {g:.3e} {b:.3e} {share:.3} {}",
         stated.provenance.name()
-    ));
+    )
+    .expect("strings take everything");
     (value, line)
 }
 
@@ -96,18 +102,15 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         )));
     }
     let answers = |pairs: &[(DVec3, DVec3)]| -> Result<Vec<Answer>, Failure> {
-        Ok(match measured.filter(|_| args.uncertainty) {
-            Some(brdf) => {
-                let stated = brdf.stated(pairs)?.into_iter().zip(pairs);
-                let answer = |stated: &Stated, wo| with_uncertainty(quantity, wo, stated);
-                stated
-                    .map(|(stated, (_, wo))| Ok(answer(&stated?, *wo)))
-                    .collect()
-            }
-            None => {
-                let values = source.reflectance().values(pairs)?.into_iter().zip(pairs);
-                values.map(|(f, (_, wo))| Ok(plain(quantity, *wo, f?))).collect()
-            }
+        Ok(if let Some(brdf) = measured.filter(|_| args.uncertainty) {
+            let stated = brdf.stated(pairs)?.into_iter().zip(pairs);
+            let answer = |stated: &Stated, wo| with_uncertainty(quantity, wo, stated);
+            stated
+                .map(|(stated, (_, wo))| Ok(answer(&stated?, *wo)))
+                .collect()
+        } else {
+            let values = source.reflectance().values(pairs)?.into_iter().zip(pairs);
+            values.map(|(f, (_, wo))| Ok(plain(quantity, *wo, f?))).collect()
         })
     };
     let answered = answer(&answers, output.is_json())?;
@@ -122,10 +125,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
 }
 
 /// Answers the lines on stdin by `answers`: at once, or, for `is_json`, all together.
-fn answer(
-    answers: &dyn Fn(&[(DVec3, DVec3)]) -> Result<Vec<Answer>, Failure>,
-    is_json: bool,
-) -> Result<Vec<Json>, Failure> {
+fn answer(answers: &Answers<'_>, is_json: bool) -> Result<Vec<Json>, Failure> {
     let mut out = io::BufWriter::new(io::stdout().lock());
     let mut lines = directions_of(io::stdin().lock(), "theta_i phi_i theta_o phi_o in degrees");
     let mut all = Vec::new();
