@@ -27,7 +27,7 @@ mod tests;
 
 use serde::Serialize;
 
-use crate::brdf::{Brdf, BrdfError, Source};
+use crate::brdf::{Brdf, BrdfError, Source, evidence};
 
 pub use region::{Agreement, RegionAgreement};
 
@@ -69,7 +69,7 @@ pub struct Compared {
 pub fn compare(a: &Source, b: &Brdf, same_standard: bool) -> Result<Compared, BrdfError> {
     if let Source::Measured(a) = a {
         check_azimuth(a, b)?;
-        crate::brdf::check_apart(b, a)?;
+        evidence::check_apart(b, a)?;
     }
     let shares_standard = same_standard || has_same_certificate(a, b);
     let found = pairs::of(a, b)?;

@@ -3,6 +3,7 @@
 use glam::{DMat3, DVec3};
 
 use crate::brdf::{Brdf, BrdfError, CAUSES, Source};
+use crate::hemisphere::direction::to_degrees;
 use crate::hemisphere::judged::is_judged;
 use crate::store::provenance::Provenance;
 
@@ -58,7 +59,11 @@ pub(super) fn of(a: &Source, b: &Brdf) -> Result<Pairs, BrdfError> {
     let turn_deg = of_a
         .unwrap_or(0.0)
         .hypot(b.azimuth().standard_uncertainty_deg.unwrap_or(0.0));
-    let slopes = slopes(a, &directions)?;
+    let slopes = if turn_deg > 0.0 {
+        slopes(a, &directions)?
+    } else {
+        vec![[0.0; 3]; directions.len()]
+    };
     let asked = seconds.len();
     let pairs = seconds
         .into_iter()
@@ -140,9 +145,9 @@ fn firsts(a: &Source, directions: &[Directions]) -> Result<Vec<Option<Side>>, Br
 
 /// A value of `brdf` with what its budget says of the region.
 fn side(brdf: Option<&Brdf>, (wi, wo): Directions, f: [f64; 3], sigma: [f64; 3]) -> Side {
-    let [theta_i, theta_o] = [wi, wo].map(|w| w.z.clamp(0.0, 1.0).acos().to_degrees());
+    let [theta_i, theta_o] = [wi, wo].map(|w| to_degrees(w).0);
+    let region = brdf.and_then(|brdf| brdf.region(theta_i, theta_o));
     let share = |name: &str| {
-        let region = brdf.and_then(|brdf| brdf.region(theta_i, theta_o));
         let cause = CAUSES.iter().position(|cause| *cause == name);
         let share = region.zip(cause).map(|(region, cause)| region.shares[cause]);
         share.unwrap_or(0.0).clamp(0.0, 1.0)
