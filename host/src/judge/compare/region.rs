@@ -10,6 +10,8 @@ use crate::hemisphere::direction::{azimuth_cosine, to_degrees};
 
 /// Samples without which a region is not judged.
 const ENOUGH: u64 = 30;
+/// Values that have their noise in common: cells are interpolated between the pixels around, which serve up to so many.
+const NEIGHBOURS: f64 = 4.0;
 /// Coverage factor of the uncertainties in E_n.
 const K: f64 = 2.0;
 /// Where the view lies, seen from the light: azimuth between them up to 60°, to 120°, and beyond.
@@ -102,7 +104,7 @@ impl Sums {
 
     fn agreement(&self) -> Agreement {
         let bias = self.bias();
-        let uncertainty = bias.map(|_| self.noise.sqrt().hypot(self.rest) / self.weights);
+        let uncertainty = bias.map(|_| (NEIGHBOURS * self.noise).sqrt().hypot(self.rest) / self.weights);
         let squares = self.plain[1];
         Agreement {
             samples: self.samples,
