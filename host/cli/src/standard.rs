@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
-use rcg::brdf::sample::{Certified, Contribution, Sample as _, albedo, reflectance_factor};
+use rcg::brdf::sample::{Certified, Contribution, Sample as _, albedo};
 use rcg::hemisphere::direction::from_degrees;
 use rcg::instrument::calibration::Standard;
+use rcg::judge::quantity::Quantity;
 use serde::Serialize;
 
 use crate::Done;
@@ -56,6 +57,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
     let at = |deg: f64| from_degrees(deg, 0.0);
     let away = |deg: f64| from_degrees(deg, 180.0);
     let f_0_45 = certified.f(at(0.0), away(45.0));
+    let factor = Quantity::ReflectanceFactor.factor(away(45.0));
     let by_angle = SHOWN_DEG.map(|theta_deg| {
         let variance = |end: usize, deg: f64| standard.angular.variance(end, deg);
         let all = |light_deg: f64, view_deg: f64| {
@@ -72,7 +74,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
     let answer = Answer {
         f_0_45,
         f_45_0: certified.f(at(45.0), away(0.0)),
-        reflectance_factor_0_45: f_0_45.map(reflectance_factor),
+        reflectance_factor_0_45: f_0_45.map(|f| factor * f),
         reflectance_8_hemisphere: albedo(&certified, at(8.0)),
         contributions: certified.contributions().to_vec(),
         by_angle: by_angle.into(),

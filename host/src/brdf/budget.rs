@@ -40,6 +40,12 @@ pub(crate) fn band(theta_deg: f64) -> Option<usize> {
     BANDS_DEG.iter().position(|end| theta_deg <= *end)
 }
 
+/// The polar angles of a band, from and to, degrees.
+pub(crate) fn span(band: usize) -> [f64; 2] {
+    let from = band.checked_sub(1).map_or(0.0, |below| BANDS_DEG[below]);
+    [from, BANDS_DEG[band]]
+}
+
 /// Sums over samples.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct BudgetSums {
@@ -252,10 +258,6 @@ pub(crate) fn arrays_of(budget: &[RegionBudget]) -> [SmallArray<'static>; 3] {
 
 /// The budgets of all regions that have samples, from what [`BudgetSums::arrays`] wrote.
 pub(crate) fn regions([shares, relative, shared]: [&[f64]; 3]) -> Vec<RegionBudget> {
-    let span = |band: usize| {
-        let from = band.checked_sub(1).map_or(0.0, |below| BANDS_DEG[below]);
-        [from, BANDS_DEG[band]]
-    };
     shares
         .chunks_exact(CAUSES.len())
         .zip(relative)

@@ -31,7 +31,6 @@ mod values;
 
 pub use azimuth::Azimuth;
 pub use budget::{BANDS_DEG, CAUSES, RegionBudget};
-pub(crate) use evidence::check_apart;
 pub use known::KnownBrdf;
 pub use source::{Source, SourceError};
 pub use values::Stated;

@@ -11,7 +11,7 @@ use crate::brdf::interpolation::{
     look_up_apart,
 };
 use crate::brdf::reflectance::{Missing, Value};
-use crate::hemisphere::direction::is_above_horizon;
+use crate::hemisphere::direction::{is_above_horizon, to_degrees};
 use crate::hemisphere::incident::IncidentSet;
 use crate::instrument::optics::Unmeasurable;
 use crate::store::provenance::Provenance;
@@ -85,7 +85,7 @@ impl Brdf {
     fn stated_of(&self, value: &Lookup, sigma: &Lookup, (wi, wo): (DVec3, DVec3)) -> Option<Stated> {
         let (f, captured) = (value.value()?, sigma.value()?);
         let interpolation = value.interpolation_error(self.errors.as_ref())?;
-        let [theta_i, theta_o] = [wi, wo].map(|w| w.z.clamp(0.0, 1.0).acos().to_degrees());
+        let [theta_i, theta_o] = [wi, wo].map(|w| to_degrees(w).0);
         let offset = self.shared_part(theta_i, theta_o).sqrt();
         let factor = self.common_uncertainty().unwrap_or(0.0);
         let each = |of: &dyn Fn(usize) -> f32| [0, 1, 2].map(of);

@@ -56,6 +56,18 @@ pub fn to_degrees(w: DVec3) -> (f64, f64) {
     (theta_rad.to_degrees(), turned_up(phi_rad.to_degrees(), 360.0))
 }
 
+/// Cosine of the azimuth between the unit vectors `a` and `b`; 0, that of a quarter turn, where one of them is the normal.
+#[must_use]
+pub(crate) fn azimuth_cosine(a: DVec3, b: DVec3) -> f64 {
+    let (a, b) = (a.truncate(), b.truncate());
+    let lengths = a.length() * b.length();
+    if lengths > 1e-12 {
+        (a.dot(b) / lengths).clamp(-1.0, 1.0)
+    } else {
+        0.0
+    }
+}
+
 /// An azimuth from minus one turn to one turn, brought to [0, `turn`). What lies below 0 by less than rounding would come
 /// to a whole turn, and so may what is converted from a number just below one.
 fn turned_up(phi: f64, turn: f64) -> f64 {

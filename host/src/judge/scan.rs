@@ -10,14 +10,12 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use crate::base::file_format::CHART_OR_TABLE;
 use crate::brdf::reflectance::{Reflectance, Value};
 use crate::brdf::{Source, Stated};
 use crate::hemisphere::direction::from_degrees;
 use crate::judge::chart::{Axis, Chart, ChartError, Curve, Scale};
 use crate::judge::quantity::Quantity;
 use crate::store::StoreError;
-use crate::store::whole_file::write_whole;
 
 /// Incident directions of the paper's figure 16: polar angle and azimuth in degrees.
 pub const INCIDENT_DEG: [(f64, f64); 3] = [(30.0, 0.0), (30.0, 45.0), (30.0, 90.0)];
@@ -39,6 +37,9 @@ pub struct AzimuthScan {
     stated: Vec<Vec<Option<Stated>>>,
 }
 
+/// Finds f of pairs of directions (incident, outgoing).
+type Find<'a> = dyn FnMut(&[(DVec3, DVec3)]) -> Result<Vec<Value>, StoreError> + 'a;
+
 impl AzimuthScan {
     /// Looks the `quantity` of `source` up at `steps` + 1 azimuths from 0 to 360°, for each of `incident_deg` (θ, φ in degrees).
     ///
@@ -51,15 +52,19 @@ impl AzimuthScan {
         theta_r_deg: f64,
         steps: usize,
     ) -> Result<Self, StoreError> {
-        let mut scan = Self::of(source.reflectance(), quantity, incident_deg, theta_r_deg, steps)?;
-        if let Source::Measured(brdf) = source {
-            let stated = scan.pairs().map(|pairs| {
-                let stated = brdf.stated(&pairs)?;
-                Ok(stated.into_iter().map(Result::ok).collect())
-            });
-            scan.stated = stated.collect::<Result<_, StoreError>>()?;
-        }
-        Ok(scan)
+        let Source::Measured(brdf) = source else {
+            return Self::of(source.reflectance(), quantity, incident_deg, theta_r_deg, steps);
+        };
+        let mut stated = Vec::new();
+        let scan = Self::with(quantity, incident_deg, theta_r_deg, steps, &mut |pairs| {
+            let found = brdf.stated(pairs)?;
+            stated.push(found.iter().map(|found| found.ok()).collect());
+            Ok(found
+                .into_iter()
+                .map(|found| found.map(|found| found.f))
+                .collect())
+        })?;
+        Ok(Self { stated, ..scan })
     }
 
     /// As [`new`](Self::new), of anything that has values, without their uncertainties.
@@ -73,6 +78,18 @@ impl AzimuthScan {
         theta_r_deg: f64,
         steps: usize,
     ) -> Result<Self, StoreError> {
+        let mut values = |pairs: &[(DVec3, DVec3)]| material.values(pairs);
+        Self::with(quantity, incident_deg, theta_r_deg, steps, &mut values)
+    }
+
+    /// The scan of what `find` says of f for pairs of directions.
+    fn with(
+        quantity: Quantity,
+        incident_deg: &[(f64, f64)],
+        theta_r_deg: f64,
+        steps: usize,
+        find: &mut Find<'_>,
+    ) -> Result<Self, StoreError> {
         let mut scan = Self {
             theta_r_deg,
             phi_r_deg: (0..=steps).map(|k| 360.0 * k as f64 / steps as f64).collect(),
@@ -82,7 +99,7 @@ impl AzimuthScan {
         };
         let all: Vec<Vec<(DVec3, DVec3)>> = scan.pairs().collect();
         for (curve, pairs) in scan.curves.iter_mut().zip(all) {
-            let values = material.values(&pairs)?.into_iter().zip(&pairs);
+            let values = find(&pairs)?.into_iter().zip(&pairs);
             curve.1 = values
                 .map(|(value, (_, wo))| value.map(|f| f.map(|f| quantity.factor(*wo) as f32 * f)))
                 .collect();
@@ -201,10 +218,7 @@ impl AzimuthScan {
     /// # Errors
     /// [`ChartError`].
     pub fn save(&self, title: &str, path: &Path) -> Result<(), ChartError> {
-        match CHART_OR_TABLE.of(path)? {
-            "csv" => Ok(write_whole(path, self.csv().as_bytes())?),
-            _ => self.chart(title).save(path),
-        }
+        self.chart(title).save_or_table(|| self.csv(), path)
     }
 }
 

@@ -151,7 +151,7 @@ impl Lookup {
 
     /// Standard uncertainty (k = 1) of the value in sr⁻¹ by interpolation, if it was looked up with that: what the branches are wrong by
     /// where images were left out (`errors`), as far as the pair lies from the images and no more than the images differ here; by how much
-    /// the branches differ; and what the images bend between their cells. Without `errors` it is the standard deviation of the images.
+    /// the branches differ; what the images bend between their cells; and by as much of the value as is missing around it. Without `errors` it is the standard deviation of the images.
     pub(crate) fn interpolation_error(&self, errors: Option<&BranchErrors>) -> Option<[f32; 3]> {
         let (apart, value) = (self.apart.as_ref()?, Vec3::from(self.value()?));
         let bend = apart.bends / self.weight;
@@ -179,7 +179,13 @@ impl Lookup {
                 apart_by / f32::max(sum, 1e-6) + Vec3::from(left_out).min(spread)
             }
         };
-        Some((variance + bend * bend).map(f32::sqrt).to_array())
+        // What is missing lies on one side, and the mean of the others elsewhere: nobody knows how f goes on there.
+        let beside = (1.0 - self.found).clamp(0.0, 1.0) * value.abs();
+        Some(
+            (variance + bend * bend + beside * beside)
+                .map(f32::sqrt)
+                .to_array(),
+        )
     }
 
     /// How far the incident direction lies from the images around it, where 1 is half way between two: the error of linear interpolation,

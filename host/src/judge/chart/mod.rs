@@ -15,7 +15,7 @@ use image::RgbImage;
 use plotters::prelude::*;
 
 use crate::base::blame::Blame;
-use crate::base::file_format::{CHART, FormatError};
+use crate::base::file_format::{CHART, CHART_OR_TABLE, FormatError};
 use crate::judge::render::{PictureError, save};
 use crate::store::whole_file::{FileError, write_whole};
 
@@ -94,6 +94,17 @@ impl Chart {
             _ => save(&self.picture(), path)?,
         }
         Ok(())
+    }
+
+    /// Writes the chart (SVG or PNG) or its `table` (CSV), as the name of `path` ends.
+    ///
+    /// # Errors
+    /// [`ChartError`].
+    pub fn save_or_table(&self, table: impl FnOnce() -> String, path: &Path) -> Result<(), ChartError> {
+        match CHART_OR_TABLE.of(path)? {
+            "csv" => Ok(write_whole(path, table().as_bytes())?),
+            _ => self.save(path),
+        }
     }
 
     /// Writes `stem.svg` and `stem.png` into `dir`.

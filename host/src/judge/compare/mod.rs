@@ -7,7 +7,7 @@
 //!
 //! δ = Σ w·d/m / Σ w,  d = b − a,  m = (a + b)/2,  w = m⁴/u⁴,  u² = u_a² + u_b² − 2·cov(a, b),
 //!
-//! and its standard uncertainty counts noise as each value's own and everything else as the same in all values of the region, which it is
+//! and its standard uncertainty counts noise as that of a value and its neighbours and everything else as the same in all values of the region, which it is
 //! at most. That is why the best known values weigh more than by 1/u²: what is common to all no mean lessens.
 //! The degree of equivalence is the number E_n = |δ| / (2·u(δ)) (ISO 13528, k = 2): 1 or less where the
 //! uncertainties explain the difference. Where both were measured by the same standard, what is wrong with it cancels (`cov`).
@@ -27,7 +27,7 @@ mod tests;
 
 use serde::Serialize;
 
-use crate::brdf::{Brdf, BrdfError, Source};
+use crate::brdf::{Brdf, BrdfError, Source, evidence};
 
 pub use region::{Agreement, RegionAgreement};
 
@@ -65,11 +65,12 @@ pub struct Compared {
 /// standard, which certificates of the same content say too.
 ///
 /// # Errors
-/// [`BrdfError`] if their azimuths do not count from the same direction, both hold the same capture, or a file cannot be read.
+/// [`BrdfError`] if their azimuths do not count from the same direction, only the second has colours, both hold the same capture, or a file cannot be read.
 pub fn compare(a: &Source, b: &Brdf, same_standard: bool) -> Result<Compared, BrdfError> {
     if let Source::Measured(a) = a {
         check_azimuth(a, b)?;
-        crate::brdf::check_apart(b, a)?;
+        check_colours(a, b)?;
+        evidence::check_apart(b, a)?;
     }
     let shares_standard = same_standard || has_same_certificate(a, b);
     let found = pairs::of(a, b)?;
@@ -117,6 +118,23 @@ fn check_azimuth(a: &Brdf, b: &Brdf) -> Result<(), BrdfError> {
             a.azimuth()
         ),
         found: b.azimuth().to_string(),
+    })
+}
+
+/// Refuses a first file without colours beside a second one with: nobody knows of which colour its light was.
+fn check_colours(a: &Brdf, b: &Brdf) -> Result<(), BrdfError> {
+    if a.channels() >= b.channels() {
+        return Ok(());
+    }
+    Err(BrdfError::Content {
+        path: a.path().display().to_string(),
+        field: "channel",
+        expected: format!(
+            "{} channels as in {}, or the two exchanged",
+            b.channels(),
+            b.path().display()
+        ),
+        found: a.channels().to_string(),
     })
 }
 

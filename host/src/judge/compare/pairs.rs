@@ -3,7 +3,9 @@
 use glam::{DMat3, DVec3};
 
 use crate::brdf::{Brdf, BrdfError, CAUSES, Source};
+use crate::hemisphere::direction::to_degrees;
 use crate::hemisphere::judged::is_judged;
+use crate::judge::evaluate::scoring::seen_by;
 use crate::store::provenance::Provenance;
 
 /// Pairs of directions that are looked up, about.
@@ -50,7 +52,8 @@ pub(super) struct Pairs {
 pub(super) fn of(a: &Source, b: &Brdf) -> Result<Pairs, BrdfError> {
     let seconds = seconds(b)?;
     let directions: Vec<Directions> = seconds.iter().map(|(pair, _)| *pair).collect();
-    let firsts = firsts(a, &directions)?;
+    let channels = b.channels();
+    let firsts = firsts(a, &directions, channels)?;
     let of_a = match a {
         Source::Measured(brdf) => brdf.azimuth().standard_uncertainty_deg,
         Source::Known(_) => None,
@@ -58,7 +61,11 @@ pub(super) fn of(a: &Source, b: &Brdf) -> Result<Pairs, BrdfError> {
     let turn_deg = of_a
         .unwrap_or(0.0)
         .hypot(b.azimuth().standard_uncertainty_deg.unwrap_or(0.0));
-    let slopes = slopes(a, &directions)?;
+    let slopes = if turn_deg > 0.0 {
+        slopes(a, &directions)?
+    } else {
+        vec![[0.0; 3]; directions.len()]
+    };
     let asked = seconds.len();
     let pairs = seconds
         .into_iter()
@@ -69,7 +76,7 @@ pub(super) fn of(a: &Source, b: &Brdf) -> Result<Pairs, BrdfError> {
                 directions,
                 a: a?,
                 b,
-                by_azimuth: slope.map(|per_deg| per_deg * turn_deg),
+                by_azimuth: seen_by(slope, channels).map(|per_deg| per_deg * turn_deg),
             })
         })
         .collect();
@@ -111,15 +118,16 @@ fn seconds(b: &Brdf) -> Result<Vec<(Directions, Side)>, BrdfError> {
     Ok(all)
 }
 
-/// What `a` says of the pairs; `None` where it has no measured value.
-fn firsts(a: &Source, directions: &[Directions]) -> Result<Vec<Option<Side>>, BrdfError> {
+/// What `a` says of the pairs to a camera of so many `channels`; `None` where it has no measured value. Colours are as uncertain
+/// together as if they were off alike.
+fn firsts(a: &Source, directions: &[Directions], channels: usize) -> Result<Vec<Option<Side>>, BrdfError> {
     Ok(match a {
         Source::Measured(brdf) => {
             let stated = brdf.stated(directions)?.into_iter().zip(directions);
             stated
                 .map(|(stated, pair)| {
                     let stated = stated.ok().filter(|stated| stated.provenance.is_seen())?;
-                    let [f, sigma] = [stated.f, stated.sigma].map(|of| of.map(f64::from));
+                    let [f, sigma] = [stated.f, stated.sigma].map(|of| seen_by(of.map(f64::from), channels));
                     Some(side(Some(brdf), *pair, f, sigma))
                 })
                 .collect()
@@ -128,7 +136,7 @@ fn firsts(a: &Source, directions: &[Directions]) -> Result<Vec<Option<Side>>, Br
             let values = a.reflectance().values(directions)?.into_iter().zip(directions);
             values
                 .map(|(f, pair)| {
-                    let f = f.ok()?.map(f64::from);
+                    let f = seen_by(f.ok()?.map(f64::from), channels);
                     f.iter()
                         .all(|f| f.is_finite())
                         .then(|| side(None, *pair, f, [0.0; 3]))
@@ -140,9 +148,9 @@ fn firsts(a: &Source, directions: &[Directions]) -> Result<Vec<Option<Side>>, Br
 
 /// A value of `brdf` with what its budget says of the region.
 fn side(brdf: Option<&Brdf>, (wi, wo): Directions, f: [f64; 3], sigma: [f64; 3]) -> Side {
-    let [theta_i, theta_o] = [wi, wo].map(|w| w.z.clamp(0.0, 1.0).acos().to_degrees());
+    let [theta_i, theta_o] = [wi, wo].map(|w| to_degrees(w).0);
+    let region = brdf.and_then(|brdf| brdf.region(theta_i, theta_o));
     let share = |name: &str| {
-        let region = brdf.and_then(|brdf| brdf.region(theta_i, theta_o));
         let cause = CAUSES.iter().position(|cause| *cause == name);
         let share = region.zip(cause).map(|(region, cause)| region.shares[cause]);
         share.unwrap_or(0.0).clamp(0.0, 1.0)

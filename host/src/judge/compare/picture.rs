@@ -4,9 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use super::{Compared, RegionAgreement};
-use crate::base::file_format::CHART_OR_TABLE;
 use crate::judge::chart::{Axis, Chart, ChartError, Curve, Scale};
-use crate::store::whole_file::write_whole;
 
 impl RegionAgreement {
     /// Its directions in words: incident, outgoing, azimuth.
@@ -102,9 +100,6 @@ impl Compared {
     /// # Errors
     /// [`ChartError`].
     pub fn save(&self, title: &str, path: &Path) -> Result<(), ChartError> {
-        match CHART_OR_TABLE.of(path)? {
-            "csv" => Ok(write_whole(path, self.csv().as_bytes())?),
-            _ => self.chart(title).save(path),
-        }
+        self.chart(title).save_or_table(|| self.csv(), path)
     }
 }

@@ -1,12 +1,17 @@
 //! Regions of pairs of directions, and how two results agree in each.
 
+use glam::DVec3;
 use serde::Serialize;
 
 use super::pairs::Pair;
 use crate::brdf::BANDS_DEG;
+use crate::brdf::budget::{band, span};
+use crate::hemisphere::direction::{azimuth_cosine, to_degrees};
 
 /// Samples without which a region is not judged.
 const ENOUGH: u64 = 30;
+/// Values that have their noise in common: cells are interpolated between the pixels around, which serve up to so many.
+const NEIGHBOURS: f64 = 4.0;
 /// Coverage factor of the uncertainties in E_n.
 const K: f64 = 2.0;
 /// Where the view lies, seen from the light: azimuth between them up to 60°, to 120°, and beyond.
@@ -99,7 +104,7 @@ impl Sums {
 
     fn agreement(&self) -> Agreement {
         let bias = self.bias();
-        let uncertainty = bias.map(|_| self.noise.sqrt().hypot(self.rest) / self.weights);
+        let uncertainty = bias.map(|_| (NEIGHBOURS * self.noise).sqrt().hypot(self.rest) / self.weights);
         let squares = self.plain[1];
         Agreement {
             samples: self.samples,
@@ -133,19 +138,11 @@ impl Regions {
     /// Adds a pair; with `shares_standard` what is wrong with the standard is the same in both.
     pub(super) fn add(&mut self, pair: &Pair, shares_standard: bool) {
         let (wi, wo) = pair.directions;
-        let band = |z: f64| {
-            let theta_deg = z.clamp(-1.0, 1.0).acos().to_degrees();
-            // Rounding at the last band's end.
-            BANDS_DEG
-                .iter()
-                .position(|end| theta_deg <= *end)
-                .unwrap_or(BANDS - 1)
-        };
-        let (a, b) = (wi.truncate(), wo.truncate());
-        let length = a.length() * b.length();
-        let cos = if length > 1e-9 { a.dot(b) / length } else { 0.0 };
+        // Rounding at the last band's end.
+        let band_of = |w: DVec3| band(to_degrees(w).0).unwrap_or(BANDS - 1);
+        let cos = azimuth_cosine(wi, wo);
         let sector = usize::from(cos < 0.5) + usize::from(cos <= -0.5);
-        let region = (band(wi.z) * BANDS + band(wo.z)) * SECTORS.len() + sector;
+        let region = (band_of(wi) * BANDS + band_of(wo)) * SECTORS.len() + sector;
         let (one, other) = (&pair.a, &pair.b);
         for channel in 0..self.channels {
             let variances = [one, other].map(|side| side.sigma[channel].powi(2));
@@ -163,10 +160,6 @@ impl Regions {
 
     /// All regions that have enough samples.
     pub(super) fn all(&self) -> Vec<RegionAgreement> {
-        let span = |band: usize| {
-            let from = band.checked_sub(1).map_or(0.0, |below| BANDS_DEG[below]);
-            [from, BANDS_DEG[band]]
-        };
         let regions = self.sums.chunks_exact(self.channels).enumerate();
         regions
             .filter(|(_, sums)| sums.iter().any(|sums| sums.samples >= ENOUGH))

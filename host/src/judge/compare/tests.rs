@@ -5,6 +5,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 
 use super::*;
 use crate::brdf::sample::parse;
+use crate::judge::evaluate::scoring::seen_by;
 use crate::judge::evaluate::tests::file;
 use crate::store::provenance::Provenance;
 
@@ -82,5 +83,47 @@ fn a_model_counts_as_exact_and_nothing_is_compared_with_itself() {
         found.warnings[0].contains("none, 0 pairs"),
         "{:?}",
         found.warnings
+    );
+}
+
+#[test]
+fn a_camera_without_colours_is_compared_with_what_it_sees_of_them() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| scratch.path().join(name);
+    let model = || Source::Known(parse("lambert:0.6,0.3,0.1").unwrap());
+    let [grey, ..] = seen_by(
+        parse("lambert:0.6,0.3,0.1")
+            .unwrap()
+            .f(glam::DVec3::Z, glam::DVec3::Z),
+        1,
+    );
+    let of = |channels: usize| {
+        move |_: usize, _: usize| {
+            let f = if channels == 1 {
+                vec![grey as f32]
+            } else {
+                [0.6, 0.3, 0.1]
+                    .map(|rho| (rho / std::f64::consts::PI) as f32)
+                    .to_vec()
+            };
+            Some((f, 1e-3, Provenance::Measured))
+        }
+    };
+    let (one, three) = (file(&at("one"), 1, &mut of(1)), file(&at("three"), 3, &mut of(3)));
+    let coloured = Source::Measured(Box::new(Brdf::open(&at("three")).unwrap()));
+    for a in [&model(), &coloured] {
+        let found = compare(a, &one, false).unwrap();
+        assert!(found.overall[0].relative_bias.unwrap().abs() < 1e-5, "{found:?}");
+        assert_eq!(found.overall.len(), 1);
+    }
+    let found = compare(&model(), &three, false).unwrap();
+    assert!(
+        found.agreeing == found.judged && found.overall.len() == 3,
+        "{found:?}"
+    );
+    let error = compare(&Source::Measured(Box::new(one)), &three, false).unwrap_err();
+    assert!(
+        error.to_string().contains("channel: expected 3 channels as in"),
+        "{error}"
     );
 }

@@ -73,12 +73,16 @@ impl Floor {
 
 /// What a camera of `channels` channels sees of the three of a sample: all, or their mean.
 pub(in crate::judge) fn channel_values(f: [f64; 3], channels: usize) -> impl Iterator<Item = f64> {
-    let f = if channels == 1 {
+    seen_by(f, channels).into_iter().take(channels)
+}
+
+/// As [`channel_values`], a single channel repeated.
+pub(in crate::judge) fn seen_by(f: [f64; 3], channels: usize) -> [f64; 3] {
+    if channels == 1 {
         [(f[0] + f[1] + f[2]) / 3.0; 3]
     } else {
         f
-    };
-    f.into_iter().take(channels)
+    }
 }
 
 #[cfg(test)]

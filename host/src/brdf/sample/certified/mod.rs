@@ -24,12 +24,12 @@ mod shape;
 #[cfg(test)]
 mod tests;
 
-use std::f64::consts::{FRAC_1_PI, PI};
+use std::f64::consts::FRAC_1_PI;
 use std::path::Path;
 
 use glam::DVec3;
 
-use super::{Outgoing, Sample, SampleError, Unlit, albedo, below_horizon};
+use super::{Outgoing, Sample, SampleError, albedo, below_horizon};
 use crate::instrument::calibration::{Angular, Certificate, Standard};
 use crate::store::checksum::sum_of;
 
@@ -191,10 +191,13 @@ fn unknown_hemisphere(angular: &Angular) -> f64 {
 
 impl Sample for Certified {
     fn incident(&self, wi: DVec3) -> Box<dyn Outgoing + '_> {
-        if below_horizon(wi) {
-            return Box::new(Unlit);
-        }
-        Box::new(Lit { standard: self, wi })
+        Box::new(Lit {
+            scale: self.scale,
+            shape: OfShape {
+                shape: &self.shape,
+                wi,
+            },
+        })
     }
 
     fn is_isotropic(&self) -> bool {
@@ -204,17 +207,14 @@ impl Sample for Certified {
 
 /// A standard under one incident direction.
 struct Lit<'a> {
-    standard: &'a Certified,
-    wi: DVec3,
+    scale: [f64; 3],
+    shape: OfShape<'a>,
 }
 
 impl Outgoing for Lit<'_> {
     fn f(&self, wo: DVec3) -> [f64; 3] {
-        if below_horizon(wo) {
-            return [0.0; 3];
-        }
-        let ratio = self.standard.shape.ratio(self.wi, wo);
-        self.standard.scale.map(|scale| scale * ratio)
+        let [ratio, ..] = self.shape.f(wo);
+        self.scale.map(|scale| scale * ratio)
     }
 }
 
@@ -253,10 +253,4 @@ impl Outgoing for OfShape<'_> {
         }
         [self.shape.ratio(self.wi, wo); 3]
     }
-}
-
-/// Reflectance factor of `f` in sr⁻¹.
-#[must_use]
-pub fn reflectance_factor(f: f64) -> f64 {
-    PI * f
 }

@@ -6,6 +6,7 @@ use glam::DVec3;
 
 use super::read::{AngularFile, content};
 use crate::brdf::sample::SampleError;
+use crate::hemisphere::direction::azimuth_cosine;
 
 /// The least and the largest ratio that a matte standard has.
 const RATIOS: [f64; 2] = [0.2, 5.0];
@@ -92,13 +93,7 @@ impl Shape {
             return 1.0;
         }
         let deg = |w: DVec3| w.z.clamp(-1.0, 1.0).acos().to_degrees();
-        let across = |w: DVec3| w.truncate();
-        let lengths = across(wi).length() * across(wo).length();
-        let cosine = if lengths > 1e-12 {
-            (across(wi).dot(across(wo)) / lengths).clamp(-1.0, 1.0)
-        } else {
-            0.0
-        };
+        let cosine = azimuth_cosine(wi, wo);
         let rows = self.lights.iter().map(|light| {
             let [away, own] = light.sides.each_ref().map(|side| linear(side, deg(wo)));
             [

@@ -59,3 +59,42 @@ fn interpolation_is_uncertain_by_what_it_is_wrong() {
         );
     }
 }
+
+#[test]
+fn beside_images_that_are_missing_f_may_go_on_in_any_way() {
+    let scratch = tempfile::tempdir().unwrap();
+    let grid = Grid::ThetaPhi { step_deg: STEP_DEG }.build().unwrap();
+    let disk = Disk::new(SIZE);
+    let sample = parse("velvet").unwrap();
+    // Of rings at 11, 34, 56 and 79 degrees the second is hidden.
+    let captured = file(&scratch.path().join("hidden"), 1, &mut |row, cell| {
+        let is_hidden = (22.5..45.0).contains(&grid.angles_deg(row).0);
+        let f = sample.f(grid.direction(row), disk.direction(cell)?)[0];
+        (!is_hidden).then(|| (vec![f as f32], 1e-3 * f as f32, Provenance::Merged))
+    });
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(9);
+    let mut angle = |from: f64, to: f64| random.random_range(from..to);
+    let asked: Vec<(DVec3, DVec3)> = (0..2000)
+        .map(|_| {
+            let wi = from_degrees(angle(46.0, 55.0), angle(0.0, 360.0));
+            (wi, from_degrees(angle(0.0, 75.0), angle(0.0, 360.0)))
+        })
+        .collect();
+    let stated = captured.stated(&asked).unwrap();
+    let off = stated.iter().zip(&asked).filter_map(|(stated, (wi, wo))| {
+        let stated = stated.as_ref().ok()?;
+        Some((f64::from(stated.f[0]) - sample.f(*wi, *wo)[0]).abs() / f64::from(stated.sigma[0]))
+    });
+    let off: Vec<f64> = off.collect();
+    let within = off.iter().filter(|off| **off <= 2.0).count();
+    assert!(
+        off.len() > 1000 && within * 100 >= off.len() * 95,
+        "{within} of {}",
+        off.len()
+    );
+    assert!(
+        off.iter().all(|off| *off < 6.0),
+        "{:?}",
+        off.iter().copied().reduce(f64::max)
+    );
+}
