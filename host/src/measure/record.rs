@@ -108,12 +108,7 @@ fn calibration_rows(used: &CalibrationUsed, first: Option<&Session>) -> Vec<(&'s
             .map_or_else(String::new, |name| format!(", by {name}"));
         rows.push(("calibration", format!("{} {}{age}{by}", made.command, made.began)));
     }
-    if let Some((standard, uncertainty)) = &used.standard {
-        rows.push((
-            "standard",
-            format!("{standard}, reflectance ± {:.2} % (k = 1)", 100.0 * uncertainty),
-        ));
-    }
+    rows.extend(used.standards.iter().map(|one| ("standard", one.clone())));
     for (name, sum) in &used.sha256 {
         rows.push(("calibration's file", format!("{name}: SHA-256 {sum}")));
     }

@@ -99,7 +99,7 @@ fn the_same_frames_with_another_standard_are_as_much_brighter() {
 fn another_standard_scales(place: &Place, [m, cal, other, again, darker]: [&str; 5]) {
     let own = lineage(&place.path("m/brdf.zarr"));
     copy(Path::new(cal), Path::new(other));
-    let stated = json(&place.path("cal/photometry.json"))["standard"]
+    let stated = json(&place.path("cal/photometry.json"))["standards"][0]["named"]
         .as_str()
         .unwrap()
         .to_owned();
@@ -464,12 +464,12 @@ fn plan_capture_and_calibration_are_recorded_and_what_is_made_of_files_says_of_w
     assert_eq!(commands, ["plan", "capture", "measure"]);
     let used = &record["calibration"];
     assert_eq!(used["made"][0]["said"]["operator"], "Cy");
-    assert!(used["sha256"]["photometry.json"].is_string() && used["standard"][0].is_string());
+    assert!(used["sha256"]["photometry.json"].is_string() && used["standards"][0].is_string());
     let page = fs::read_to_string(place.path("m/report.html")).unwrap();
     for part in [
         "calibrate photometry 2023-11-13T22:13:20Z, 1.0 days before, by Cy",
         "night shift",
-        "reflectance ±",
+        "without certificate",
     ] {
         assert!(page.contains(part), "`{part}` is missing");
     }

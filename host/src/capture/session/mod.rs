@@ -161,9 +161,9 @@ pub struct CalibrationUsed {
     /// The sessions in which it was made, the oldest first; none if it does not say.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub made: Vec<Session>,
-    /// The standard of its photometry and the relative standard uncertainty (k = 1) of its reflectance.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub standard: Option<(String, f64)>,
+    /// The standards of its photometry: certificate, or what was assumed, and how uncertain.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub standards: Vec<String>,
 }
 
 impl CalibrationUsed {
@@ -183,9 +183,11 @@ impl CalibrationUsed {
         Ok(Self {
             sha256,
             made: Record::read(dir)?.unwrap_or_default().sessions,
-            standard: photometry
-                .and_then(|found| found.standards.first())
-                .map(|first| (first.named.clone(), first.standard_uncertainty)),
+            standards: photometry
+                .iter()
+                .flat_map(|found| &found.standards)
+                .map(ToString::to_string)
+                .collect(),
         })
     }
 }
