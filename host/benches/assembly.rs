@@ -52,6 +52,7 @@ fn assemble_frames(bencher: Bencher) {
     let target = Target {
         path: &brdf,
         lineage: None,
+        probe: None,
     };
     bencher
         .counter(ItemsCount::new(m.plan.direction_count))

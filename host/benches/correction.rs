@@ -87,6 +87,7 @@ fn assembled(bencher: Bencher, change: impl Fn(&mut AppliedCalibration)) {
     let target = Target {
         path: &brdf,
         lineage: None,
+        probe: None,
     };
     bencher
         .counter(ItemsCount::new(m.plan.direction_count))

@@ -6,6 +6,7 @@
 
 mod arguments;
 mod assemble;
+mod budget;
 mod calibrate;
 mod capture;
 mod clock;
@@ -99,6 +100,7 @@ enum Command {
     Fill(fill::Args),
     Turn(turn::Args),
     Reflectance(reflectance::Args),
+    Budget(budget::Args),
     Render(render::Args),
     Plot(plot::Args),
     Study(study::Args),
@@ -194,6 +196,7 @@ fn done(cli: &Cli, output: &Output) -> Done {
         Command::Turn(args) => turn::run(args, output),
         Command::Fit(args) => fit::run(args, output),
         Command::Reflectance(args) => reflectance::run(args, output),
+        Command::Budget(args) => budget::run(args, output),
         Command::Render(args) => render::run(args, output),
         Command::Plot(args) => plot::run(args, output),
         Command::Study(args) => study::run(args, output),

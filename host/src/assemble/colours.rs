@@ -6,7 +6,7 @@
 
 use glam::{Mat3, Vec3};
 
-use super::correction::place;
+use super::lit::place;
 use crate::hemisphere::disk::Disk;
 use crate::instrument::calibration::{COLOURS, Crosstalk};
 use crate::instrument::optics::View;

@@ -2,16 +2,19 @@
 
 use serde_json::{Map, Value, json};
 
+use crate::assemble::resample::Resampling;
 use crate::brdf::budget::BudgetSums;
 use crate::brdf::interpolation::{BRANCHES, BranchErrors, REGIONS};
 use crate::brdf::{
-    Azimuth, DIRECTION_UNCERTAINTY, ERRORS, FIELD_UNCERTAINTY, LAMP_LIGHT, LINEAGE, STANDARDS, UNCALIBRATED,
+    Azimuth, DIRECTION_UNCERTAINTY, ERRORS, FIELD_UNCERTAINTY, LAMP_LIGHT, LINEAGE, MEASURED_AREA, STANDARDS,
+    UNCALIBRATED,
 };
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
 use crate::instrument::calibration::stray::Level;
-use crate::instrument::calibration::{AppliedCalibration, Photometry};
-use crate::instrument::optics::Unmeasurable;
+use crate::instrument::calibration::{AppliedCalibration, MeasuredArea, Photometry};
+use crate::instrument::frame_format::pixel_centre;
+use crate::instrument::optics::{Unmeasurable, View};
 use crate::instrument::rig::Rig;
 use crate::plan::Plan;
 use crate::plan::light::Coding;
@@ -151,12 +154,21 @@ pub(super) fn common_uncertainty(
     Some(by_lamp.hypot(found.lamp_uncertainty).hypot(share))
 }
 
+/// Area of the sample that the pixels see from which cells are made by `resampling`, if calibration found pupils.
+fn measured_area(rig: &Rig, applied: &AppliedCalibration, resampling: &Resampling) -> Option<MeasuredArea> {
+    let part = applied.photometry.as_ref()?.seen_part.as_ref()?;
+    let (width_px, _) = View::camera(rig).size_px();
+    let pixels = resampling.taps.iter().map(|taps| taps.heaviest().1);
+    part.area(rig, pixels.map(|pixel| pixel_centre(pixel, width_px)))
+}
+
 /// The attributes of `brdf.zarr`, but for the common uncertainty, which only all values tell.
 pub(super) fn attributes(
     rig: &Rig,
     plan: &Plan,
     applied: &AppliedCalibration,
     lamp: Option<Level>,
+    resampling: &Resampling,
     lineage: Option<&Value>,
 ) -> Map<String, Value> {
     let is_known = applied.direction_deg.iter().all(|deg| *deg > 0.0);
@@ -185,6 +197,7 @@ pub(super) fn attributes(
         UNCALIBRATED: unknown.iter().flatten().collect::<Vec<_>>(),
         DIRECTION_UNCERTAINTY: is_known.then_some(applied.direction_deg),
         FIELD_UNCERTAINTY: applied.photometry.as_ref().map(Photometry::uncertainty_by_fields),
+        MEASURED_AREA: measured_area(rig, applied, resampling),
         STANDARDS: applied.photometry.as_ref().map(|found| &found.standards),
         LAMP_LIGHT: lamp.map(|level| f64::from(level.light)),
         "source": concat!("rcg ", env!("CARGO_PKG_VERSION")),

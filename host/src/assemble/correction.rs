@@ -24,25 +24,24 @@
 //! # Tradeoffs
 //! What is systematic (fields, directions) is correlated from sample to sample; the file has one number per sample.
 
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 
 use super::colours::Colours;
 use super::interreflection::{Back, Returned};
+use super::lit::{Lit, lit, pixel_sr, place, polar_deg};
 use super::polarisation::Polarisation;
+use super::probe::{Probe, Probed};
 use super::radiometry::{Common, Radiometry};
 use super::shape::{ByShape, Shape};
 use crate::assemble::resample::{Resampling, Taps};
-use crate::brdf::BANDS_DEG;
 use crate::brdf::budget::{BudgetSums, Shared, band};
 use crate::brdf::quadrature::spot_rad;
+use crate::brdf::{BANDS_DEG, CAUSES};
 use crate::hemisphere::disk::Disk;
-use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS, lit_terms};
-use crate::instrument::calibration::{
-    AppliedCalibration, Photometry, SEATED_DEG, Share, Shares, TwoStandards,
-};
+use crate::instrument::calibration::stray::{Level, PROJECTOR_TERMS};
+use crate::instrument::calibration::{AppliedCalibration, Photometry, Share, Shares, TwoStandards};
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
-use crate::plan::pattern::PatternMaker;
 use crate::plan::{Directions, Plan};
 use crate::store::provenance::Provenance;
 use crate::store::{BrdfRows, stored_sigma};
@@ -177,7 +176,7 @@ impl Correction {
         }
     }
 
-    /// Terms for direct light (see [`lit_terms`]) of the pixels that light each incident direction.
+    /// Terms for direct light (see [`lit_terms`](crate::instrument::calibration::stray::lit_terms)) of the pixels that light each incident direction.
     pub(super) fn lit_terms(&self) -> Vec<[f64; PROJECTOR_TERMS]> {
         self.rows.iter().map(|lit| lit.terms).collect()
     }
@@ -188,8 +187,15 @@ impl Correction {
     }
 
     /// Corrects the rows of the incident directions from `first` on, of whose uncertainties stray light and lamp make what
-    /// is in `common`. What is missing stays NaN. Returns what makes the uncertainties.
-    pub(super) fn apply(&self, first: usize, rows: &mut BrdfRows, common: &Common) -> BudgetSums {
+    /// is in `common`. What is missing stays NaN. A `probe` is shown what makes the uncertainties of its samples. Returns what makes them
+    /// all.
+    pub(super) fn apply(
+        &self,
+        first: usize,
+        rows: &mut BrdfRows,
+        common: &Common,
+        probe: Option<&Probe>,
+    ) -> BudgetSums {
         let (cells, values) = (self.size * self.size, self.cells.len());
         let mut budget = BudgetSums::default();
         let mut sigma = vec![0.0; values];
@@ -226,49 +232,76 @@ impl Correction {
                 Polarisation::variances(&surface, f, &measured, channel, &mut polarised);
                 for cell in (0..cells).filter(|&cell| measured(cell)) {
                     let at = cell * self.channels + channel;
-                    let part2 = (shown[cell].relative * f[at]).powi(2);
-                    let field2 = (self.residual2 + lit.relative2 + self.cell_relative2[cell]) * f[at] * f[at];
-                    let back = returned.get(cell).copied().unwrap_or_default();
-                    let lamp_common2 = self.lamp2 * f[at] * f[at];
-                    let standards2 = self.standards_variance(f[at], back.per_share);
-                    let leant2 = (lit.leant * f[at]).powi(2);
-                    let systematic =
-                        (polarised[cell] + part2 + field2 + lamp_common2 + standards2 + leant2).sqrt();
-                    let by_shape = room.total[cell];
-                    let total = sigma[at]
-                        .hypot(by_shape)
-                        .hypot(systematic)
-                        .hypot(mixed[at])
-                        .hypot(back.uncertainty);
-                    half_sigma[at] = stored_sigma(total);
-                    if let (Some(row), Some(column)) = (self.row_bands[index], self.cell_bands[cell]) {
-                        let factor = self.cells[at] * lit.factor * shown[cell].factor;
-                        let [stray2, lamp2] = [stray, lamp].map(|of| (of[at] * factor).powi(2));
-                        let turned2 = room.directed[cell].powi(2);
-                        let standard2 = self.first_variance(f[at]).min(standards2);
-                        let variances = [
-                            (sigma[at].powi(2) - stray2 - lamp2).max(0.0),
-                            stray2,
-                            lamp2 + lamp_common2,
-                            standard2,
-                            field2,
-                            part2,
-                            turned2 + leant2,
-                            (by_shape.powi(2) - turned2).max(0.0),
-                            back.uncertainty.powi(2) + standards2 - standard2,
-                            mixed[at].powi(2),
-                            polarised[cell],
-                        ];
+                    let factor = self.cells[at] * lit.factor * shown[cell].factor;
+                    let [stray2, lamp2] = [stray, lamp].map(|of| (of[at] * factor).powi(2));
+                    let value = Value {
+                        f: f[at],
+                        sigma: sigma[at],
+                        mixed: mixed[at],
+                        part: shown[cell].relative,
+                        back: returned.get(cell).copied().unwrap_or_default(),
+                        by_shape: room.total[cell],
+                        directed: room.directed[cell],
+                        polarised: polarised[cell],
+                        stray2,
+                        lamp2,
+                    };
+                    let all = self.variances(lit, cell, &value);
+                    half_sigma[at] = stored_sigma(all.total);
+                    if let Some(probe) = probe.filter(|probe| probe.is_at(index, cell)) {
+                        probe.take(Probed {
+                            channel,
+                            f: value.f,
+                            returned: value.back.f,
+                            variances: all.by_cause,
+                        });
+                    }
+                    if let Some((row, column)) = self.row_bands[index].zip(self.cell_bands[cell]) {
                         let region = row * BANDS_DEG.len() + column;
-                        budget.add(region, f[at], variances);
+                        budget.add(region, value.f, all.by_cause);
                         let lamp = lamp2.sqrt() * common.lamp_share[index - first];
-                        let shared = Shared::of([standards2.sqrt(), lamp, stray2.sqrt()]);
-                        budget.add_shared(region, f[at], total * total, shared);
+                        let shared = Shared::of([all.standards2.sqrt(), lamp, stray2.sqrt()]);
+                        budget.add_shared(region, value.f, all.total * all.total, shared);
                     }
                 }
             }
         }
         budget
+    }
+
+    /// What makes the uncertainty of a `value` at `cell` in the light of `lit`.
+    fn variances(&self, lit: &Lit, cell: usize, value: &Value) -> Variances {
+        let Value { f, sigma, back, .. } = *value;
+        let part2 = (value.part * f).powi(2);
+        let field2 = (self.residual2 + lit.relative2 + self.cell_relative2[cell]) * f * f;
+        let lamp_common2 = self.lamp2 * f * f;
+        let standards2 = self.standards_variance(f, back.per_share);
+        let leant2 = (lit.leant * f).powi(2);
+        let systematic = (value.polarised + part2 + field2 + lamp_common2 + standards2 + leant2).sqrt();
+        let total = sigma
+            .hypot(value.by_shape)
+            .hypot(systematic)
+            .hypot(value.mixed)
+            .hypot(back.uncertainty);
+        let turned2 = value.directed.powi(2);
+        let standard2 = self.first_variance(f).min(standards2);
+        Variances {
+            total,
+            standards2,
+            by_cause: [
+                (sigma.powi(2) - value.stray2 - value.lamp2).max(0.0),
+                value.stray2,
+                value.lamp2 + lamp_common2,
+                standard2,
+                field2,
+                part2,
+                turned2 + leant2,
+                (value.by_shape.powi(2) - turned2).max(0.0),
+                back.uncertainty.powi(2) + standards2 - standard2,
+                value.mixed.powi(2),
+                value.polarised,
+            ],
+        }
     }
 
     /// What came back onto the sample with light from a `direction` and left it towards each cell, where `f` of this channel was `measured`;
@@ -348,6 +381,37 @@ impl Correction {
     }
 }
 
+/// A corrected value and what is known of its errors, in sr⁻¹ and sr⁻².
+#[derive(Clone, Copy, Debug)]
+struct Value {
+    f: f32,
+    /// By noise, and by stray light and lamp in the black frames, of which the variances are `stray2` and `lamp2`.
+    sigma: f32,
+    /// By what channels show of each other.
+    mixed: f32,
+    /// Relative, by the part that is lit.
+    part: f32,
+    back: Back,
+    /// By shape, and the part of that that directions make.
+    by_shape: f32,
+    directed: f32,
+    /// Variance by polarisation.
+    polarised: f32,
+    stray2: f32,
+    lamp2: f32,
+}
+
+/// What makes the uncertainty of a value.
+#[derive(Clone, Copy, Debug)]
+struct Variances {
+    /// Standard uncertainty (k = 1) by all of it, sr⁻¹.
+    total: f32,
+    /// Variance by both standards, sr⁻².
+    standards2: f32,
+    /// Variance by each of the causes, sr⁻².
+    by_cause: [f32; CAUSES.len()],
+}
+
 /// What the share that is lit of what a pixel sees makes of f.
 #[derive(Clone, Copy, Debug)]
 struct Shown {
@@ -410,79 +474,4 @@ fn shares(rig: &Rig, directions: &Directions, applied: &AppliedCalibration) -> O
         })
         .collect();
     Some(Shares::new(part, rig, &lit))
-}
-
-/// What the lit pixels of one incident direction are to its images.
-struct Lit {
-    direction: DVec3,
-    /// Factor of f for their intensity, and its relative variance.
-    factor: f32,
-    relative2: f32,
-    /// Relative standard uncertainty (k = 1) of f by how sample and standard lean.
-    leant: f32,
-    /// Mean solid angle of a pixel; 0 where none is lit.
-    pixel_sr: f64,
-    /// Square of the angle from the direction to their middle, radians².
-    beside2: f32,
-    /// Their terms for direct light, see [`lit_terms`].
-    terms: [f64; PROJECTOR_TERMS],
-}
-
-/// The lit pixels of each incident direction; nothing of those that are not lit.
-fn lit(rig: &Rig, plan: &Plan, directions: &Directions, photometry: Option<&Photometry>) -> Vec<Lit> {
-    use rayon::prelude::*;
-    let projector = View::projector(rig);
-    let maker = PatternMaker::new(projector.clone(), plan.spot_deg, rig.projector.irradiance);
-    let (width_px, height_px) = maker.size_px();
-    let field = photometry.map(|found| found.intensity.over(width_px, height_px));
-    (0..directions.grid.len())
-        .into_par_iter()
-        .map(|index| {
-            let mut of = Lit {
-                direction: directions.grid.direction(index),
-                factor: 1.0,
-                relative2: 0.0,
-                leant: 0.0,
-                pixel_sr: 0.0,
-                beside2: 0.0,
-                terms: [0.0; PROJECTOR_TERMS],
-            };
-            let w: DVec3 = directions.grid.direction(index);
-            let lit = directions.reasons[index].is_none().then(|| maker.lit_set(w).ok());
-            let Some((lit, at)) = lit.flatten().zip(projector.pixel(w).ok()) else {
-                return of;
-            };
-            of.pixel_sr = lit.solid_angle_sr / lit.pixels.len() as f64;
-            of.beside2 = lit.centroid.angle_between(w).powi(2) as f32;
-            let Some((found, field)) = photometry.zip(field.as_ref()) else {
-                return of;
-            };
-            let [x, y] = place(&projector, at);
-            let of_standard2 = found.standards[0].angular.variance(0, polar_deg(w));
-            of.relative2 = (found.intensity.relative_uncertainty_at(x, y).powi(2) + of_standard2) as f32;
-            of.leant = (2_f64.sqrt() * SEATED_DEG.to_radians() * w.z.acos().tan()) as f32;
-            of.factor = (lit.irradiance / maker.irradiance_of(&lit, field)) as f32;
-            of.terms = lit_terms(&lit.pixels, width_px, height_px);
-            of
-        })
-        .collect()
-}
-
-fn polar_deg(w: DVec3) -> f64 {
-    w.z.clamp(-1.0, 1.0).acos().to_degrees()
-}
-
-/// Mean solid angle of the projector's pixels that are lit.
-fn pixel_sr(rows: &[Lit]) -> f64 {
-    let lit = rows.iter().map(|lit| lit.pixel_sr).filter(|sr| *sr > 0.0);
-    lit.clone().sum::<f64>() / lit.count().max(1) as f64
-}
-
-/// The image position `at` (pixels) as fields take it, −1 to 1 over the image.
-pub(super) fn place(view: &View, at: DVec2) -> [f64; 2] {
-    let half = |at: f64, size_px: u32| 2.0 * at / f64::from(size_px) - 1.0;
-    [
-        half(at.x, view.pinhole().width_px()),
-        half(at.y, view.pinhole().height_px()),
-    ]
 }

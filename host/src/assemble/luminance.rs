@@ -160,7 +160,7 @@ impl<'a> FrameAssembler<'a> {
             count += 1;
         }
         if let Some(correction) = &self.correction {
-            correction.apply(index, rows, &work.common);
+            correction.apply(index, rows, &work.common, None);
         }
         let f = (0..disk.len())
             .map(|cell| {

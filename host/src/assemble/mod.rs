@@ -58,10 +58,12 @@ mod edges;
 mod error;
 mod interreflection;
 pub(crate) mod like;
+mod lit;
 mod luminance;
 mod merge;
 mod off_sample;
 mod polarisation;
+mod probe;
 mod projection;
 mod radiometry;
 mod shape;
@@ -75,6 +77,7 @@ use correction::Correction;
 use edges::Edges;
 pub use error::AssembleError;
 use off_sample::OffSample;
+pub use probe::{Probe, Probed};
 use projection::Projection;
 use radiometry::{BlackFrames, Work, usual_lag};
 use stray::StrayLight;
@@ -131,6 +134,8 @@ pub struct Target<'a> {
     pub path: &'a Path,
     /// Its lineage (see [`Measurement::lineage`](crate::capture::directory::Measurement::lineage)), if that is known.
     pub lineage: Option<&'a Value>,
+    /// What is wanted of one sample; with it that one's chunk alone is made.
+    pub probe: Option<&'a Probe>,
 }
 
 /// Assembles the frames of `raw` into `brdf.zarr` at `target`; `progress` is told the number of frames done.
@@ -160,7 +165,7 @@ pub fn assemble(
     let off_sample = OffSample::new(applied, plan)?;
     let resampling = seen(rig, &edges, &off_sample, disk);
     let grid = &directions.grid;
-    let reasons = missing(rig, plan, directions, &edges, &off_sample);
+    let reasons = Probe::left(target.probe, missing(rig, plan, directions, &edges, &off_sample));
     let of_calibration = |reason: String| AssembleError::Mismatch {
         path: raw_path
             .with_file_name(AppliedCalibration::FILE)
@@ -193,7 +198,7 @@ pub fn assemble(
         target.path,
         layout(grid.len(), disk, format.channels),
         &coordinates(grid, &reasons, disk, &resampling.reasons, &resampling.pixel_sr),
-        attributes(rig, plan, applied, lamp, target.lineage),
+        attributes(rig, plan, applied, lamp, &resampling, target.lineage),
         true,
     )?;
     let mut projection = Projection {
@@ -213,6 +218,7 @@ pub fn assemble(
             None => places(&raw, &patterns, plan.brackets(), &reasons),
             Some(cells) => cells.places(&reasons),
         },
+        probe: target.probe,
         projection,
         correction,
         cells,
@@ -372,6 +378,7 @@ struct Chunks<'a> {
     /// If patterns were codes.
     cells: Option<Cells>,
     writer: &'a BrdfWriter,
+    probe: Option<&'a Probe>,
 }
 
 impl Chunks<'_> {
@@ -453,7 +460,9 @@ impl Chunks<'_> {
             None => self.projection.rows(chunk * CHUNK, places, window, work),
             Some(cells) => cells.rows(chunk * CHUNK, places, &self.projection, work)?,
         };
-        let budget = self.correction.apply(chunk * CHUNK, &mut work.rows, &work.common);
+        let budget = self
+            .correction
+            .apply(chunk * CHUNK, &mut work.rows, &work.common, self.probe);
         counts.measured -= work.rows.seal();
         self.writer.write_chunk(chunk, &work.rows)?;
         Ok((counts, budget))

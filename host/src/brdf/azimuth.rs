@@ -81,13 +81,21 @@ impl Azimuth {
     }
 }
 
+impl Azimuth {
+    /// Where it lies, in words, for pictures.
+    #[must_use]
+    pub fn zero(&self) -> String {
+        match (&self.model, self.deg) {
+            (Some(model), _) => format!("φ = 0 is the axis of ax of a fitted {model} model"),
+            (None, 0.0) => "φ = 0 is +x of the sample holder".to_owned(),
+            (None, deg) => format!("φ = 0 lies at {deg:.3}° of the sample holder"),
+        }
+    }
+}
+
 impl std::fmt::Display for Azimuth {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match (&self.model, self.deg) {
-            (Some(model), _) => write!(f, "φ = 0 is the axis of ax of a fitted {model} model")?,
-            (None, 0.0) => write!(f, "φ = 0 is +x of the sample holder")?,
-            (None, deg) => write!(f, "φ = 0 lies at {deg:.3}° of the sample holder")?,
-        }
+        f.write_str(&self.zero())?;
         match self.standard_uncertainty_deg {
             Some(uncertainty_deg) => write!(f, " ± {uncertainty_deg:.3}° (k = 1)")?,
             None => write!(f, ", nobody knows how exactly")?,

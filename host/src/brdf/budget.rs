@@ -7,22 +7,19 @@
 
 use serde::Serialize;
 
+use super::cause::KINDS;
 use crate::store::{BrdfReader, SmallArray, SmallData, StoreError};
 
 /// What makes uncertain, in the order of the columns.
-pub const CAUSES: [&str; 11] = [
-    "noise",
-    "stray light",
-    "lamp",
-    "standard",
-    "light and throughput",
-    "seen part",
-    "directions",
-    "blur",
-    "interreflection",
-    "crosstalk",
-    "polarisation",
-];
+pub const CAUSES: [&str; 11] = {
+    let mut names = [""; KINDS.len()];
+    let mut at = 0;
+    while at < names.len() {
+        names[at] = KINDS[at].name;
+        at += 1;
+    }
+    names
+};
 /// Upper ends of the bands of polar angles, degrees.
 pub const BANDS_DEG: [f64; 3] = [30.0, 60.0, 80.0];
 /// Bands of incident × outgoing angles.

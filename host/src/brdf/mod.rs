@@ -17,13 +17,14 @@ use crate::base::blame::Blame;
 use crate::brdf::interpolation::{BranchErrors, Cells};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
-use crate::instrument::calibration::Standard;
+use crate::instrument::calibration::{MeasuredArea, Standard};
 use crate::instrument::optics::Unmeasurable;
 use crate::store::{BrdfReader, BrdfRows, StoreError};
 
 mod agreement;
 mod azimuth;
 pub(crate) mod budget;
+pub mod cause;
 pub(crate) mod evidence;
 mod known;
 mod source;
@@ -48,6 +49,8 @@ pub(crate) const FIELD_UNCERTAINTY: &str = "field_uncertainty";
 /// Attribute of `brdf.zarr` for what [`Brdf::direction_uncertainty_deg`] tells.
 pub(crate) const DIRECTION_UNCERTAINTY: &str = "direction_uncertainty_deg";
 
+/// Attribute of `brdf.zarr` for what [`Brdf::measured_area`] tells.
+pub(crate) const MEASURED_AREA: &str = "measured_area";
 /// Attribute of `brdf.zarr` for what [`Brdf::standards`] tells.
 pub(crate) const STANDARDS: &str = "standards";
 
@@ -288,6 +291,13 @@ impl Brdf {
             .unwrap_or_default()
     }
 
+    /// Area of the sample that the camera's pixels see. `None` if the file does not say.
+    #[must_use]
+    pub fn measured_area(&self) -> Option<MeasuredArea> {
+        let stated = self.attributes().get(MEASURED_AREA)?;
+        serde_json::from_value(stated.clone()).ok()
+    }
+
     /// Diameter in degrees of the cone that one pattern lit.
     #[must_use]
     pub const fn spot_deg(&self) -> f64 {
@@ -310,7 +320,7 @@ impl Brdf {
 
     /// The budget of the region with these polar angles of light and view in degrees; `None` where the file does not say.
     #[must_use]
-    pub(crate) fn region(&self, incident_deg: f64, outgoing_deg: f64) -> Option<&RegionBudget> {
+    pub fn region(&self, incident_deg: f64, outgoing_deg: f64) -> Option<&RegionBudget> {
         let is_in = |[_, end]: [f64; 2], deg: f64| budget::band(end) == budget::band(deg);
         self.budget
             .iter()

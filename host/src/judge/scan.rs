@@ -33,6 +33,8 @@ pub struct AzimuthScan {
     pub quantity: Quantity,
     /// Per incident direction its angles (θ, φ) in degrees and that at each azimuth.
     pub curves: Vec<((f64, f64), Vec<Value>)>,
+    /// Where φ = 0 lies on the sample, in words, if the source says so.
+    zero: Option<String>,
     /// As that, what a measurement states of f; nothing of other sources.
     stated: Vec<Vec<Option<Stated>>>,
 }
@@ -64,7 +66,11 @@ impl AzimuthScan {
                 .map(|found| found.map(|found| found.f))
                 .collect())
         })?;
-        Ok(Self { stated, ..scan })
+        Ok(Self {
+            stated,
+            zero: Some(brdf.azimuth().zero()),
+            ..scan
+        })
     }
 
     /// As [`new`](Self::new), of anything that has values, without their uncertainties.
@@ -95,6 +101,7 @@ impl AzimuthScan {
             phi_r_deg: (0..=steps).map(|k| 360.0 * k as f64 / steps as f64).collect(),
             quantity,
             curves: incident_deg.iter().map(|at| (*at, Vec::new())).collect(),
+            zero: None,
             stated: Vec::new(),
         };
         let all: Vec<Vec<(DVec3, DVec3)>> = scan.pairs().collect();
@@ -155,10 +162,13 @@ impl AzimuthScan {
         Chart {
             title: title.to_owned(),
             x: Axis {
-                label: format!(
-                    "azimuth φr of the outgoing direction (°), θr = {}°",
-                    self.theta_r_deg
-                ),
+                label: match &self.zero {
+                    None => format!(
+                        "azimuth φr of the outgoing direction (°), θr = {}°",
+                        self.theta_r_deg
+                    ),
+                    Some(zero) => format!("outgoing azimuth φr (°), θr = {}°; {zero}", self.theta_r_deg),
+                },
                 ticks: (0..=6).map(|k| f64::from(k) * 60.0).collect(),
                 scale: Scale::Linear,
             },

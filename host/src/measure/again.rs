@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use crate::assemble::like::is_same_place;
-use crate::assemble::{Assembled, Target, assemble};
+use crate::assemble::{Assembled, Probe, Target, assemble};
 use crate::base::progress::Progress;
 use crate::brdf::Brdf;
 use crate::capture::directory::{Measurement, MeasurementError};
@@ -60,7 +60,7 @@ pub fn assemble_again(
     // Before any work: a damaged one cannot be compared with.
     let path = measurement.path("brdf.zarr");
     let older = path.exists().then(|| Brdf::open(&path)).transpose()?;
-    let assembled = assembled(measurement, other.as_ref(), out, progress)?;
+    let assembled = assembled(measurement, other.as_ref(), out, None, progress)?;
     let differences = match older {
         Some(older) => {
             progress.begin("compare", 1, "results");
@@ -79,11 +79,13 @@ pub fn assemble_again(
     })
 }
 
-/// Assembles the frames of `measurement` into the `brdf.zarr` at `out`, with the `other` calibration if there is one.
+/// Assembles the frames of `measurement` into the `brdf.zarr` at `out`, with the `other` calibration if there is one, or what of it a
+/// `probe` looks at.
 pub(super) fn assembled(
     measurement: &Measurement,
     other: Option<&AppliedCalibration>,
     out: &Path,
+    probe: Option<&Probe>,
     progress: &dyn Progress,
 ) -> Result<Assembled, MeasureError> {
     let frames = measurement.plan.lit_patterns() * measurement.plan.brackets();
@@ -102,6 +104,7 @@ pub(super) fn assembled(
     let target = Target {
         path: out,
         lineage: Some(&lineage),
+        probe,
     };
     let raw = measurement.path("raw.zarr");
     let assembled = assemble(rig, plan, directions, applied, &raw, target, &|done| {

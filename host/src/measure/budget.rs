@@ -1,5 +1,6 @@
 //! The budget of uncertainty for people: as a line, as a table, and on the page of a report.
 
+use crate::brdf::cause::KINDS;
 use crate::brdf::{CAUSES, RegionBudget};
 
 /// The causes that make most of the variance, mean over the regions: those of a twentieth or more, the largest first.
@@ -56,6 +57,13 @@ pub fn budget_text(budget: &[RegionBudget]) -> String {
         return "budget               none: the file has no budget of uncertainty\n".to_owned();
     }
     let rows: Vec<Vec<String>> = std::iter::once(heads()).chain(budget.iter().map(cells)).collect();
+    "budget of uncertainty: σ over f (k = 1, geometric mean), and what each cause has of σ², percent\n"
+        .to_owned()
+        + &aligned(&rows)
+}
+
+/// Rows of cells in columns, numbers to the right.
+pub(super) fn aligned(rows: &[Vec<String>]) -> String {
     let widths: Vec<usize> = (0..rows[0].len())
         .map(|column| {
             rows.iter()
@@ -71,9 +79,7 @@ pub fn budget_text(budget: &[RegionBudget]) -> String {
             .map(|(cell, width)| format!("{cell:>width$}"));
         padded.collect::<Vec<_>>().join("  ") + "\n"
     };
-    "budget of uncertainty: σ over f (k = 1, geometric mean), and what each cause has of σ², percent\n"
-        .to_owned()
-        + &rows.iter().map(line).collect::<String>()
+    rows.iter().map(line).collect()
 }
 
 /// The same for a page.
@@ -89,9 +95,23 @@ pub(super) fn budget_html(budget: &[RegionBudget]) -> String {
         format!("<tr>{}</tr>\n", cells.concat())
     };
     let rows: String = budget.iter().map(|region| row(cells(region), "td")).collect();
+    let empty = [(); 3].map(|()| String::new()).into_iter();
+    let types = KINDS.iter().map(|cause| cause.evaluation.to_owned());
+    let kinds = row(empty.chain(types).collect(), "td");
+    let lines = KINDS.iter().map(|cause| {
+        format!(
+            "<tr><th>{}</th><td>{}</td><td>type {}</td><td>shared by {}</td></tr>\n",
+            cause.name, cause.quantity, cause.evaluation, cause.shared_by
+        )
+    });
+    let legend = format!(
+        "<p>Of these, type of evaluation after the GUM, and what has the error in common; all with degrees of freedom enough for a \
+         coverage of 95 % by k = 2.</p>\n<table>\n{}</table>\n",
+        lines.collect::<String>()
+    );
     format!(
         "<h2>Budget of uncertainty</h2>\n<p>σ over f (k = 1, geometric mean), and what each cause has of σ², percent, by the polar \
-         angles of light and view.</p>\n<table>\n{}{rows}</table>\n",
+         angles of light and view.</p>\n<table>\n{}{kinds}{rows}</table>\n{legend}",
         row(heads(), "th")
     )
 }

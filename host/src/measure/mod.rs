@@ -5,6 +5,7 @@ pub mod again;
 mod budget;
 mod disk_space;
 pub mod goal;
+pub mod gum;
 mod job;
 mod record;
 pub mod report;
@@ -132,7 +133,7 @@ pub fn assemble_measurement(
     measurement: &Measurement,
     progress: &dyn Progress,
 ) -> Result<Assembled, MeasureError> {
-    let assembled = again::assembled(measurement, None, &measurement.path("brdf.zarr"), progress)?;
+    let assembled = again::assembled(measurement, None, &measurement.path("brdf.zarr"), None, progress)?;
     let mut facts = Map::new();
     facts.insert("assembled".to_owned(), json!(assembled));
     measurement.note(State::Assembled, facts)?;

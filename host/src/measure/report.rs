@@ -272,6 +272,8 @@ pub fn evaluation_lines(evaluation: &Evaluation) -> Vec<(&'static str, String)> 
     ];
     let standards = evaluation.standards.iter();
     lines.extend(standards.map(|standard| ("standard", standard.to_string())));
+    let area = evaluation.measured_area;
+    lines.extend(area.map(|area| ("measured area", area.to_string())));
     lines.extend(budget_line(&evaluation.budget).map(|line| ("uncertainty", line)));
     lines.extend([
         (

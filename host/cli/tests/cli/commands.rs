@@ -149,6 +149,7 @@ impl Scene {
                 .to_vec(),
             "fill" => vec![format!("{brdf} --out {}", file("whole.zarr"))],
             "turn" => vec![format!("{brdf} --azimuth 20 --out {}", file("turned.zarr"))],
+            "budget" => vec![format!("{brdf} --region 20,40")],
             "reflectance" => vec![format!("{brdf} --theta 10,40"), "lambert:0.5".to_owned()],
             "render" => vec![format!("lambert --size 8 --out {}", file("a.png"))],
             "plot" => ["svg", "png", "csv"]

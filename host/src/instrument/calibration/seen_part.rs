@@ -10,6 +10,8 @@
 //! that is three standard uncertainties farther in must change little: what it changes by more than [`WORST`], or of which too
 //! little is lit, has no value.
 
+use std::f64::consts::PI;
+
 use glam::{DVec2, DVec3};
 use nalgebra::{Matrix6, SymmetricEigen, Vector6};
 use serde::{Deserialize, Serialize};
@@ -166,6 +168,24 @@ impl SeenPart {
         }
     }
 
+    /// Area of the sample that pixels of the camera of `rig` see, those at the positions `pixels_px`: median, smallest and largest, mm².
+    /// What a value is a mean over is that, or less where less is lit. `None` if none sees anything.
+    pub(crate) fn area(&self, rig: &Rig, pixels_px: impl Iterator<Item = DVec2>) -> Option<MeasuredArea> {
+        let camera = View::camera(&self.rig(rig));
+        let sample_mm2 = PI * (1e3 * rig.sample.radius_m).powi(2);
+        let patches = pixels_px.filter_map(|at| camera.patch(at.x, at.y, self.pupils_m[0]).ok());
+        let areas = patches.map(|patch| (1e6 * PI * patch.axes_m.determinant().abs()).min(sample_mm2));
+        let mut areas: Vec<f64> = areas.collect();
+        areas.sort_by(f64::total_cmp);
+        Some(MeasuredArea {
+            median_mm2: *areas.get(areas.len() / 2)?,
+            smallest_mm2: *areas.first()?,
+            largest_mm2: *areas.last()?,
+            // The covariance has logarithms of diameters.
+            relative_uncertainty: (2.0 * self.covariance[3][3].max(0.0).sqrt()).hypot(ELLIPSE),
+        })
+    }
+
     /// Changes that are as far as edges are looked for: along the axes of the covariance, and what ellipses do.
     fn doubts(&self) -> [Unknowns; UNKNOWNS + 1] {
         let scaled = Matrix6::from_fn(|row, column| {
@@ -184,6 +204,33 @@ impl SeenPart {
                 smaller
             }
         })
+    }
+}
+
+/// Area of the sample that camera pixels see.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeasuredArea {
+    /// Median over the pixels, mm².
+    pub median_mm2: f64,
+    /// That of the pixel that sees least.
+    pub smallest_mm2: f64,
+    /// That of the pixel that sees most.
+    pub largest_mm2: f64,
+    /// Relative standard uncertainty (k = 1) of them.
+    pub relative_uncertainty: f64,
+}
+
+impl std::fmt::Display for MeasuredArea {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "{:.1} mm² ± {:.0} % (k = 1), {:.1} to {:.1} mm² by the direction of view",
+            self.median_mm2,
+            100.0 * self.relative_uncertainty,
+            self.smallest_mm2,
+            self.largest_mm2
+        )
     }
 }
 
@@ -286,6 +333,33 @@ mod tests {
         let unknown = part.with_covariance(|row, column| f64::from(u8::from(row == column)));
         let unknown = Shares::new(&unknown, &rig, &lit);
         assert!(unknown.share(1, seen(65.0, 180.0)).known().is_none());
+    }
+
+    #[test]
+    fn the_area_that_pixels_see_is_that_of_the_pupils_image_on_the_sample() {
+        let rig = Rig::load("rcg-3").unwrap();
+        let mut part = SeenPart::of(&rig).unwrap();
+        let camera = View::camera(&rig);
+        let at = camera.pixel(from_degrees(30.0, 40.0)).unwrap();
+        let found = part.area(&rig, [at].into_iter()).unwrap();
+        assert!(
+            found.median_mm2 > 0.5 && found.smallest_mm2.total_cmp(&found.largest_mm2).is_eq(),
+            "{found}"
+        );
+        // Whatever its form, it goes with the square of the pupil's diameter, up to the sample.
+        part.pupils_m[0] *= 0.5;
+        let half = part.area(&rig, [at].into_iter()).unwrap();
+        assert!(
+            (4.0 * half.median_mm2 / found.median_mm2 - 1.0).abs() < 0.01,
+            "{half}"
+        );
+        part.pupils_m[0] *= 100.0;
+        let whole = part.area(&rig, [at].into_iter()).unwrap().median_mm2;
+        assert!(
+            (whole / (PI * (1e3 * rig.sample.radius_m).powi(2)) - 1.0).abs() < 1e-9,
+            "{whole}"
+        );
+        assert_eq!(part.area(&rig, std::iter::empty()), None);
     }
 
     #[test]

@@ -26,7 +26,7 @@ use serde::Serialize;
 use crate::brdf::sample::Sample;
 use crate::brdf::{Azimuth, Brdf, RegionBudget};
 use crate::hemisphere::judged::is_judged;
-use crate::instrument::calibration::Standard;
+use crate::instrument::calibration::{MeasuredArea, Standard};
 use crate::store::StoreError;
 use crate::store::provenance::Provenance;
 
@@ -64,6 +64,8 @@ pub struct Evaluation {
     pub uncalibrated: Option<Vec<String>>,
     /// The reflectance standards behind the values; empty if the file names none.
     pub standards: Vec<Standard>,
+    /// Area of the sample that the camera's pixels see; `None` if the file does not say.
+    pub measured_area: Option<MeasuredArea>,
     /// |f(a,b) − f(b,a)| / mean over random pairs with θ ≤ 70° that were measured both ways, median.
     pub reciprocity_residual_median: Option<f64>,
     /// Pairs that went into it.
@@ -228,6 +230,7 @@ pub fn evaluate(
         budget: brdf.budget().to_vec(),
         uncalibrated: brdf.uncalibrated(),
         standards: brdf.standards(),
+        measured_area: brdf.measured_area(),
         reciprocity_residual_median: reciprocity.median,
         reciprocity_pairs: reciprocity.pairs,
         reciprocity_share: reciprocity.share,
