@@ -168,31 +168,29 @@ fn text(combined: &Combined) -> String {
     text
 }
 
-/// The table of regions.
+/// The table of regions: of each the channel that scatters most against what it states.
 fn scatter(found: &Repeats) -> String {
-    let mut text =
-        "\nregion                          channel    σ/f  stated noise  observed scatter  ratio\n"
-            .to_owned();
-    for one in &found.scatter {
-        let Scatter {
-            region,
-            channel,
-            standard_uncertainty,
-            noise,
-            scatter,
-            ratio,
-            is_larger,
-            ..
-        } = one;
-        let ratio = ratio.map_or_else(|| "none".to_owned(), |ratio| format!("{ratio:.2}"));
-        let larger = if *is_larger { "  larger than stated" } else { "" };
+    let mut text = "\nregion                          mean f (1/sr)  stated σ   its noise  observed scatter  over noise\n".to_owned();
+    for rows in found.scatter.chunk_by(|a, b| a.region == b.region) {
+        let size = |one: &Scatter| one.ratio.or(one.scatter).unwrap_or(0.0);
+        let worst = rows.iter().max_by(|a, b| size(a).total_cmp(&size(b)));
+        let Some(one) = worst else { continue };
+        let ratio = one
+            .ratio
+            .map_or_else(|| "none".to_owned(), |ratio| format!("{ratio:.2}"));
+        let larger = if rows.iter().any(|one| one.is_larger) {
+            "  more than stated"
+        } else {
+            ""
+        };
         writeln!(
             text,
-            "{:30}  {channel:>7}  {:>8}  {:>12}  {:>16}  {ratio:>5}{larger}",
-            region.name(),
-            percent(*standard_uncertainty),
-            percent(*noise),
-            percent(*scatter)
+            "{:30}  {:>13.4e}  {:>8}  {:>10}  {:>16}  {ratio:>10}{larger}",
+            one.region.name(),
+            one.mean,
+            percent(one.standard_uncertainty),
+            percent(one.noise),
+            percent(one.scatter)
         )
         .expect("strings take everything");
     }

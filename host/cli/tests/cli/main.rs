@@ -44,6 +44,7 @@ mod no_data;
 mod outputs;
 mod pictures;
 mod pipes;
+mod repeats;
 mod spots;
 mod studies;
 mod tensor_file;

@@ -291,7 +291,7 @@ impl Mean<'_> {
         let least = most * (1.0 - observed.min(1.0) * (1.0 - count.recip()));
         let stated: f64 = found.iter().sum();
         if stated < least && stated > 0.0 {
-            found.iter_mut().for_each(|one| *one *= least / stated);
+            found = found.map(|one| one * least / stated);
         }
         found[CLASSES] = excess * sample.variance / count;
         found

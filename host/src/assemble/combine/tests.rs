@@ -12,7 +12,7 @@ use crate::base::progress::Silent;
 use crate::brdf::budget::arrays_of;
 use crate::brdf::{LINEAGE, RegionBudget};
 use crate::hemisphere::incident::{Grid, IncidentSet};
-use crate::store::BrdfLayout;
+use crate::store::{BrdfLayout, BrdfWriter};
 
 const STEP_DEG: f64 = 22.5;
 const SIZE: usize = 12;

@@ -108,11 +108,24 @@ impl Sums {
         }
     }
 
-    /// Σ of the levels of repeats times `factors`; `None` of too few samples.
-    fn combined(&self, factors: &[(usize, f64)], origins: &Origins) -> Option<Departure> {
+    /// Repeat `of` over the mean of those of `reference`; `None` of too few samples.
+    fn against(&self, of: usize, reference: &[usize], origins: &Origins) -> Option<Departure> {
         if self.samples < ENOUGH || self.weights <= 0.0 {
             return None;
         }
+        let share = 1.0 / reference.len() as f64;
+        let factors: Vec<(usize, f64)> = (0..self.levels.len())
+            .map(|number| {
+                let own = f64::from(u8::from(number == of));
+                (
+                    number,
+                    own - if reference.contains(&number) { share } else { 0.0 },
+                )
+            })
+            .collect();
+        let level: f64 = reference.iter().map(|number| share * self.levels[*number]).sum();
+        // Levels are differences from the mean of all.
+        let weights = self.weights + level;
         let mut room = vec![0.0; self.levels.len()];
         let noise: f64 = factors
             .iter()
@@ -133,9 +146,9 @@ impl Sums {
             .map(|(number, factor)| factor * self.levels[*number])
             .sum();
         Some(Departure {
-            relative: relative / self.weights,
-            standard_uncertainty: (noise + rest).sqrt() / self.weights,
-            noise: noise.sqrt() / self.weights,
+            relative: relative / weights,
+            standard_uncertainty: (noise + rest).sqrt() / weights,
+            noise: noise.sqrt() / weights,
             stated: self.total / self.weights,
         })
     }
@@ -187,8 +200,7 @@ impl Departures {
                 let range = first.chunk_range(chunk);
                 let from = pairs.partition_point(|pair| pair.0 < range.start);
                 let to = pairs.partition_point(|pair| pair.0 < range.end);
-                for number in from..to {
-                    let (index, cell) = pairs[number];
+                for (number, &(index, cell)) in pairs.iter().enumerate().take(to).skip(from) {
                     let region = Places::region(first, index, cell);
                     for channel in 0..channels {
                         sample.read(rows, (index - range.start) * cells + cell, channels, channel);
@@ -222,18 +234,13 @@ impl Departures {
 
     /// Repeat `of` as a whole against the one of the number `reference`, or against the mean of all, by channel; `None` of too few samples.
     pub(crate) fn against(&self, of: usize, reference: Option<usize>) -> Vec<Option<Departure>> {
-        let count = self.whole[0].levels.len();
-        let own = |other: usize| f64::from(u8::from(other == of));
-        let less = |other: usize| match reference {
-            Some(reference) => f64::from(u8::from(other == reference)),
-            None => 1.0 / count as f64,
+        let reference = match reference {
+            Some(reference) => vec![reference],
+            None => (0..self.whole[0].levels.len()).collect(),
         };
-        let factors: Vec<_> = (0..count)
-            .map(|other| (other, own(other) - less(other)))
-            .collect();
-        self.whole
-            .iter()
-            .map(|sums| sums.combined(&factors, &self.origins))
+        let whole = self.whole.iter();
+        whole
+            .map(|sums| sums.against(of, &reference, &self.origins))
             .collect()
     }
 
@@ -252,7 +259,6 @@ impl Departures {
 
     /// The one of `left` that departs farthest from the others by its uncertainty, if that is an outlier.
     fn farthest(&self, left: &[usize]) -> Option<Outlier> {
-        let share = 1.0 / (left.len() - 1) as f64;
         let mut farthest: Option<(f64, Outlier)> = None;
         let regions = self
             .regions
@@ -266,9 +272,8 @@ impl Departures {
             .map(|(channel, sums)| (None, channel, sums));
         for (region, place, sums) in whole.chain(regions) {
             for &number in left {
-                let factor = |other: usize| if other == number { 1.0 } else { -share };
-                let factors: Vec<_> = left.iter().map(|other| (*other, factor(*other))).collect();
-                let Some(departure) = sums.combined(&factors, &self.origins) else {
+                let others: Vec<usize> = left.iter().copied().filter(|other| *other != number).collect();
+                let Some(departure) = sums.against(number, &others, &self.origins) else {
                     continue;
                 };
                 let size = departure.relative.abs();

@@ -262,7 +262,17 @@ pub(crate) fn drift_of(members: &[Member]) -> Vec<Drift> {
                 .map(|member| member.departures[channel])
                 .collect::<Option<_>>()?;
             let values: Vec<f64> = each.iter().map(|one| one.relative).collect();
-            let noise = each.iter().map(|one| one.noise).fold(0.0, f64::max);
+            // Two values do not tell how they scatter: what they state does.
+            let own = |one: &Departure| {
+                if each.len() > 2 {
+                    one.noise
+                } else {
+                    one.standard_uncertainty
+                }
+            };
+            let noise = each.iter().map(own).fold(0.0, f64::max);
+            // A departure from the mean of all has less noise than one value.
+            let noise = noise * (each.len() as f64 / (each.len() - 1).max(1) as f64).sqrt();
             Drift::of(&days, &values, noise)
         })
         .collect();

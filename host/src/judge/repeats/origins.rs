@@ -110,7 +110,7 @@ impl Origins {
         let (calibrations, standards) = (keys(calibrations), keys(standards));
         let certified: Vec<bool> = all.iter().map(|brdf| is_certified(brdf)).collect();
         let may_share =
-            |a: usize, b: usize| !(certified[a] && certified[b]) || !standards[a].is_disjoint(&standards[b]);
+            |a: usize, b: usize| !(certified[a] && certified[b] && standards[a].is_disjoint(&standards[b]));
         let may_be_one = |a: usize, b: usize| {
             let (a, b) = (&calibrations[a], &calibrations[b]);
             a.is_empty() || b.is_empty() || !a.is_disjoint(b)

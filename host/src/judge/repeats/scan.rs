@@ -11,10 +11,13 @@ use crate::store::{BrdfRows, StoreError};
 /// Chunks that are in memory at a time, of each repeat.
 const AT_ONCE: usize = 4;
 
+/// What is made of a chunk, by its number and the rows of all repeats.
+type OfChunk<'a, T> = dyn Fn(usize, &[Option<BrdfRows>]) -> Result<T, StoreError> + Sync + 'a;
+
 /// What `of` makes of each chunk, which gets the rows of all repeats, is given to `take` in the order of the chunks.
 pub(crate) fn scan<T: Send>(
     all: &[&Brdf],
-    of: &(dyn Fn(usize, &[Option<BrdfRows>]) -> Result<T, StoreError> + Sync),
+    of: &OfChunk<'_, T>,
     take: &mut dyn FnMut(usize, T) -> Result<(), StoreError>,
 ) -> Result<(), StoreError> {
     let chunks: Vec<usize> = (0..all[0].chunks()).collect();

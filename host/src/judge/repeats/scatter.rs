@@ -38,6 +38,8 @@ pub(crate) struct Tally {
     /// Σ ln σ/f, of so many.
     log_relative: f64,
     positive: u64,
+    /// Σ f.
+    values: f64,
 }
 
 impl Tally {
@@ -49,6 +51,7 @@ impl Tally {
         self.others += other.others;
         self.log_relative += other.log_relative;
         self.positive += other.positive;
+        self.values += other.values;
     }
 
     /// Observed variance over σ²; `None` of too few samples.
@@ -73,7 +76,7 @@ impl Tally {
     }
 }
 
-/// How repeats scatter in one channel of a region. All are relative, geometric means over the samples.
+/// How repeats scatter in one channel of a region. Uncertainties are relative, geometric means over the samples.
 #[derive(Clone, Debug, Serialize)]
 pub struct Scatter {
     /// Which.
@@ -83,6 +86,8 @@ pub struct Scatter {
     pub channel: usize,
     /// Samples that at least two repeats have.
     pub samples: u64,
+    /// Mean of f, sr⁻¹.
+    pub mean: f64,
     /// Stated standard uncertainty (k = 1) of one value over f; `None` if no f is above 0.
     pub standard_uncertainty: Option<f64>,
     /// What of it is noise.
@@ -202,6 +207,7 @@ impl Tallies {
                 0.0
             },
             positive: u64::from(positive),
+            values: sample.mean,
         });
     }
 
@@ -241,6 +247,7 @@ impl Tallies {
                     region: Region::numbered(region),
                     channel,
                     samples: tally.samples,
+                    mean: tally.values / tally.samples as f64,
                     standard_uncertainty: relative,
                     noise: relative.map(|relative| relative * noise.sqrt()),
                     scatter: relative.map(|relative| relative * observed.sqrt()),
