@@ -1,4 +1,4 @@
-//! Judgement of a result: errors and reciprocity, fits, pictures, charts, scans, and whole worlds drawn by chance.
+//! Judgement of a result: errors and reciprocity, fits, pictures, charts, scans, repeats and their history, and whole worlds drawn by chance.
 
 pub mod chart;
 pub mod compare;
