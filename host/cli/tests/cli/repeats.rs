@@ -24,7 +24,7 @@ fn the_mean_of_repeats_is_nearer_to_the_truth_and_says_how_near() {
     let at = |name: &str| text(&folder.path().join(name)).to_owned();
     let [one, two, three, out, again] = ["one", "two", "three", "mean.zarr", "again.zarr"].map(at);
     for (seed, dir) in (1..).zip([&one, &two, &three]) {
-        measure(Path::new(dir), "velvet", seed, u64::from(seed) * 7);
+        measure(Path::new(dir), "ward:brass", seed, u64::from(seed) * 7);
     }
     let told = run(&["combine", &one, &two, &three, "--out", &out, "--json"], "").object();
     assert_eq!(told["repeats"]["members"].as_array().unwrap().len(), 3);
@@ -33,7 +33,7 @@ fn the_mean_of_repeats_is_nearer_to_the_truth_and_says_how_near() {
     assert!(told["repeats"]["outliers"].as_array().unwrap().is_empty());
 
     let judged = |brdf: &str| {
-        let found = run(&["evaluate", brdf, "--reference", "velvet", "--json"], "").object();
+        let found = run(&["evaluate", brdf, "--reference", "ward:brass", "--json"], "").object();
         [
             "median_relative_sigma",
             "against_reference.relative_error.median",
@@ -54,7 +54,7 @@ fn the_mean_of_repeats_is_nearer_to_the_truth_and_says_how_near() {
     for arguments in [
         &["value", &out, "--uncertainty"][..],
         &["reflectance", &out],
-        &["compare", "velvet", &out],
+        &["compare", "ward:brass", &out],
         &["fit", &out],
         &["fill", &out, "--without", "model", "--out", &at("filled.zarr")],
         &["plot", &out, "--out", &at("plot.csv")],
@@ -144,7 +144,7 @@ fn what_is_no_repeat_is_refused_and_leaves_nothing() {
 fn a_history_names_what_is_out_of_control() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| text(&folder.path().join(name)).to_owned();
-    let all: Vec<String> = (0..5_u32).map(|number| at(&format!("m{number}"))).collect();
+    let all: Vec<String> = (0..6_u32).map(|number| at(&format!("m{number}"))).collect();
     for (number, dir) in (0..).zip(&all) {
         let sample = if number == 3 {
             "lambert:0.53"
@@ -165,7 +165,7 @@ fn a_history_names_what_is_out_of_control() {
         !signals.is_empty() && signals.iter().all(|signal| signal["number"] == 3),
         "{signals:?}"
     );
-    assert_eq!(fs::read_to_string(&csv).unwrap().lines().count(), 1 + 5 * 3);
+    assert_eq!(fs::read_to_string(&csv).unwrap().lines().count(), 1 + 6 * 3);
     assert!(fs::read(&png).unwrap().starts_with(b"\x89PNG"));
     let first = run(
         &[&["history", "--over", "first", "--json"], &named[..]].concat(),

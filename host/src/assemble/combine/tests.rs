@@ -146,12 +146,21 @@ fn judged(path: &Path) -> [f64; 2] {
 #[test]
 fn noise_averages_out_and_a_common_calibration_does_not() {
     let folder = tempfile::tempdir().unwrap();
-    let other = |calibration| Made { calibration, ..USUAL };
+    // Calibrations that are off by what they state.
+    let other = |(calibration, offset)| Made {
+        calibration,
+        offset,
+        ..USUAL
+    };
     let rest = 0.2_f64;
     for (count, made, left) in [
         (2, vec![USUAL; 2], 0.8 / 2.0 + rest),
         (5, vec![USUAL; 5], 0.8 / 5.0 + rest),
-        (3, ["a", "b", "c"].map(other).to_vec(), 1.0 / 3.0),
+        (
+            3,
+            [("a", -0.01), ("b", 0.0), ("c", 0.01)].map(other).to_vec(),
+            1.0 / 3.0,
+        ),
     ] {
         let all = repeats(folder.path(), &made);
         let out = folder.path().join("mean.zarr");
@@ -240,6 +249,7 @@ fn pairs_that_only_some_have_are_the_mean_of_those() {
     );
     let [first, mean] = [all[0].brdf.path(), &out].map(|path| Brdf::open(path).unwrap());
     let [first, mean] = [&first, &mean].map(|brdf| brdf.chunk(0).unwrap().unwrap());
+    let mut less = 0;
     for cell in 0..SIZE * SIZE {
         if first.provenance[cell] == 0 {
             continue;
@@ -256,9 +266,12 @@ fn pairs_that_only_some_have_are_the_mean_of_those() {
                 (first.f[cell], first.sigma[cell])
             );
         } else {
-            assert!(mean.sigma[cell] < first.sigma[cell]);
+            assert!(mean.sigma[cell] <= first.sigma[cell]);
+            less += usize::from(mean.sigma[cell] < first.sigma[cell]);
         }
     }
+    // Beyond 80° no budget says what noise is.
+    assert!(less > 30, "{less}");
     let error = combine(&all, all[1].brdf.path(), false, &Silent).unwrap_err();
     assert!(matches!(error, CombineError::Itself { .. }), "{error}");
 }

@@ -3,8 +3,8 @@
 //! # Design
 //! Each measurement's value is the ratio of its f to that of all together, or of the first, over the directions that all have and know
 //! well, channel by channel (`judge/repeats/departures`). In the order of time it is an individuals chart (ISO 7870-2): the
-//! standard deviation is the median of the ranges between successive values over 0.954, which neither one value that is off nor a slow
-//! drift spoils, and no less than the noise that values state. The mean line is the mean of the values within the action lines about the
+//! standard deviation is the median of the ranges between successive values over 0.954, which neither one value that is off, of six and
+//! more, nor a slow drift spoils, and no less than the noise that values state. The mean line is the mean of the values within the action lines about the
 //! median. Lines at 2 and 3 standard deviations warn and call for action.
 //!
 //! Signals are the rules of Western Electric's *Statistical Quality Control Handbook* (1956): one value beyond 3, two of three beyond 2 on
