@@ -124,7 +124,7 @@ fn text(compared: &Compared) -> String {
         writeln!(
             text,
             "{:30} {:>20} ± {:8} {:>12}  {}",
-            region.name(),
+            region.region.name(),
             biases.join(" "),
             largest(&|one| one.standard_uncertainty),
             worst.map_or_else(|| "none".to_owned(), |e_n| format!("{e_n:.2}")),

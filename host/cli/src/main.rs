@@ -10,12 +10,14 @@ mod budget;
 mod calibrate;
 mod capture;
 mod clock;
+mod combine;
 mod compare;
 mod controller;
 mod evaluate;
 mod failure;
 mod fill;
 mod fit;
+mod history;
 mod log;
 mod map;
 mod measure;
@@ -97,6 +99,8 @@ enum Command {
     Evaluate(evaluate::Args),
     Compare(compare::Args),
     Fit(fit::Args),
+    Combine(combine::Args),
+    History(history::Args),
     Fill(fill::Args),
     Turn(turn::Args),
     Reflectance(reflectance::Args),
@@ -123,6 +127,8 @@ impl Command {
                 | Self::Value(_)
                 | Self::Evaluate(_)
                 | Self::Compare(_)
+                | Self::Combine(_)
+                | Self::History(_)
                 | Self::Fill(_)
                 | Self::Turn(_)
                 | Self::Fit(_)
@@ -192,6 +198,8 @@ fn done(cli: &Cli, output: &Output) -> Done {
         Command::Value(args) => value::run(args, output),
         Command::Evaluate(args) => evaluate::run(args, output),
         Command::Compare(args) => compare::run(args, output),
+        Command::Combine(args) => combine::run(args, output),
+        Command::History(args) => history::run(args, output),
         Command::Fill(args) => fill::run(args, output),
         Command::Turn(args) => turn::run(args, output),
         Command::Fit(args) => fit::run(args, output),

@@ -4,9 +4,9 @@ use std::path::Path;
 
 use serde_json::{Map, Value, json};
 
-use super::coordinates;
+use super::{coordinates, interpolation_errors};
 use crate::brdf::budget::arrays_of;
-use crate::brdf::{Brdf, LINEAGE};
+use crate::brdf::{Brdf, BrdfError, LINEAGE};
 use crate::hemisphere::incident::IncidentSet;
 use crate::instrument::optics::Unmeasurable;
 use crate::store::checksum::sum_of_tree;
@@ -40,6 +40,14 @@ pub(super) fn writer_like(brdf: &Brdf, own: Own, path: &Path) -> Result<BrdfWrit
         writer.rewrite(&array)?;
     }
     Ok(writer)
+}
+
+/// Gives the file of `writer` its name, with the errors of interpolation that it has.
+pub(super) fn finish(writer: BrdfWriter) -> Result<(), BrdfError> {
+    let errors = Brdf::open(writer.partial_path())?.learn()?;
+    writer.rewrite(&interpolation_errors(errors.as_ref()))?;
+    writer.finish()?;
+    Ok(())
 }
 
 /// The lineage of what `command` makes of the files `inputs`: their contents, and their own lineages.

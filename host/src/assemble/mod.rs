@@ -24,6 +24,7 @@
 //!
 //! Frames are read ahead by one thread while the others compute and write; memory holds a few segments.
 
+pub mod combine;
 pub mod fill;
 pub(crate) mod resample;
 pub mod turn;

@@ -4,7 +4,16 @@ use std::fmt::{self, Display};
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
+use time::OffsetDateTime;
+use time::format_description::well_known::Rfc3339;
 use toml::value::Datetime;
+
+/// Seconds since the beginning of 1970 of a moment as RFC 3339 writes it, such as `2027-03-14T10:00:00Z`; `None` of anything else.
+#[must_use]
+pub fn unix_s(text: &str) -> Option<i64> {
+    let moment = OffsetDateTime::parse(text, &Rfc3339).ok()?;
+    Some(moment.unix_timestamp())
+}
 
 /// A day, written `2027-03-14` (ISO 8601); later days are greater.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -111,6 +120,13 @@ mod tests {
             );
             before = date;
         }
+    }
+
+    #[test]
+    fn moments_are_read_as_they_are_written() {
+        assert_eq!(unix_s("1970-01-02T00:00:00Z"), Some(86_400));
+        assert_eq!(unix_s("2024-02-29T12:34:56Z"), Some(1_709_210_096));
+        assert_eq!(unix_s("2024-02-30T12:34:56Z").or(unix_s("yesterday")), None);
     }
 
     #[test]

@@ -10,6 +10,8 @@ pub const PICTURE: Formats = Formats(&["png"]);
 pub const CHART: Formats = Formats(&["svg", "png"]);
 /// Charts, or their numbers.
 pub const CHART_OR_TABLE: Formats = Formats(&["svg", "png", "csv"]);
+/// Tables.
+pub const TABLE: Formats = Formats(&["csv"]);
 /// Records of the trigger box: a table, or one JSON object a line.
 pub const RECORDS: Formats = Formats(&["csv", "jsonl"]);
 /// How a virtual rig really is.

@@ -70,6 +70,25 @@ pub(crate) fn captures(brdf: &Brdf) -> Result<Vec<String>, StoreError> {
     Ok(all)
 }
 
+/// The captures behind all files, each of which may be there once: a second time it is no evidence.
+///
+/// # Errors
+/// [`BrdfError`] if one stands behind two of them, or a file cannot be read.
+pub(crate) fn captures_of(all: &[&Brdf]) -> Result<Vec<String>, BrdfError> {
+    let mut found: Vec<Vec<String>> = Vec::new();
+    for other in all {
+        let own = captures(other)?;
+        let twice = found
+            .iter()
+            .position(|before| own.iter().any(|one| before.contains(one)));
+        if let Some(number) = twice {
+            return Err(twice_in(all[number], other));
+        }
+        found.push(own);
+    }
+    Ok(found.concat())
+}
+
 /// Adds the sums of all frames that a `lineage` names, its own or those of what it was made of.
 fn frames(lineage: &Value, all: &mut Vec<String>) {
     if let Some(sum) = lineage["sha256"][FRAMES].as_str() {
@@ -87,12 +106,17 @@ fn frames(lineage: &Value, all: &mut Vec<String>) {
 pub(crate) fn check_apart(a: &Brdf, b: &Brdf) -> Result<(), BrdfError> {
     let (of_a, of_b) = (captures(a)?, captures(b)?);
     if of_a.iter().any(|capture| of_b.contains(capture)) {
-        return Err(BrdfError::Content {
-            path: b.path().display().to_string(),
-            field: CAPTURES,
-            expected: format!("another capture than {} holds", a.path().display()),
-            found: "the same one, which is no evidence a second time".to_owned(),
-        });
+        return Err(twice_in(a, b));
     }
     Ok(())
+}
+
+/// The complaint that `b` holds a capture that `a` holds.
+fn twice_in(a: &Brdf, b: &Brdf) -> BrdfError {
+    BrdfError::Content {
+        path: b.path().display().to_string(),
+        field: CAPTURES,
+        expected: format!("another capture than {} holds", a.path().display()),
+        found: "the same one, which is no evidence a second time".to_owned(),
+    }
 }

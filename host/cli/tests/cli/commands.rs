@@ -81,12 +81,15 @@ pub(crate) struct Use {
 }
 
 impl Scene {
-    /// With a measurement, and one that is only planned.
+    /// With two measurements, and one that is only planned.
     pub(crate) fn new() -> Self {
         let scene = Self {
             folder: tempfile::tempdir().unwrap(),
         };
         run(&quick(&scene.path("measured")), "").done();
+        let mut repeated = quick(&scene.path("repeated"));
+        repeated.extend(["--sample", "lambert"].map(str::to_owned));
+        run(&repeated, "").done();
         let plan = [
             "plan",
             "--step",
@@ -114,15 +117,11 @@ impl Scene {
     /// # Panics
     /// If there is no line for the command.
     pub(crate) fn uses(&self, words: &[String], out: &Path) -> Vec<Use> {
-        let (measured, planned) = (self.path("measured"), self.path("planned"));
-        let brdf = measured.join("brdf.zarr");
+        let place = |name: &str| text(&self.path(name)).to_owned();
+        let [measured, planned, repeated, brdf] =
+            ["measured", "planned", "repeated", "measured/brdf.zarr"].map(place);
         let file = |name: &str| text(&out.join(name)).to_owned();
-        let (dir, brdf, planned) = (
-            text(out).to_owned(),
-            text(&brdf).to_owned(),
-            text(&planned).to_owned(),
-        );
-        let measured = text(&measured).to_owned();
+        let dir = text(out).to_owned();
         let tiny = "--step 30 --image-size 8";
         let lines: Vec<String> = match words.join(" ").as_str() {
             "measure" | "plan" => vec![format!("--out {dir} {tiny} --exposure-ms 4")],
@@ -148,6 +147,12 @@ impl Scene {
                 .map(|ending| format!("ward:brass {brdf} --out {}", file(&format!("c.{ending}"))))
                 .to_vec(),
             "fill" => vec![format!("{brdf} --out {}", file("whole.zarr"))],
+            "combine" => vec![format!("{brdf} {repeated} --out {}", file("mean.zarr"))],
+            "history" => vec![
+                format!("{measured} {repeated} --out {}", file("h.svg")),
+                format!("{measured} {repeated} --out {}", file("h.png")),
+                format!("{repeated} {measured} --csv {}", file("h.csv")),
+            ],
             "turn" => vec![format!("{brdf} --azimuth 20 --out {}", file("turned.zarr"))],
             "budget" => vec![format!("{brdf} --region 20,40")],
             "reflectance" => vec![format!("{brdf} --theta 10,40"), "lambert:0.5".to_owned()],

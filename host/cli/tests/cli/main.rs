@@ -45,6 +45,7 @@ mod no_data;
 mod outputs;
 mod pictures;
 mod pipes;
+mod repeats;
 mod spots;
 mod studies;
 mod tensor_file;

@@ -8,7 +8,7 @@ use crate::commands::{Scene, Use, described};
 use crate::tree::files;
 
 /// Options that name a file.
-const FILES: [&str; 3] = ["--out", "--records", "--residuals"];
+const FILES: [&str; 4] = ["--out", "--records", "--residuals", "--csv"];
 
 /// How a file of a format begins.
 fn begins(ending: &str) -> &'static [u8] {

@@ -36,8 +36,8 @@ use serde_json::{Map, Value, json};
 
 pub use merge::Alignment;
 
-use crate::assemble::like::{self, Own, is_same_place};
-use crate::assemble::{interpolation_errors, list_attributes};
+use crate::assemble::like::{self, Own, finish, is_same_place};
+use crate::assemble::list_attributes;
 use crate::base::blame::Blame;
 use crate::base::progress::Progress;
 use crate::brdf::{Brdf, BrdfError, LINEAGE, evidence};
@@ -221,7 +221,7 @@ pub fn fill(
     // Hidden and of this process, so that it is nobody else's.
     let merged_path = out.with_file_name(format!(".merged-{}.zarr", std::process::id()));
     let origin = Origin {
-        captures: captures(&base, &further)?,
+        captures: evidence::captures_of(&std::iter::once(&base).chain(&further).collect::<Vec<_>>())?,
         lineage: like::lineage_of(
             "fill",
             &std::iter::once(&base).chain(&further).collect::<Vec<_>>(),
@@ -281,20 +281,6 @@ struct Origin {
 fn directions(brdf: &Brdf) -> Vec<Option<DVec3>> {
     let of_cell = |cell| brdf.disk().direction(cell).filter(|w| is_above_horizon(*w));
     (0..brdf.disk().len()).map(of_cell).collect()
-}
-
-/// The captures behind all files, each of which may be there once: a second time it is no evidence.
-fn captures(base: &Brdf, others: &[Brdf]) -> Result<Vec<String>, FillError> {
-    let mut all = evidence::captures(base)?;
-    let mut before = vec![base];
-    for other in others {
-        for one in &before {
-            evidence::check_apart(one, other)?;
-        }
-        before.push(other);
-        all.extend(evidence::captures(other)?);
-    }
-    Ok(all)
 }
 
 fn check_alike(base: &Brdf, other: &Brdf) -> Result<(), FillError> {
@@ -366,14 +352,6 @@ fn writer_like(
         facts: all,
     };
     like::writer_like(brdf, own, path)
-}
-
-/// Gives the file of `writer` its name, with the errors of interpolation that it has.
-fn finish(writer: BrdfWriter) -> Result<(), FillError> {
-    let errors = Brdf::open(writer.partial_path())?.learn()?;
-    writer.rewrite(&interpolation_errors(errors.as_ref()))?;
-    writer.finish()?;
-    Ok(())
 }
 
 /// Share of the pairs of directions of each provenance, up to [`COVERED_THETA_DEG`]; nothing if there is no such pair.

@@ -16,7 +16,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `pairs` | what both say of the same pairs of directions |
-//! | `region` | regions, and the sums over one |
+//! | `region` | the sums over a region |
 //! | `picture` | the chart and the table |
 
 mod pairs;
@@ -31,6 +31,7 @@ use crate::brdf::{Brdf, BrdfError, Source, evidence};
 
 pub use region::{Agreement, RegionAgreement};
 
+pub(super) use pairs::slopes;
 use region::Regions;
 
 /// E_n up to which uncertainties explain a difference.
@@ -105,7 +106,7 @@ fn has_same_certificate(a: &Source, b: &Brdf) -> bool {
 }
 
 /// Refuses files of which one has its azimuths from a lobe's axis and the other from its holder.
-fn check_azimuth(a: &Brdf, b: &Brdf) -> Result<(), BrdfError> {
+pub(super) fn check_azimuth(a: &Brdf, b: &Brdf) -> Result<(), BrdfError> {
     if a.azimuth().model.is_some() == b.azimuth().model.is_some() {
         return Ok(());
     }

@@ -2,6 +2,7 @@
 
 use glam::{DMat3, DVec3};
 
+use crate::brdf::reflectance::Reflectance;
 use crate::brdf::{Brdf, BrdfError, CAUSES, Source};
 use crate::hemisphere::direction::to_degrees;
 use crate::hemisphere::judged::is_judged;
@@ -62,7 +63,7 @@ pub(super) fn of(a: &Source, b: &Brdf) -> Result<Pairs, BrdfError> {
         .unwrap_or(0.0)
         .hypot(b.azimuth().standard_uncertainty_deg.unwrap_or(0.0));
     let slopes = if turn_deg > 0.0 {
-        slopes(a, &directions)?
+        slopes(a.reflectance(), &directions)?
     } else {
         vec![[0.0; 3]; directions.len()]
     };
@@ -164,14 +165,17 @@ fn side(brdf: Option<&Brdf>, (wi, wo): Directions, f: [f64; 3], sigma: [f64; 3])
 }
 
 /// By how much f changes along the azimuth, sr⁻¹ per degree; 0 where `a` has no values to both sides.
-fn slopes(a: &Source, directions: &[Directions]) -> Result<Vec<[f64; 3]>, BrdfError> {
+pub(in crate::judge) fn slopes(
+    a: &dyn Reflectance,
+    directions: &[Directions],
+) -> Result<Vec<[f64; 3]>, BrdfError> {
     let turned = |deg: f64| {
         let turn = DMat3::from_rotation_z(deg.to_radians());
         let pairs: Vec<_> = directions
             .iter()
             .map(|(wi, wo)| (turn * *wi, turn * *wo))
             .collect();
-        a.reflectance().values(&pairs)
+        a.values(&pairs)
     };
     let (after, before) = (turned(SLOPE_DEG)?, turned(-SLOPE_DEG)?);
     let both = after.into_iter().zip(before);

@@ -6,20 +6,6 @@ use std::path::Path;
 use super::{Compared, RegionAgreement};
 use crate::judge::chart::{Axis, Chart, ChartError, Curve, Scale};
 
-impl RegionAgreement {
-    /// Its directions in words: incident, outgoing, azimuth.
-    #[must_use]
-    pub fn name(&self) -> String {
-        let span = |[from, to]: [f64; 2]| format!("{from:.0}-{to:.0}°");
-        format!(
-            "{} → {} {}",
-            span(self.incident_deg),
-            span(self.outgoing_deg),
-            self.azimuth
-        )
-    }
-}
-
 impl Compared {
     /// Bias of each region with its expanded uncertainty (k = 2), percent, by channel.
     #[must_use]
@@ -76,13 +62,13 @@ impl Compared {
                 .to_owned();
         let figure = |figure: Option<f64>| figure.map(|figure| format!("{figure:.6e}")).unwrap_or_default();
         for (number, region) in self.regions.iter().enumerate() {
-            let ([i0, i1], [o0, o1]) = (region.incident_deg, region.outgoing_deg);
+            let ([i0, i1], [o0, o1]) = (region.region.incident_deg, region.region.outgoing_deg);
             for (channel, one) in region.channels.iter().enumerate() {
                 writeln!(
                     table,
                     "{},{i0},{i1},{o0},{o1},{},{channel},{},{},{},{},{}",
                     number + 1,
-                    region.azimuth,
+                    region.region.azimuth,
                     one.samples,
                     figure(one.relative_bias),
                     figure(one.standard_uncertainty),

@@ -1,22 +1,12 @@
 //! Regions of pairs of directions, and how two results agree in each.
 
-use glam::DVec3;
 use serde::Serialize;
 
 use super::pairs::Pair;
-use crate::brdf::BANDS_DEG;
-use crate::brdf::budget::{band, span};
-use crate::hemisphere::direction::{azimuth_cosine, to_degrees};
+use crate::judge::region::{ENOUGH, NEIGHBOURS, REGIONS, Region};
 
-/// Samples without which a region is not judged.
-const ENOUGH: u64 = 30;
-/// Values that have their noise in common: cells are interpolated between the pixels around, which serve up to so many.
-const NEIGHBOURS: f64 = 4.0;
 /// Coverage factor of the uncertainties in E_n.
 const K: f64 = 2.0;
-/// Where the view lies, seen from the light: azimuth between them up to 60°, to 120°, and beyond.
-const SECTORS: [&str; 3] = ["backward", "sideward", "forward"];
-const BANDS: usize = BANDS_DEG.len();
 
 /// How two results agree in one channel of a region.
 #[derive(Clone, Copy, Debug, Serialize)]
@@ -36,12 +26,9 @@ pub struct Agreement {
 /// How they agree in a region.
 #[derive(Clone, Debug, Serialize)]
 pub struct RegionAgreement {
-    /// Incident and outgoing polar angles, from and to, degrees.
-    pub incident_deg: [f64; 2],
-    /// See `incident_deg`.
-    pub outgoing_deg: [f64; 2],
-    /// Where the view lies, seen from the light: backward (azimuths up to 60° apart), sideward, forward (120° and more).
-    pub azimuth: &'static str,
+    /// Which.
+    #[serde(flatten)]
+    pub region: Region,
     /// By channel.
     pub channels: Vec<Agreement>,
 }
@@ -131,18 +118,14 @@ impl Regions {
     pub(super) fn new(channels: usize) -> Self {
         Self {
             channels,
-            sums: vec![Sums::default(); BANDS * BANDS * SECTORS.len() * channels],
+            sums: vec![Sums::default(); REGIONS * channels],
         }
     }
 
     /// Adds a pair; with `shares_standard` what is wrong with the standard is the same in both.
     pub(super) fn add(&mut self, pair: &Pair, shares_standard: bool) {
         let (wi, wo) = pair.directions;
-        // Rounding at the last band's end.
-        let band_of = |w: DVec3| band(to_degrees(w).0).unwrap_or(BANDS - 1);
-        let cos = azimuth_cosine(wi, wo);
-        let sector = usize::from(cos < 0.5) + usize::from(cos <= -0.5);
-        let region = (band_of(wi) * BANDS + band_of(wo)) * SECTORS.len() + sector;
+        let region = Region::number_of(wi, wo);
         let (one, other) = (&pair.a, &pair.b);
         for channel in 0..self.channels {
             let variances = [one, other].map(|side| side.sigma[channel].powi(2));
@@ -164,9 +147,7 @@ impl Regions {
         regions
             .filter(|(_, sums)| sums.iter().any(|sums| sums.samples >= ENOUGH))
             .map(|(region, sums)| RegionAgreement {
-                incident_deg: span(region / SECTORS.len() / BANDS),
-                outgoing_deg: span(region / SECTORS.len() % BANDS),
-                azimuth: SECTORS[region % SECTORS.len()],
+                region: Region::numbered(region),
                 channels: sums.iter().map(Sums::agreement).collect(),
             })
             .collect()

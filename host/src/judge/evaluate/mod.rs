@@ -33,7 +33,7 @@ use crate::store::provenance::Provenance;
 mod blur;
 pub(super) mod histogram;
 mod reciprocity;
-mod repeat;
+pub(super) mod repeat;
 pub(super) mod scoring;
 mod tally;
 #[cfg(test)]

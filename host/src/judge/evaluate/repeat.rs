@@ -86,7 +86,7 @@ pub fn repeatability(a: &Brdf, b: &Brdf) -> Result<Repeatability, BrdfError> {
 }
 
 /// Refuses captures whose directions are not the same.
-fn check_directions(a: &Brdf, b: &Brdf) -> Result<(), BrdfError> {
+pub(in crate::judge) fn check_directions(a: &Brdf, b: &Brdf) -> Result<(), BrdfError> {
     let size = |brdf: &Brdf| (brdf.grid().len(), brdf.disk().size(), brdf.channels());
     let differs = |field, expected: String, found: String| BrdfError::Content {
         path: b.path().display().to_string(),

@@ -1,0 +1,137 @@
+//! A control chart as a picture and as a table.
+
+use std::fmt::Write as _;
+
+use super::{ACTION, History, Over, Point, WARNING};
+use crate::judge::chart::{Axis, Chart, Curve};
+
+impl History {
+    /// Value of each measurement with its expanded uncertainty (k = 2), and the lines, percent beside 1, of the channel that is
+    /// [`shown`](Self::shown).
+    #[must_use]
+    pub fn chart(&self, title: &str) -> Chart {
+        let channel = self.shown();
+        let lines = &self.lines[channel];
+        let last = self.points.last().map_or(0.0, |point| point.days);
+        let percent = |value: f64| 100.0 * (value - 1.0);
+        let flat = |label: &str, of: [f64; 2]| Curve {
+            label: label.to_owned(),
+            // One curve of two lines, with a gap between.
+            points: of
+                .into_iter()
+                .flat_map(|value| {
+                    [
+                        (0.0, Some(percent(value))),
+                        (last, Some(percent(value))),
+                        (last, None),
+                    ]
+                })
+                .collect(),
+        };
+        let of_points = |label: &str, of: &dyn Fn(&Point) -> Vec<Option<f64>>| Curve {
+            label: label.to_owned(),
+            points: self
+                .points
+                .iter()
+                .flat_map(|point| {
+                    of(point)
+                        .into_iter()
+                        .map(|value| (point.days, value.map(percent)))
+                })
+                .collect(),
+        };
+        let mut curves = vec![
+            of_points("value", &|point| vec![Some(point.values[channel])]),
+            of_points("± U (k = 2)", &|point| {
+                let (value, half) = (point.values[channel], point.expanded_uncertainties[channel]);
+                vec![Some(value - half), Some(value + half), None]
+            }),
+            flat(
+                "action (3 s)",
+                [-ACTION, ACTION].map(|deviations| lines.at(deviations)),
+            ),
+            flat("mean", [lines.mean; 2]),
+            flat(
+                "warning (2 s)",
+                [-WARNING, WARNING].map(|deviations| lines.at(deviations)),
+            ),
+        ];
+        if let Some(drift) = lines.drift {
+            let ends = [0.0, last].map(|days| (days, Some(100.0 * (drift.start + drift.per_day * days))));
+            curves.push(Curve {
+                label: "drift".to_owned(),
+                points: ends.to_vec(),
+            });
+        }
+        let values: Vec<f64> = curves
+            .iter()
+            .flat_map(|curve| curve.points.iter().filter_map(|point| point.1))
+            .collect();
+        let over = match self.over {
+            Over::Mean => "the mean",
+            Over::First => "the first",
+        };
+        let first = self.points.first().map_or("", |point| point.began.as_str());
+        let colour = self.colour(channel);
+        let comma = if colour.is_empty() { "" } else { ", " };
+        Chart {
+            title: title.to_owned(),
+            x: Axis::covering(
+                &format!("days since {first}"),
+                self.points.iter().map(|point| point.days),
+            ),
+            y: Axis::covering(&format!("f over that of {over}, less 1 (%)"), values.into_iter()),
+            legend: format!("check standard{comma}{colour}"),
+            marks: true,
+            curves,
+        }
+    }
+
+    /// The table: a row per measurement and channel.
+    #[must_use]
+    pub fn csv(&self) -> String {
+        let mut table = "measurement,began,days,channel,value,expanded_uncertainty,mean,warning_low,warning_high,action_low,\
+                         action_high,drift_line,deviations,signals\n"
+            .to_owned();
+        for (number, point) in self.points.iter().enumerate() {
+            for (channel, lines) in self.lines.iter().enumerate() {
+                let signals = self
+                    .signals
+                    .iter()
+                    .filter(|one| one.number == number && one.channel == channel);
+                let words: Vec<&str> = signals.map(|signal| signal.rule.words()).collect();
+                let drift = lines
+                    .drift
+                    .map(|drift| format!("{:.6}", 1.0 + drift.start + drift.per_day * point.days));
+                writeln!(
+                    table,
+                    "{},{},{:.6},{channel},{:.6},{:.6},{:.6},{:.6},{:.6},{:.6},{:.6},{},{:.3},{}",
+                    quoted(&point.name),
+                    point.began,
+                    point.days,
+                    point.values[channel],
+                    point.expanded_uncertainties[channel],
+                    lines.mean,
+                    lines.at(-WARNING),
+                    lines.at(WARNING),
+                    lines.at(-ACTION),
+                    lines.at(ACTION),
+                    drift.unwrap_or_default(),
+                    (point.values[channel] - lines.mean) / lines.standard_deviation,
+                    words.join("; ")
+                )
+                .expect("strings take everything");
+            }
+        }
+        table
+    }
+}
+
+/// A name as a field of a table (RFC 4180).
+fn quoted(name: &str) -> String {
+    if name.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", name.replace('"', "\"\""))
+    } else {
+        name.to_owned()
+    }
+}
