@@ -23,6 +23,7 @@ mod bad_studies;
 mod bad_trigger_box;
 mod bad_values;
 mod brackets;
+mod by_hand;
 mod calibrations;
 mod command;
 mod commands;

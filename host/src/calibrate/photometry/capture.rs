@@ -303,7 +303,13 @@ pub fn capture(
         let raw = match &mut raw {
             Some(raw) => raw,
             // Now the clock is known.
-            none => none.insert(create_raw(&dir.join(RAW), layout, instrument, VIEWS, &text)?),
+            none => none.insert(create_raw(
+                &dir.join(RAW),
+                layout,
+                instrument.device.info().clock_hz,
+                VIEWS,
+                &text,
+            )?),
         };
         instrument.watching = if shows.is_watched() {
             watched.clone()

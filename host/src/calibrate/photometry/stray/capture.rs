@@ -191,7 +191,13 @@ impl StrayViews {
                 let raw = match &mut raw {
                     Some(raw) => raw,
                     // Now the clock is known.
-                    none => none.insert(create_raw(&dir.join(RAW), layout, &instrument, VIEWS, text)?),
+                    none => none.insert(create_raw(
+                        &dir.join(RAW),
+                        layout,
+                        instrument.device.info().clock_hz,
+                        VIEWS,
+                        text,
+                    )?),
                 };
                 raw.write_segment(segment, &shots)?;
             }
