@@ -24,7 +24,7 @@ use crate::capture::Instrument;
 use crate::hemisphere::direction::from_degrees;
 use crate::instrument::calibration::CalibrationError;
 use crate::instrument::rig::{Rig, Tilt};
-use crate::virtual_rig::setup::{SetupError, World};
+use crate::virtual_rig::setup::World;
 use crate::virtual_rig::{FlatMirror, Held};
 
 /// What somebody answers who was asked to put a target in.
@@ -47,7 +47,7 @@ pub enum Answer {
 /// What somebody is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Asked<'a> {
-    /// Number of the view, from 1.
+    /// Number of the view, from 1; 0 before the first, for what is needed to prepare them.
     pub number: usize,
     /// Views in all.
     pub of: usize,
@@ -73,18 +73,21 @@ pub trait Bench {
     /// A sentence if that cannot be.
     fn place(&mut self, other: Option<&str>) -> Result<(), String>;
 
-    /// The instrument for the view of this index from 0. `rig` has its sample tilted by `tilt` and its camera image scaled; `held` is what
-    /// the virtual rig holds, in which nobody can put anything.
+    /// The instrument. `rig` has its sample tilted by `tilt` and its camera image scaled; `held` is what the virtual rig holds, in which
+    /// nobody can put anything.
     ///
     /// # Errors
-    /// [`SetupError`].
-    fn open(
-        &mut self,
-        view: usize,
-        rig: &Rig,
-        held: Held,
-        tilt: Option<Tilt>,
-    ) -> Result<Instrument, SetupError>;
+    /// [`CalibrateError::Setup`], or [`CalibrateError::Stopped`] by somebody who is asked for a target first.
+    fn open(&mut self, rig: &Rig, held: Held, tilt: Option<Tilt>) -> Result<Instrument, CalibrateError>;
+
+    /// How often the instrument counts as opened from now on: each time takes minutes of the virtual lamp's life, and nothing of a
+    /// real one, which has its own.
+    fn set_opened(&mut self, _times: u32) {}
+
+    /// How often it counts as opened.
+    fn opened(&self) -> u32 {
+        0
+    }
 }
 
 /// The bench of the virtual rig.
@@ -115,13 +118,7 @@ impl Bench for VirtualBench<'_> {
         Ok(())
     }
 
-    fn open(
-        &mut self,
-        view: usize,
-        rig: &Rig,
-        held: Held,
-        tilt: Option<Tilt>,
-    ) -> Result<Instrument, SetupError> {
+    fn open(&mut self, rig: &Rig, held: Held, tilt: Option<Tilt>) -> Result<Instrument, CalibrateError> {
         let held = match &self.other {
             None => held,
             Some(Other::Sample(sample)) => Held::Sample(sample.clone()),
@@ -129,8 +126,15 @@ impl Bench for VirtualBench<'_> {
                 black_mirror(rig, from_degrees(*tilt_deg, *azimuth_deg))
             }
         };
-        self.world.set_opened(view as u32);
-        self.world.open_held(rig, held, tilt)
+        Ok(self.world.open_held(rig, held, tilt)?)
+    }
+
+    fn set_opened(&mut self, times: u32) {
+        self.world.set_opened(times);
+    }
+
+    fn opened(&self) -> u32 {
+        self.world.opened()
     }
 }
 

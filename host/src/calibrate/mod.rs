@@ -66,6 +66,9 @@ pub enum CalibrateError {
         /// What there is.
         found: String,
     },
+    /// Somebody who puts targets in stopped before all was prepared.
+    #[error("views by hand: expected the targets that are asked for, found that somebody stopped")]
+    Stopped,
     /// The views do not determine what they should.
     #[error("calibration views: expected {expected}, found {found}; {advice}")]
     Views {
@@ -103,7 +106,7 @@ impl Blame for CalibrateError {
             Self::Setup(error) => error.is_input(),
             Self::Measurement(error) => error.is_input(),
             Self::Store(error) => error.is_input(),
-            Self::File(_) | Self::Picture(_) => false,
+            Self::File(_) | Self::Picture(_) | Self::Stopped => false,
             Self::Rig(_) | Self::Found(_) | Self::Standards { .. } | Self::Views { .. } => true,
         }
     }

@@ -201,6 +201,12 @@ impl World {
         self.opened.store(times, Ordering::Relaxed);
     }
 
+    /// How often it was opened.
+    #[must_use]
+    pub fn opened(&self) -> u32 {
+        self.opened.load(Ordering::Relaxed)
+    }
+
     /// As [`open`](Self::open), with `held` in place of the sample.
     ///
     /// # Errors

@@ -1,6 +1,6 @@
 //! Somebody at the terminal, or lines on stdin in their place.
 
-use std::io::{self, BufRead as _, Write as _};
+use std::io::{self, BufRead as _, IsTerminal as _, Write as _};
 use std::path::Path;
 
 use rcg::base::text::{plain, shown};
@@ -51,18 +51,23 @@ impl Hands for Lines<'_> {
         } else {
             ""
         };
+        let view = match asked.number {
+            0 => "before the views".to_owned(),
+            number => format!("view {number} of {}", asked.of),
+        };
         write!(
             voice,
-            "view {} of {}: {}; put it in, then Enter ({keep}'again' to redo the last view, 'stop' to go on another day) ",
-            asked.number, asked.of, asked.target
+            "{view}: {}; put it in, then Enter ({keep}'again' to redo the last view, 'stop' to go on another day) ",
+            asked.target
         )
         .ok();
+        // Whoever reads lines gets whole ones.
+        if !io::stdin().is_terminal() {
+            writeln!(voice).ok();
+        }
         voice.flush().ok();
         let mut line = String::new();
         let read = io::stdin().lock().read_line(&mut line);
-        if !io::IsTerminal::is_terminal(&io::stdin()) {
-            writeln!(voice).ok();
-        }
         let answer = match read {
             // What is no text is no end.
             Err(error) if error.kind() == io::ErrorKind::InvalidData => {
@@ -72,7 +77,7 @@ impl Hands for Lines<'_> {
             Ok(_) => answer(&line),
         };
         self.output
-            .log(&format!("view {}: {}: {answer:?}", asked.number, asked.target));
+            .log(&format!("{view}: {}: {}", asked.target, shown(line.trim())));
         answer
     }
 }

@@ -55,7 +55,12 @@ fn by_hand_with_mistakes_and_on_several_days_is_as_without_hands_to_the_bit() {
     let by_hand = lab.geometry("hands", &["--by-hand"]);
     let first = "put mirror 15 120\nyes\nkeep\n\n\nput mirror 15 240\nput nowhere\nput mirror 1\nagain\n\nput mirror 15 250\nstop\n";
     let first = run(&by_hand, first);
-    assert!(first.done().contains("3 of 5 views are missing: 3 (flat mirror at 15° / 120°)"), "{first:?}");
+    assert!(
+        first
+            .done()
+            .contains("3 of 5 views are missing: 3 (flat mirror at 15° / 120°)"),
+        "{first:?}"
+    );
     assert!(first.done().contains("goes on with them"), "{first:?}");
     says(
         &first,
@@ -71,9 +76,17 @@ fn by_hand_with_mistakes_and_on_several_days_is_as_without_hands_to_the_bit() {
         ],
     );
     // Views that are missing are no calibration.
-    refuses(&lab.geometry("hands", &[]), "", 2, &["expected all 5 views", "view 3, 4, 5 missing", "--by-hand"]);
+    refuses(
+        &lab.geometry("hands", &[]),
+        "",
+        2,
+        &["expected all 5 views", "view 3, 4, 5 missing", "--by-hand"],
+    );
     let second = run(&by_hand, "\n\nput mirror 0 0\nput nothing\n\n");
-    says(&second, &["found light in a part of the image only", "found next to nothing"]);
+    says(
+        &second,
+        &["found light in a part of the image only", "found next to nothing"],
+    );
     assert_eq!(second.done(), alone.done());
     assert!(captured(&lab.at("hands")) == captured(&lab.at("alone")));
     // One view again, and nothing else.
@@ -82,17 +95,35 @@ fn by_hand_with_mistakes_and_on_several_days_is_as_without_hands_to_the_bit() {
     assert_eq!(again.done(), alone.done());
     assert!(captured(&lab.at("hands")) == captured(&lab.at("alone")));
     // Whoever insists is judged in the end, and named.
-    let insists = run(&lab.geometry("hands", &["--redo", "4"]), "put mirror 15 225\nkeep\n");
+    let insists = run(
+        &lab.geometry("hands", &["--redo", "4"]),
+        "put mirror 15 200\nkeep\n",
+    );
     assert_eq!(insists.code, Some(2), "{insists:?}");
-    says(&insists, &["found one at about 15° / 225°", "flat mirror at the tilts that are stated", "15:240"]);
+    says(
+        &insists,
+        &[
+            "found one at about 15° / ",
+            "flat mirror at the tilts that are stated",
+            "15:240",
+        ],
+    );
     let notes = fs::read_to_string(lab.at("hands").join("geometry-by-hand.json")).unwrap();
-    assert!(notes.contains("\"4\": \"expected a mirror at 15° / 240°"), "{notes}");
+    assert!(
+        notes.contains("\"4\": \"expected a mirror at 15° / 240°"),
+        "{notes}"
+    );
     run(&lab.geometry("hands", &["--redo", "4"]), "\n").done();
     let notes = fs::read_to_string(lab.at("hands").join("geometry-by-hand.json")).unwrap();
     assert!(notes.contains("\"kept\": {}"), "{notes}");
     assert!(captured(&lab.at("hands")) == captured(&lab.at("alone")));
     // What somebody did not put in by hand is not mixed with what somebody did.
-    refuses(&lab.geometry("alone", &["--by-hand"]), "", 2, &["geometry-views.json", "begun with --by-hand"]);
+    refuses(
+        &lab.geometry("alone", &["--by-hand"]),
+        "",
+        2,
+        &["geometry-views.json", "begun with --by-hand"],
+    );
 }
 
 #[test]
@@ -103,21 +134,121 @@ fn views_by_hand_go_on_only_as_what_they_are() {
     assert_eq!(begun["targets"][0], "flat mirror at 15° / 0°");
     let before = files(&lab.at("hands"));
     for (rest, parts) in [
-        (&["--seed", "2"][..], &["geometry-by-hand.json", "seed 1", "seed 2"][..]),
+        (
+            &["--seed", "2"][..],
+            &["geometry-by-hand.json", "seed 1", "seed 2"][..],
+        ),
         (&["--rig", "rcg-2"], &["--rig as captured, rcg-1-16bit", "rcg-2"]),
-        (&["--tilts", "0:0,15:0"], &["--tilts as captured", "found 0:0,15:0"]),
-        (&["--redo", "6"], &["--redo with numbers of views from 1 to 5", "found 6"]),
+        (
+            &["--tilts", "0:0,15:0"],
+            &["--tilts as captured", "found 0:0,15:0"],
+        ),
+        (
+            &["--redo", "6"],
+            &["--redo with numbers of views from 1 to 5", "found 6"],
+        ),
         (&["--redo", "0"], &["--redo", "found 0"]),
     ] {
-        refuses(&lab.geometry("hands", &[&["--by-hand"], rest].concat()), "", 2, parts);
+        refuses(
+            &lab.geometry("hands", &[&["--by-hand"], rest].concat()),
+            "",
+            2,
+            parts,
+        );
     }
     let other = lab.at("other.toml");
     run(&["truth", "--seed", "3", "--out", text(&other)], "").done();
     let mut line = lab.geometry("hands", &["--by-hand"]);
     let at = line.iter().position(|word| word == "--truth").unwrap();
     line[at + 1] = text(&other).to_owned();
-    refuses(&line, "", 2, &["geometry-by-hand.json: conditions: expected virtual rig, a truth of SHA-256"]);
+    refuses(
+        &line,
+        "",
+        2,
+        &["geometry-by-hand.json: conditions: expected virtual rig, a truth of SHA-256"],
+    );
     assert!(files(&lab.at("hands")) == before);
+}
+
+#[test]
+fn standards_by_hand_are_told_from_each_other_and_give_the_same_photometry() {
+    let lab = Lab::new();
+    let of = |name: &str, rest: &[&str]| -> Vec<String> {
+        let (out, truth) = (lab.at(name), lab.at("truth.toml"));
+        let all = ["calibrate", "photometry", "--image-size", "32", "--out"];
+        let all = [
+            &all[..],
+            &[text(&out), "--truth", text(&truth), "--date", "2026-01-01"],
+            rest,
+        ]
+        .concat();
+        all.into_iter().map(str::to_owned).collect()
+    };
+    let alone = run(&of("alone", &[]), "");
+    let early = run(
+        &of("hands", &["--by-hand", "--json"]),
+        "\nput lambert:0.98\nstop\n",
+    )
+    .object();
+    assert_eq!(early["missing"], serde_json::json!([1, 2, 3, 4]));
+    let prepares = "put lambert:0.2\nput nothing\nput mirror 0 0\n\n\nput mirror 15 0\n\n";
+    let first = run(
+        &of("hands", &["--by-hand"]),
+        &format!("{prepares}\nput lambert:0.2\n\nstop\n"),
+    );
+    assert!(
+        first
+            .done()
+            .contains("2 of 4 views are missing: 3 (standard lambert:0.98)"),
+        "{first:?}"
+    );
+    says(
+        &first,
+        &[
+            "before the views: standard lambert:0.98",
+            "something diffuse that reflects about 0.",
+            "next to nothing",
+            "found a mirror at about 0°",
+            "found a mirror at about 15° / ",
+            "expected the light trap, found something diffuse",
+        ],
+    );
+    refuses(
+        &of("hands", &[]),
+        "",
+        2,
+        &["the views of all targets", "--by-hand"],
+    );
+    for (rest, parts) in [
+        (
+            ["--standard", "lambert:0.9"],
+            ["--standard as captured, lambert:0.98", "lambert:0.9"],
+        ),
+        (["--seed", "4"], ["photometry-by-hand.json", "seed 4"]),
+        (["--image-size", "48"], ["--image-size as captured, 32", "48"]),
+    ] {
+        let mut line = of("hands", &["--by-hand"]);
+        if rest[0] == "--image-size" {
+            line.retain(|word| word != "--image-size" && word != "32");
+        }
+        line.extend(rest.map(str::to_owned));
+        refuses(&line, "", 2, &parts);
+    }
+    let second = run(
+        &of("hands", &["--by-hand"]),
+        "put lambert:0.2\n\nput lambert:0.98\n\n",
+    );
+    assert_eq!(second.stderr.matches("'keep'").count(), 2, "{second:?}");
+    assert_eq!(second.done(), alone.done());
+    let calibrated = |name: &str| {
+        let mut found = captured(&lab.at(name));
+        found.remove(Path::new("photometry-prepared.json"));
+        found
+    };
+    assert!(calibrated("hands") == calibrated("alone"));
+    let again = run(&of("hands", &["--redo", "1,4"]), "\n\n");
+    assert_eq!(again.done(), alone.done());
+    assert!(calibrated("hands") == calibrated("alone"));
 }
 
 #[cfg(unix)]

@@ -240,7 +240,8 @@ impl Capturing {
                 crate::brdf::sample::parse(STANDARD).map_err(SetupError::from)?,
             )),
         };
-        let mut instrument = bench.open(view, &self.rig, held, None)?;
+        bench.set_opened(view as u32);
+        let mut instrument = bench.open(&self.rig, held, None)?;
         let draw = |exposure: usize, image: &mut BitPattern| match exposure {
             exposure if tilt.is_some() => self.stripes.draw(exposure, image),
             0 => image.light(&self.spot),

@@ -11,6 +11,7 @@
 //! by which mirrors stand at other azimuths: what is nearer to the rig file is taken. Somebody may keep a view all the same;
 //! what is found in the end judges.
 
+use std::cmp::Ordering;
 use std::f64::consts::PI;
 
 use glam::DVec3;
@@ -26,10 +27,14 @@ use crate::instrument::optics::reflect;
 use crate::instrument::rig::Rig;
 use crate::store::Segment;
 
-/// Angle in degrees up to which a mirror stands as stated.
+/// Angle in degrees up to which a mirror stands as stated beside those of the views before, and by the rig file alone.
 const STANDS_DEG: f64 = 5.0;
+const ALONE_DEG: f64 = 11.0;
 /// Median angle in radians up to which matches are those of one mirror.
-const MIRROR_RAD: f64 = 0.12;
+const MIRROR_RAD: f64 = 0.2;
+/// A way round of the images that misses by more than so many times the least, and this beside, is not the right one.
+const WORSE: f64 = 3.0;
+const SLACK_RAD: f64 = 0.02;
 /// Fewest matches of a mirror.
 const FEWEST: usize = 60;
 /// Matches of each view that are asked, at most.
@@ -52,6 +57,10 @@ struct Stood {
     normal: DVec3,
     /// Median angle by which matches miss by it, radians.
     missed_rad: f64,
+    /// By how much the views before have their normals otherwise than stated, on average.
+    shift: DVec3,
+    /// How far it may stand otherwise than stated beside that, degrees.
+    tolerance_deg: f64,
 }
 
 impl Stands {
@@ -104,9 +113,11 @@ impl Stands {
             };
             return sentence(&expected, looks);
         };
-        let off_deg = angle_between(stood.normal, from_degrees(tilt_deg, azimuth_deg)).to_degrees();
-        tracing::debug!(view, off_deg, stood.missed_rad, "mirror stands");
-        if off_deg <= STANDS_DEG {
+        let stated = from_degrees(tilt_deg, azimuth_deg);
+        let off_deg = angle_between(stood.normal, stated).to_degrees();
+        let beside_deg = angle_between(stood.normal - stood.shift, stated).to_degrees();
+        tracing::debug!(view, off_deg, beside_deg, stood.missed_rad, "mirror stands");
+        if off_deg <= ALONE_DEG && beside_deg <= stood.tolerance_deg {
             return None;
         }
         let (tilt_deg, azimuth_deg) = to_degrees(stood.normal);
@@ -137,19 +148,20 @@ impl Stands {
             }
         }
         let [of_camera, of_projector] = sights(&capturing.rig, &all);
-        let mut best: Option<([f64; 3], Stood)> = None;
+        let mut ways: Vec<([f64; 3], Stood)> = Vec::new();
         for (camera, outs) in &of_camera {
             for (projector, lits) in &of_projector {
                 let turned = f64::from(u8::from(camera.is_any()) + u8::from(projector.is_any()));
-                let Some((rank, stood)) = explained(outs, lits, &ends, &stated) else {
-                    continue;
-                };
-                let rank = [rank, turned, stood.missed_rad];
-                if best.as_ref().is_none_or(|(least, _)| rank < *least) {
-                    best = Some((rank, stood));
+                if let Some((others, stood)) = explained(outs, lits, &ends, &stated) {
+                    ways.push(([others, turned, stood.missed_rad], stood));
                 }
             }
         }
+        let least_rad = ways.iter().map(|(rank, _)| rank[2]).fold(f64::INFINITY, f64::min);
+        ways.retain(|(rank, _)| rank[2] <= WORSE * least_rad + SLACK_RAD);
+        let best = ways
+            .into_iter()
+            .min_by(|(one, _), (other, _)| one.partial_cmp(other).unwrap_or(Ordering::Equal));
         best.map(|(_, stood)| stood)
     }
 }
@@ -157,8 +169,8 @@ impl Stands {
 /// How the mirror stands in the first of the views whose matches end at `ends`, and whether the others, 0 or 1, stand otherwise than
 /// `stated`; `None` if one of the views is none of a mirror.
 fn explained(outs: &Sights, lits: &Sights, ends: &[usize], stated: &[DVec3]) -> Option<(f64, Stood)> {
-    let mut first = None;
-    let mut others = 0.0;
+    let mut first: Option<Stood> = None;
+    let (mut others, mut shifts) = (0.0, Vec::new());
     let mut start = 0;
     for (at, end) in ends.iter().enumerate() {
         let stood = stood(&outs[start..*end], &lits[start..*end])?;
@@ -166,13 +178,20 @@ fn explained(outs: &Sights, lits: &Sights, ends: &[usize], stated: &[DVec3]) -> 
         match at.checked_sub(1) {
             None => first = Some(stood),
             Some(other) => {
-                if angle_between(stood.normal, stated[other]).to_degrees() > STANDS_DEG {
+                if angle_between(stood.normal, stated[other]).to_degrees() > ALONE_DEG {
                     others = 1.0;
                 }
+                shifts.push(stood.normal - stated[other]);
             }
         }
     }
-    Some((others, first?))
+    let mut first = first?;
+    // What the rig file is off by turns all mirrors alike.
+    if !shifts.is_empty() && others == 0.0 {
+        first.shift = shifts.iter().sum::<DVec3>() / shifts.len() as f64;
+        first.tolerance_deg = STANDS_DEG;
+    }
+    Some((others, first))
 }
 
 /// How a mirror stands in which the camera and the projector see in these directions; `None` if it is none.
@@ -194,7 +213,12 @@ fn stood(outs: &[Option<DVec3>], lits: &[Option<DVec3>]) -> Option<Stood> {
     let missed: Vec<f64> = missed.collect();
     let is_most = missed.len() * 2 > outs.len();
     let missed_rad = median(missed).filter(|rad| is_most && *rad < MIRROR_RAD)?;
-    Some(Stood { normal, missed_rad })
+    Some(Stood {
+        normal,
+        missed_rad,
+        shift: DVec3::ZERO,
+        tolerance_deg: ALONE_DEG,
+    })
 }
 
 /// Some of the matches of a view.
