@@ -265,7 +265,7 @@ fn whoever_is_killed_loses_the_view_that_was_captured_at_most() {
         .spawn()
         .unwrap();
     child.stdin.as_mut().unwrap().write_all(b"\n\n").unwrap();
-    let seal = lab.at("hands").join("geometry.raw.zarr/seal/c/0");
+    let seal = lab.at("hands").join("geometry.raw.zarr/seal/c.0");
     while !seal.is_file() {
         std::thread::sleep(std::time::Duration::from_millis(5));
     }

@@ -59,12 +59,24 @@ impl Sightings {
         Ok(sightings)
     }
 
-    /// What the frames of one view of the flat mirror say, which are `taken` with images of this `format`.
-    pub(super) fn of_mirror(views: &Views, format: FrameFormat, view: usize, taken: &Segment) -> Self {
+    /// Coarse matches, `most` of them, of a view of the flat mirror that is `taken` with images of this `format`.
+    pub(super) fn coarse(
+        views: &Views,
+        format: FrameFormat,
+        view: usize,
+        taken: &Segment,
+        most: usize,
+    ) -> Vec<Match> {
         let frames = Self::frames(taken, format.len(), format.channels);
-        let mut sightings = Self::default();
-        sightings.add_matches(view, &views.stripes(), &frames, format.width_px);
-        sightings
+        let positions = views.stripes().decode_coarsely(&frames);
+        let matches = positions.iter().enumerate().filter_map(|(pixel, position)| {
+            Some(Match {
+                view,
+                camera_px: pixel_centre(pixel, format.width_px),
+                projector_px: (*position)?,
+            })
+        });
+        thinned(&matches.collect::<Vec<_>>(), most)
     }
 
     /// The brightness of the frames of a `segment`, each of so many values.

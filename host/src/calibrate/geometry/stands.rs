@@ -1,8 +1,8 @@
 //! Which target stands in the holder, told by one view.
 //!
 //! # Design
-//! A flat mirror shows stripes, sharp, in many pixels of the camera; a diffuse standard mixes them, and an empty holder shows none.
-//! A match of camera and projector says which normal the mirror has, halfway between what both see; the median over a view is how
+//! A flat mirror shows stripes, the wide ones clearly in coarse and blurred images too; a diffuse standard mixes them, and an empty holder
+//! shows none. A match of camera and projector says which normal the mirror has, halfway between what both see; the median over a view is how
 //! it stands, and how far its matches miss by it whether it is a mirror at all. This takes the nominal rig, which a workshop misses by a
 //! few degrees: enough to tell one tilt from another.
 //!
@@ -36,12 +36,12 @@ const MIRROR_RAD: f64 = 0.2;
 const WORSE: f64 = 3.0;
 const SLACK_RAD: f64 = 0.02;
 /// Fewest matches of a mirror.
-const FEWEST: usize = 60;
+const FEWEST: usize = 30;
 /// Matches of each view that are asked, at most.
 const ASKED: usize = 150;
 /// Share of the image's pixels that a diffuse standard lights at least, and the share of the brightest above which one is lit.
-const FILLS: f64 = 0.2;
-const LIT: f32 = 0.3;
+const FILLS: f64 = 0.1;
+const LIT: f32 = 0.2;
 /// Light over its noise, at least, of anything, and over that of a diffuse surface of reflectance 0.5.
 const CLEAR: f64 = 5.0;
 const EMPTY: f64 = 0.02;
@@ -223,9 +223,7 @@ fn stood(outs: &[Option<DVec3>], lits: &[Option<DVec3>]) -> Option<Stood> {
 
 /// Some of the matches of a view.
 fn matches_of(capturing: &Capturing, view: usize, taken: &Segment) -> Vec<Match> {
-    Sightings::of_mirror(&capturing.views, capturing.rig.frame_format(), view, taken)
-        .thinned(ASKED)
-        .matches
+    Sightings::coarse(&capturing.views, capturing.rig.frame_format(), view, taken, ASKED)
 }
 
 /// What the first two frames of a view show: lit, and dark.

@@ -29,7 +29,7 @@ const SPOT_DEG: f64 = 8.0;
 const SPOTS: usize = 12;
 /// A pixel is lit that is brighter than this share of the brightest ones, and a diffuse target lights this share of those that see it.
 const LIT: f64 = 0.15;
-const FILLS: f64 = 0.4;
+const FILLS: f64 = 0.2;
 /// Below this reflectance, and below so many standard deviations of its noise, there is nothing.
 const EMPTY: f64 = 0.01;
 const CLEAR: f64 = 5.0;
