@@ -40,11 +40,13 @@ const FEWEST: usize = 30;
 /// Matches of each view that are asked, at most.
 const ASKED: usize = 150;
 /// Share of the image's pixels that a diffuse standard lights at least, and the share of the brightest above which one is lit.
-const FILLS: f64 = 0.1;
+const FILLS: f64 = 0.03;
 const LIT: f32 = 0.2;
 /// Light over its noise, at least, of anything, and over that of a diffuse surface of reflectance 0.5.
 const CLEAR: f64 = 5.0;
 const EMPTY: f64 = 0.02;
+/// The same of the brightest pixel of what a mirror shows.
+const PEAK: f64 = 0.3;
 
 /// What was found in the views so far.
 pub(super) struct Stands {
@@ -233,6 +235,8 @@ struct Light {
     over_noise: f64,
     /// The same over what a diffuse surface of reflectance 0.5 shows on the nominal rig.
     of_diffuse: f64,
+    /// The same of the brightest pixel.
+    peak_of_diffuse: f64,
     /// Share of the pixels that are lit.
     fills: f64,
 }
@@ -277,14 +281,16 @@ impl Light {
         Self {
             over_noise: f64::from(bright) / noise.max(0.5),
             of_diffuse: f64::from(bright) / diffuse_dn,
+            peak_of_diffuse: f64::from(sorted[sorted.len() - 1]) / diffuse_dn,
             fills: lit as f64 / light.len() as f64,
         }
     }
 
     fn looks(self) -> Looks {
-        if self.over_noise < CLEAR || self.of_diffuse < EMPTY {
+        let is_dim = self.over_noise < CLEAR || self.of_diffuse < EMPTY;
+        if is_dim && self.peak_of_diffuse < PEAK {
             Looks::Nothing
-        } else if self.fills < FILLS {
+        } else if is_dim || self.fills < FILLS {
             Looks::Spot
         } else {
             Looks::Diffuse
