@@ -6,8 +6,9 @@
 //! | [`geometry`] | poses, lenses, mirror, sample frame | a flat mirror at known tilts, a diffuse standard |
 //! | [`photometry`] | camera, projector's response, light and throughput, interreflection | reflectance standards |
 //!
-//! What is found, and its files, is [`crate::instrument::calibration`].
+//! What is found, and its files, is [`crate::instrument::calibration`]. Who puts the targets in is [`by_hand`].
 
+pub mod by_hand;
 pub mod geometry;
 pub mod photometry;
 
@@ -19,10 +20,11 @@ use serde::Serialize;
 
 use crate::base::blame::Blame;
 use crate::capture::directory::MeasurementError;
-use crate::capture::{CaptureError, Captured, Instrument, Tally};
+use crate::capture::{CaptureError, Captured, Tally};
 use crate::instrument::calibration::{CalibrationError, RIG, file};
-use crate::instrument::rig::RigError;
+use crate::instrument::rig::{Rig, RigError};
 use crate::plan::PlanError;
+use crate::plan::schedule::SHORTEST_EXPOSURE_S;
 use crate::store::checksum::sum;
 use crate::store::raw::SUBJECT;
 use crate::store::whole_file::FileError;
@@ -64,6 +66,9 @@ pub enum CalibrateError {
         /// What there is.
         found: String,
     },
+    /// Somebody who puts targets in stopped before all was prepared.
+    #[error("views by hand: expected the targets that are asked for, found that somebody stopped")]
+    Stopped,
     /// The views do not determine what they should.
     #[error("calibration views: expected {expected}, found {found}; {advice}")]
     Views {
@@ -101,7 +106,7 @@ impl Blame for CalibrateError {
             Self::Setup(error) => error.is_input(),
             Self::Measurement(error) => error.is_input(),
             Self::Store(error) => error.is_input(),
-            Self::File(_) | Self::Picture(_) => false,
+            Self::File(_) | Self::Picture(_) | Self::Stopped => false,
             Self::Rig(_) | Self::Found(_) | Self::Standards { .. } | Self::Views { .. } => true,
         }
     }
@@ -119,22 +124,44 @@ impl From<PlanError> for CalibrateError {
     }
 }
 
-/// Makes the file of the frames that `instrument` will take of the views in the file `views`, which will hold `text`.
+/// Share of the light that the flat mirror of the virtual rig reflects: black glass.
+const REFLECTANCE: f64 = 0.04;
+
+/// Share of the light that the flat mirror of the virtual `rig` reflects in views of its geometry: it stands behind a neutral filter where
+/// its image would fill more than a quarter of the well in the shortest exposures.
+fn black_glass(rig: &Rig) -> f64 {
+    let electrons = rig.projector.irradiance * rig.sensitivity_e() * 2.0 * SHORTEST_EXPOSURE_S;
+    REFLECTANCE.min(rig.camera.full_well_e / 4.0 / electrons)
+}
+
+/// Makes the file of the frames that will be taken of the views in the file `views`, which will hold `text`, by a trigger box with this
+/// clock.
 fn create_raw(
     path: &Path,
     layout: RawLayout,
-    instrument: &Instrument,
+    clock_hz: u32,
     views: &str,
     text: &str,
 ) -> Result<RawStore, CalibrateError> {
-    let layout = RawLayout {
-        clock_hz: instrument.device.info().clock_hz,
-        ..layout
-    };
+    let layout = RawLayout { clock_hz, ..layout };
     let mut attributes = serde_json::Map::new();
     let sums = BTreeMap::from([(views, sum(text.as_bytes()))]);
     attributes.insert(SUBJECT.to_owned(), serde_json::json!(sums));
     Ok(RawStore::create(path, layout, attributes)?)
+}
+
+/// Refuses to add frames of a trigger box with another clock to the file `raw` at `path`.
+fn check_clock(path: &Path, raw: &RawStore, clock_hz: u32) -> Result<(), CalibrateError> {
+    if raw.layout().clock_hz == clock_hz {
+        return Ok(());
+    }
+    Err(CalibrationError::Content {
+        path: path.display().to_string(),
+        field: "ticks_per_second".to_owned(),
+        expected: format!("{} as of the trigger box before", raw.layout().clock_hz),
+        found: clock_hz.to_string(),
+    }
+    .into())
 }
 
 /// Opens the frames `raw` in `dir`, which must have been taken of the views in the file `views` as it is.

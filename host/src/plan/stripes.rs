@@ -28,6 +28,11 @@ const LEAST_CONTRAST: f64 = 0.1;
 /// Least amplitude of the first harmonic, as a share of that of a sharp square wave.
 const LEAST_MODULATION: f64 = 0.4;
 
+/// Bits of the Gray code that tell a position coarsely, and the least difference of a bit and its inverse that is clear, as a share of
+/// that of light and dark.
+const COARSE: usize = 4;
+const CLEARLY: f32 = 0.5;
+
 /// The sequence of patterns for a projector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stripes {
@@ -145,6 +150,48 @@ impl Stripes {
             .collect()
     }
 
+    /// Projector positions that the camera pixels see, as [`decode`](Self::decode), but only as fine as the Gray code is clear, which coarse
+    /// and blurred images show too: the middle of 2⁻ⁿ of an axis, n at least [`COARSE`]. `None` where not even that is clear, as
+    /// where the light of all positions is mixed.
+    #[must_use]
+    pub fn decode_coarsely(&self, frames: &[Vec<f32>]) -> Vec<Option<DVec2>> {
+        let patterns: Vec<Pattern> = self.patterns().collect();
+        let (white, black) = (&frames[0], &frames[1]);
+        let contrasts: Vec<f32> = white
+            .iter()
+            .zip(black)
+            .map(|(white, black)| white - black)
+            .collect();
+        let brightest = contrasts.iter().copied().fold(0.0, f32::max);
+        let position = |axis: Axis, pixel: usize| {
+            let bits = self.bits(axis);
+            let (mut stripe, mut known) = (0_usize, 0);
+            for bit in (0..bits).rev() {
+                let of = |inverted: bool| {
+                    let wanted = Pattern::Bit { axis, bit, inverted };
+                    let at = patterns.iter().position(|pattern| *pattern == wanted);
+                    at.map_or(0.0, |at| frames[at][pixel])
+                };
+                let difference = of(false) - of(true);
+                if difference.abs() < CLEARLY * contrasts[pixel] {
+                    break;
+                }
+                stripe = 2 * stripe + (usize::from(difference > 0.0) ^ (stripe & 1));
+                known += 1;
+            }
+            let width_px = (STRIPE_PX << (bits - known)) as f64;
+            (known >= COARSE.min(bits)).then_some((stripe as f64 + 0.5) * width_px)
+        };
+        (0..contrasts.len())
+            .map(|pixel| {
+                let is_lit = f64::from(contrasts[pixel]) > LEAST_CONTRAST * f64::from(brightest);
+                is_lit
+                    .then(|| Some(DVec2::new(position(Axis::U, pixel)?, position(Axis::V, pixel)?)))
+                    .flatten()
+            })
+            .collect()
+    }
+
     /// The position along one axis that a pixel of brightness `seen(pattern)` sees.
     fn position(
         self,
@@ -241,6 +288,36 @@ mod tests {
                 assert!(missed < 0.15, "{side_px}: {found:?} {at}");
             }
         }
+    }
+
+    #[test]
+    fn blurred_images_show_coarsely_where_and_mixed_ones_nothing() {
+        let stripes = Stripes::new(200, 100);
+        let at: Vec<DVec2> = (0..40)
+            .map(|step| DVec2::new(20.0 + 4.0 * f64::from(step), 30.0 + f64::from(step)))
+            .collect();
+        let blurred = frames(&stripes, &at, 11.0, |_| 0.0);
+        let found: Vec<(&DVec2, DVec2)> = at
+            .iter()
+            .zip(stripes.decode_coarsely(&blurred))
+            .filter_map(|(at, found)| Some((at, found?)))
+            .collect();
+        assert!(found.len() > 8, "{found:?}");
+        for (at, found) in found {
+            assert!((found - *at).abs().max_element() < 12.0, "{found} {at}");
+        }
+        let mixed: Vec<Vec<f32>> = (0..stripes.len())
+            .map(|index| {
+                vec![if index == 0 {
+                    600.0
+                } else if index == 1 {
+                    100.0
+                } else {
+                    350.0
+                }]
+            })
+            .collect();
+        assert_eq!(stripes.decode_coarsely(&mixed), [None]);
     }
 
     #[test]

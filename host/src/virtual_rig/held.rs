@@ -25,7 +25,7 @@ pub enum Held {
 
 impl Held {
     /// Whether it is the very sample that the `other` is.
-    pub(super) fn is_same(&self, other: &Self) -> bool {
+    pub(crate) fn is_same(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Sample(one), Self::Sample(other)) => Arc::ptr_eq(one, other),
             _ => false,

@@ -183,6 +183,30 @@ impl World {
         self.open_held(rig, Held::Sample(self.sample.clone()), tilt)
     }
 
+    /// What decides what its frames show, beside what stands in it: one line.
+    #[must_use]
+    pub fn conditions(&self) -> String {
+        let Behaviour { noise, seed, .. } = self.behaviour;
+        let noise = if noise == Noise::On { "on" } else { "off" };
+        let truth = self.inputs.get("truth");
+        let truth = truth.map_or_else(
+            || "as the rig file says".to_owned(),
+            |sum| format!("a truth of SHA-256 {sum:.12}"),
+        );
+        format!("virtual rig, {truth}, seed {seed}, noise {noise}")
+    }
+
+    /// From now on as if it had been opened so many times: whoever goes on on another day finds it as one who never stopped.
+    pub fn set_opened(&self, times: u32) {
+        self.opened.store(times, Ordering::Relaxed);
+    }
+
+    /// How often it was opened.
+    #[must_use]
+    pub fn opened(&self) -> u32 {
+        self.opened.load(Ordering::Relaxed)
+    }
+
     /// As [`open`](Self::open), with `held` in place of the sample.
     ///
     /// # Errors

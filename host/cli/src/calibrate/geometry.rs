@@ -4,11 +4,13 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use rcg::base::progress::Progress as _;
-use rcg::calibrate::geometry::{Request, Said, Views, calibrate, capture};
+use rcg::calibrate::by_hand::VirtualBench;
+use rcg::calibrate::geometry::{ByHand, Request, Said, Views, calibrate, capture};
 use rcg::instrument::calibration::{AS_STATED, Geometry};
 use rcg::instrument::rig::Rig;
 use rcg::store::Lock;
 
+use super::hands::{HandArgs, Lines, is_stopped};
 use crate::Done;
 use crate::failure::Failure;
 use crate::output::Output;
@@ -51,6 +53,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", value_parser = image_size)]
     image_size: Option<u32>,
     #[command(flatten)]
+    hands: HandArgs,
+    #[command(flatten)]
     conditions: ConditionArgs,
     #[command(flatten)]
     port: PortArgs,
@@ -79,27 +83,39 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let session = args.session.opening("calibrate geometry", None)?;
     let _lock = Lock::folder(&args.out)?;
     session.check(&args.out)?;
-    let mut said = Said::default();
     let tilts = (!args.tilts.is_empty()).then(|| args.tilts.clone());
-    if Views::exist(&args.out) {
-        said = Said {
-            tilts,
-            tilt_uncertainty_deg: args.tilt_uncertainty_deg,
-            image_size: args.image_size,
-        };
+    let mut said = Said {
+        tilts,
+        tilt_uncertainty_deg: args.tilt_uncertainty_deg,
+        image_size: args.image_size,
+    };
+    let request = || -> Result<Request, Failure> {
+        Ok(Request {
+            rig: Rig::load(rig)?,
+            tilts: said.tilts.clone().unwrap_or_else(|| TILTS.to_vec()),
+            image_size: args.image_size.unwrap_or(IMAGE_SIZE),
+            tilt_uncertainty_deg: args.tilt_uncertainty_deg.unwrap_or(TILT_UNCERTAINTY_DEG),
+        })
+    };
+    if let Some(redo) = args.hands.redo() {
+        let world = super::world(&args.conditions, &args.port)?;
+        let mut by_hand = ByHand::open(&request()?, &said, &args.out, &world, redo)
+            .map_err(|error| Failure::from(error).at(args.out.display()))?;
+        // Each day is a session, however it ends.
+        session.note(&args.out)?;
+        let how_far = by_hand.take(&mut VirtualBench::new(&world), &mut Lines { output }, output)?;
+        if is_stopped(&how_far, "geometry", &args.out, output)? {
+            return Ok(());
+        }
+    } else if Views::exist(&args.out) {
         output.remark(&format!(
             "{}: holds captures, which are fitted again",
             args.out.display()
         ));
     } else {
-        let request = Request {
-            rig: Rig::load(rig)?,
-            tilts: tilts.unwrap_or_else(|| TILTS.to_vec()),
-            image_size: args.image_size.unwrap_or(IMAGE_SIZE),
-            tilt_uncertainty_deg: args.tilt_uncertainty_deg.unwrap_or(TILT_UNCERTAINTY_DEG),
-        };
         let world = super::world(&args.conditions, &args.port)?;
-        capture(&request, &args.out, &world, output)?;
+        capture(&request()?, &args.out, &world, output)?;
+        said = Said::default();
     }
     let geometry =
         calibrate(&args.out, &said).map_err(|error| Failure::from(error).at(args.out.display()))?;

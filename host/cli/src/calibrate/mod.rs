@@ -1,6 +1,7 @@
 //! `rcg calibrate`
 
 mod geometry;
+mod hands;
 mod photometry;
 
 use clap::Subcommand;

@@ -6,14 +6,17 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use rcg::base::date::Date;
 use rcg::base::progress::Progress as _;
 use rcg::brdf::sample::parse;
+use rcg::calibrate::by_hand::VirtualBench;
 use rcg::calibrate::photometry::{
-    Height, NONE, Request, Said, Trust, Views, Weakness, calibrate, capture, height, standards, weaknesses,
+    ByHand, Height, NONE, Request, Said, Trust, Views, Weakness, calibrate, capture, height, standards,
+    weaknesses,
 };
 use rcg::instrument::calibration::{CameraFound, LampFound, Photometry, RIG, Standard};
 use rcg::instrument::rig::{Rig, Tilt};
 use rcg::store::Lock;
 use rcg::store::whole_file::write_whole;
 
+use super::hands::{HandArgs, Lines, is_stopped};
 use crate::Done;
 use crate::failure::Failure;
 use crate::output::{Output, table};
@@ -63,6 +66,8 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", value_parser = image_size)]
     image_size: Option<u32>,
     #[command(flatten)]
+    hands: HandArgs,
+    #[command(flatten)]
     conditions: ConditionArgs,
     #[command(flatten)]
     port: PortArgs,
@@ -76,45 +81,31 @@ const IMAGE_SIZE: u32 = 96;
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let trust = trust(args)?;
-    let exposure_s = args.exposure_ms.map(|ms| ms * 1e-3);
-    let mut said = Said::default();
     let session = args.session.opening("calibrate photometry", None)?;
     let _lock = Lock::folder(&args.out)?;
     session.check(&args.out)?;
-    if Views::exist(&args.out) {
-        said = Said {
-            standard: args.standard.clone(),
-            second_standard: args.second_standard.clone(),
-            tilts: args.tilts.clone(),
-            exposure_s,
-            image_size: args.image_size,
-        };
+    let mut said = said(args);
+    if let Some(redo) = args.hands.redo() {
+        let world = super::world(&args.conditions, &args.port)?;
+        let request = request(args, &said, rig, &trust, output)?;
+        let by_hand = ByHand::open(&request, &said, &args.out, &world, redo)
+            .map_err(|error| Failure::from(error).at(args.out.display()))?;
+        // Each day is a session, however it ends.
+        session.note(&args.out)?;
+        let how_far = by_hand.take(&mut VirtualBench::new(&world), &mut Lines { output }, output)?;
+        if is_stopped(&how_far, "photometry", &args.out, output)? {
+            return Ok(());
+        }
+    } else if Views::exist(&args.out) {
         output.remark(&format!(
             "{}: holds captures, which are fitted again",
             args.out.display()
         ));
     } else {
-        let path = args.out.join(RIG);
-        let is_new = !path.is_file();
-        let kept = path.display().to_string();
-        let full = Rig::load(if is_new { rig } else { &kept })?;
-        let request = Request {
-            standard: args.standard.clone().unwrap_or_else(|| STANDARD.to_owned()),
-            second_standard: second_standard(args, &full, output),
-            tilts: args.tilts.clone(),
-            exposure_s,
-            image_size: args.image_size.unwrap_or(IMAGE_SIZE),
-        };
         let world = super::world(&args.conditions, &args.port)?;
-        for standard in std::iter::once(&request.standard).chain(&request.second_standard) {
-            parse(standard)?;
-        }
-        let both = (request.standard.as_str(), request.second_standard.as_deref());
-        standards(both, full.camera.channels.into(), &trust)?;
-        if is_new {
-            write_whole(&path, full.to_toml().as_bytes())?;
-        }
+        let request = request(args, &said, rig, &trust, output)?;
         capture(&request, &args.out, &world, output)?;
+        said = Said::default();
     }
     let photometry =
         calibrate(&args.out, &said, &trust).map_err(|error| Failure::from(error).at(args.out.display()))?;
@@ -129,6 +120,46 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let warnings = summary.photometry.standards.iter().filter_map(Standard::warning);
     output.warn(&warnings.collect::<Vec<_>>());
     Ok(())
+}
+
+/// What the arguments say of captures that are there already.
+fn said(args: &Args) -> Said {
+    Said {
+        standard: args.standard.clone(),
+        second_standard: args.second_standard.clone(),
+        tilts: args.tilts.clone(),
+        exposure_s: args.exposure_ms.map(|ms| ms * 1e-3),
+        image_size: args.image_size,
+    }
+}
+
+/// What is to be captured, with the rig of the calibration, which is `rig` if there is none yet: then its file is written.
+fn request(args: &Args, said: &Said, rig: &str, trust: &Trust, output: &Output) -> Result<Request, Failure> {
+    let path = args.out.join(RIG);
+    let is_new = !path.is_file();
+    let kept = path.display().to_string();
+    let full = Rig::load(if is_new { rig } else { &kept })?;
+    let is_begun = Views::exist(&args.out);
+    let request = Request {
+        standard: args.standard.clone().unwrap_or_else(|| STANDARD.to_owned()),
+        second_standard: (!is_begun)
+            .then(|| second_standard(args, &full, output))
+            .flatten(),
+        tilts: args.tilts.clone(),
+        exposure_s: said.exposure_s,
+        image_size: args.image_size.unwrap_or(IMAGE_SIZE),
+    };
+    if !is_begun {
+        for standard in std::iter::once(&request.standard).chain(&request.second_standard) {
+            parse(standard)?;
+        }
+        let both = (request.standard.as_str(), request.second_standard.as_deref());
+        standards(both, full.camera.channels.into(), trust)?;
+    }
+    if is_new {
+        write_whole(&path, full.to_toml().as_bytes())?;
+    }
+    Ok(request)
 }
 
 /// How far standards are trusted.

@@ -24,6 +24,7 @@ mod bad_trigger_box;
 mod bad_values;
 mod brackets;
 mod budgets;
+mod by_hand;
 mod calibrations;
 mod command;
 mod commands;

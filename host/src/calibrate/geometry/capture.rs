@@ -1,12 +1,16 @@
 //! The views of a geometric calibration: what is shown and taken.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::by_hand::check_whole;
 use crate::base::progress::Progress;
-use crate::calibrate::{CalibrateError, check_image_size, create_raw, file, open_raw, segment_of};
+use crate::calibrate::by_hand::{Bench, VirtualBench, black_mirror};
+use crate::calibrate::{
+    CalibrateError, check_clock, check_image_size, create_raw, file, open_raw, segment_of,
+};
 use crate::capture::Tally;
 use crate::capture::pilot::TestExposures;
 use crate::hemisphere::direction::from_degrees;
@@ -17,21 +21,19 @@ use crate::plan;
 use crate::plan::pattern::{BitPattern, PatternMaker};
 use crate::plan::schedule::{SHORTEST_EXPOSURE_S, Timing};
 use crate::plan::stripes::Stripes;
-use crate::store::whole_file::FileError;
-use crate::store::{RawLayout, RawStore};
+use crate::store::whole_file::{FileError, write_whole};
+use crate::store::{RawLayout, RawStore, Segment};
+use crate::virtual_rig::Held;
 use crate::virtual_rig::setup::{SetupError, World};
-use crate::virtual_rig::{FlatMirror, Held};
 
 /// Name of the raw frames.
 pub(super) const RAW: &str = "geometry.raw.zarr";
 /// Name of the file that says what the frames are.
-const VIEWS: &str = crate::instrument::calibration::VIEWS[0];
-/// Share of the light that the flat mirror of the virtual rig reflects: black glass.
-const REFLECTANCE: f64 = 0.04;
+pub(super) const VIEWS: &str = crate::instrument::calibration::VIEWS[0];
 /// What the diffuse standard of the virtual rig is.
 const STANDARD: &str = "lambert:0.5";
 /// Opening of the cone that lights the diffuse standard, degrees.
-const SPOT_DEG: f64 = 8.0;
+pub(super) const SPOT_DEG: f64 = 8.0;
 
 /// What is asked for.
 #[derive(Clone, Debug, PartialEq)]
@@ -100,6 +102,7 @@ impl Views {
     /// What `dir` holds, with the frames that were captured of it.
     pub(super) fn read(dir: &Path) -> Result<(Self, RawStore), CalibrateError> {
         let views = file::read(&dir.join(VIEWS), COMMAND)?;
+        check_whole(&views, dir)?;
         Ok((views, open_raw(dir, RAW, VIEWS)?))
     }
 
@@ -112,18 +115,6 @@ impl Views {
     pub(super) fn stripes(&self) -> Stripes {
         let lens = &self.rig.projector.lens;
         Stripes::new(lens.width_px as usize, lens.height_px as usize)
-    }
-
-    /// The flat mirror of each view: on the virtual rig, of black glass.
-    fn mirrors(&self) -> Vec<FlatMirror> {
-        // Behind a neutral filter where its image would fill more than a quarter of the well in the shortest exposures.
-        let electrons = self.rig.projector.irradiance * self.rig.sensitivity_e() * 2.0 * SHORTEST_EXPOSURE_S;
-        let reflectance = REFLECTANCE.min(self.rig.camera.full_well_e / 4.0 / electrons);
-        let of = |&[tilt_deg, azimuth_deg]: &[f64; 2]| FlatMirror {
-            normal: from_degrees(tilt_deg, azimuth_deg),
-            reflectance,
-        };
-        self.tilts.iter().map(of).collect()
     }
 
     /// Whether `dir` holds captures of views.
@@ -144,51 +135,123 @@ pub fn capture(
     world: &World,
     progress: &dyn Progress,
 ) -> Result<(), CalibrateError> {
-    check_tilts(&request.tilts)?;
-    let views = Views {
-        rig: request.rig.clone(),
-        tilts: request.tilts.clone(),
-        image_size: request.image_size,
-        tilt_uncertainty_deg: request.tilt_uncertainty_deg,
-    };
-    let rig = views.scaled()?;
-    let stripes = views.stripes();
-    std::fs::create_dir_all(dir).map_err(|source| FileError::at(dir, source))?;
-    let format = rig.frame_format();
-    let layout = RawLayout {
-        exposures: stripes.len() * views.tilts.len() + 2,
-        segment: stripes.len(),
-        height: format.height_px,
-        width: format.width_px,
-        channels: format.channels,
-        bits: format.bits,
-        clock_hz: 0,
-    };
-    let mut raw: Option<RawStore> = None;
-    let text = file::text(&views);
-    let spot = PatternMaker::new(View::projector(&rig), SPOT_DEG, 1.0)
-        .lit_set(lit_direction(&rig))
-        .map(|lit| lit.pixels)
-        .unwrap_or_default();
-    let mut held: Vec<Held> = views.mirrors().into_iter().map(Held::Mirror).collect();
-    held.push(Held::Sample(Arc::from(
-        crate::brdf::sample::parse(STANDARD).map_err(SetupError::from)?,
-    )));
-    progress.begin("calibration views", layout.exposures, "exposures");
+    let mut capturing = Capturing::new(request.views()?, dir)?;
+    let mut bench = VirtualBench::new(world);
+    progress.begin("calibration views", capturing.layout.exposures, "exposures");
     let mut done = 0;
-    for (index, held) in held.into_iter().enumerate() {
-        let is_mirror = matches!(held, Held::Mirror(_));
-        let mut instrument = world.open_held(&rig, held, None)?;
+    for view in 0..capturing.count() {
+        let segment = capturing.take(view, &mut bench, &|taken| progress.reach(done + taken))?;
+        done += segment.records.len();
+        capturing.write(view, &segment)?;
+    }
+    progress.end();
+    write_whole(&dir.join(VIEWS), capturing.text.as_bytes())?;
+    Ok(())
+}
+
+impl Request {
+    /// The views that are asked for.
+    pub(super) fn views(&self) -> Result<Views, CalibrateError> {
+        check_tilts(&self.tilts)?;
+        Ok(Views {
+            rig: self.rig.clone(),
+            tilts: self.tilts.clone(),
+            image_size: self.image_size,
+            tilt_uncertainty_deg: self.tilt_uncertainty_deg,
+        })
+    }
+}
+
+/// Views that are being captured.
+pub(super) struct Capturing {
+    pub(super) views: Views,
+    /// The nominal rig with the camera's image as captured.
+    pub(super) rig: Rig,
+    pub(super) dir: PathBuf,
+    /// The views, as the file of them says.
+    pub(super) text: String,
+    layout: RawLayout,
+    stripes: Stripes,
+    /// What lights the diffuse standard.
+    spot: Vec<u32>,
+    pub(super) raw: Option<RawStore>,
+    /// Ticks per second of the trigger box.
+    clock_hz: u32,
+}
+
+impl Capturing {
+    /// Of `views`, into `dir`.
+    pub(super) fn new(views: Views, dir: &Path) -> Result<Self, CalibrateError> {
+        let rig = views.scaled()?;
+        let stripes = views.stripes();
+        std::fs::create_dir_all(dir).map_err(|source| FileError::at(dir, source))?;
+        let format = rig.frame_format();
+        Ok(Self {
+            layout: RawLayout {
+                exposures: stripes.len() * views.tilts.len() + 2,
+                segment: stripes.len(),
+                height: format.height_px,
+                width: format.width_px,
+                channels: format.channels,
+                bits: format.bits,
+                clock_hz: 0,
+            },
+            spot: PatternMaker::new(View::projector(&rig), SPOT_DEG, 1.0)
+                .lit_set(lit_direction(&rig))
+                .map(|lit| lit.pixels)
+                .unwrap_or_default(),
+            text: file::text(&views),
+            dir: dir.to_owned(),
+            stripes,
+            rig,
+            views,
+            raw: None,
+            clock_hz: 0,
+        })
+    }
+
+    /// How many views there are: those of the flat mirror, and that of the diffuse standard.
+    pub(super) fn count(&self) -> usize {
+        self.views.tilts.len() + 1
+    }
+
+    /// Exposures of the view of this index.
+    pub(super) fn exposures_of(&self, view: usize) -> usize {
+        if view < self.views.tilts.len() {
+            self.stripes.len()
+        } else {
+            2
+        }
+    }
+
+    /// Takes the view of this index at the `bench`; `reach` is told how many of its exposures are taken.
+    pub(super) fn take(
+        &mut self,
+        view: usize,
+        bench: &mut dyn Bench,
+        reach: &dyn Fn(usize),
+    ) -> Result<Segment, CalibrateError> {
+        let tilt = self.views.tilts.get(view);
+        let held = match tilt {
+            Some([tilt_deg, azimuth_deg]) => {
+                black_mirror(&self.views.rig, from_degrees(*tilt_deg, *azimuth_deg))
+            }
+            None => Held::Sample(Arc::from(
+                crate::brdf::sample::parse(STANDARD).map_err(SetupError::from)?,
+            )),
+        };
+        bench.set_opened(view as u32);
+        let mut instrument = bench.open(&self.rig, held, None)?;
         let draw = |exposure: usize, image: &mut BitPattern| match exposure {
-            exposure if is_mirror => stripes.draw(exposure, image),
-            0 => image.light(&spot),
+            exposure if tilt.is_some() => self.stripes.draw(exposure, image),
+            0 => image.light(&self.spot),
             _ => {}
         };
         // The brightest pattern decides how long all are exposed.
         let (width_px, height_px) = instrument.projector.size_px();
         let mut image = BitPattern::black(width_px, height_px);
         draw(0, &mut image);
-        let tests = TestExposures::take(&rig, &[image.lit()], &mut instrument)?;
+        let tests = TestExposures::take(&self.rig, &[image.lit()], &mut instrument)?;
         if tests.is_too_bright {
             return Err(CalibrateError::Views {
                 expected: format!("a target that {} ms do not saturate", SHORTEST_EXPOSURE_S * 1e3),
@@ -198,22 +261,24 @@ pub fn capture(
             });
         }
         let exposure_s = tests.longest_s.clamp(SHORTEST_EXPOSURE_S, 1.0);
-        let timing = Timing::patient(&rig, exposure_s).map_err(plan::PlanError::from)?;
-        let raw = match &mut raw {
-            Some(raw) => raw,
-            // Now the clock is known.
-            none => none.insert(create_raw(&dir.join(RAW), layout, &instrument, VIEWS, &text)?),
-        };
-        let count = raw.segment_range(index).len();
-        let report = |taken: usize| progress.reach(done + taken);
+        let timing = Timing::patient(&self.rig, exposure_s).map_err(plan::PlanError::from)?;
         let mut tally = Tally::default();
-        let shots = instrument.take(count, &[timing], draw, &mut tally, report)?;
-        raw.write_segment(index, &segment_of(shots, tally, exposure_s))?;
-        done += count;
+        let shots = instrument.take(self.exposures_of(view), &[timing], draw, &mut tally, reach)?;
+        self.clock_hz = instrument.device.info().clock_hz;
+        Ok(segment_of(shots, tally, exposure_s))
     }
-    progress.end();
-    file::write(&dir.join(VIEWS), &views)?;
-    Ok(())
+
+    /// Stores a view, in place of an older one.
+    pub(super) fn write(&mut self, view: usize, segment: &Segment) -> Result<(), CalibrateError> {
+        if self.raw.is_none() {
+            // Now the clock is known.
+            let made = create_raw(&self.dir.join(RAW), self.layout, self.clock_hz, VIEWS, &self.text)?;
+            self.raw = Some(made);
+        }
+        let raw = self.raw.as_ref().expect("invariant: made above");
+        check_clock(&self.dir.join(RAW), raw, self.clock_hz)?;
+        Ok(raw.put_segment(view, segment)?)
+    }
 }
 
 /// Refuses tilts at which the flat mirror would stand twice: the same evidence counts once.

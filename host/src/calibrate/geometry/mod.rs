@@ -4,6 +4,8 @@
 //! | file | holds |
 //! |---|---|
 //! | `capture` | the views: what is shown and taken |
+//! | `by_hand` | views whose targets somebody puts in |
+//! | `stands` | which target stands there, told by one view |
 //! | `orientation` | which way round the images of camera and projector are |
 //! | `mounts` | how the flat mirror stood: tilts are stated by hand |
 //! | `sightings` | frames → matches of camera and projector, edges of the mirror |
@@ -24,6 +26,7 @@
 //! What counts in the end are directions, not parameters: [`Geometry`] states the standard uncertainty of the directions of
 //! camera and projector as the covariance has it and what no such rig explains adds to it, and views that leave it above [`WORST_DEG`] are refused.
 
+mod by_hand;
 mod capture;
 mod leftover;
 mod mounts;
@@ -33,6 +36,7 @@ mod picture;
 mod shadows;
 mod sightings;
 mod solve;
+mod stands;
 #[cfg(test)]
 mod tests;
 
@@ -41,6 +45,7 @@ use std::path::Path;
 use glam::{DVec2, DVec3};
 use nalgebra::{DMatrix, DVector};
 
+pub use by_hand::ByHand;
 pub use capture::{Request, Said, Views, capture};
 use mounts::{Agreement, Mount};
 use orientation::{orientations, turned};

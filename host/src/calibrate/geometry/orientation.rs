@@ -152,9 +152,11 @@ pub(super) fn orientations(task: Task) -> [Orientation; 2] {
         .map_or(stated, |(pair, _)| pair)
 }
 
-/// The median angle in radians by which the matches miss, with the rig as stated, for each pair of ways; the least first.
-fn agreements(task: Task) -> Vec<(f64, [Orientation; 2])> {
-    let Task { nominal, seen, .. } = task;
+/// Where each of some matches is seen, unit, sample frame; `None` for what misses the mirror.
+pub(super) type Sights = Vec<Option<DVec3>>;
+
+/// The directions in which camera and projector of `nominal` see `matches`, for each way in which their images may be turned.
+pub(super) fn sights(nominal: &Rig, matches: &[Match]) -> [Vec<(Orientation, Sights)>; 2] {
     let sights = |lens: fn(&mut Rig) -> &mut Lens, view: fn(&Rig) -> View, at: fn(&Match) -> DVec2| {
         let mut rig = nominal.clone();
         let ways = Orientation::all(lens(&mut rig));
@@ -167,19 +169,24 @@ fn agreements(task: Task) -> Vec<(f64, [Orientation; 2])> {
                     let at = at(found);
                     view.sight(at.x, at.y)
                 };
-                (
-                    way,
-                    seen.matches.iter().map(sight).collect::<Vec<Option<DVec3>>>(),
-                )
+                (way, matches.iter().map(sight).collect())
             })
-            .collect::<Vec<_>>()
+            .collect()
     };
-    let of_camera = sights(|rig| &mut rig.camera.lens, View::camera, |found| found.camera_px);
-    let of_projector = sights(
-        |rig| &mut rig.projector.lens,
-        View::projector,
-        |found| found.projector_px,
-    );
+    [
+        sights(|rig| &mut rig.camera.lens, View::camera, |found| found.camera_px),
+        sights(
+            |rig| &mut rig.projector.lens,
+            View::projector,
+            |found| found.projector_px,
+        ),
+    ]
+}
+
+/// The median angle in radians by which the matches miss, with the rig as stated, for each pair of ways; the least first.
+fn agreements(task: Task) -> Vec<(f64, [Orientation; 2])> {
+    let Task { nominal, seen, .. } = task;
+    let [of_camera, of_projector] = sights(nominal, &seen.matches);
     let mut agreed = Vec::new();
     for (camera, outs) in &of_camera {
         for (projector, lits) in &of_projector {

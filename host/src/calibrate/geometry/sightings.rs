@@ -3,9 +3,9 @@
 use glam::DVec2;
 
 use super::Views;
-use crate::instrument::frame_format::pixel_centre;
+use crate::instrument::frame_format::{FrameFormat, pixel_centre};
 use crate::plan::stripes::Stripes;
-use crate::store::{RawStore, StoreError};
+use crate::store::{RawStore, Segment, StoreError};
 
 /// Matches of one view that take part, at most.
 const MATCHES: usize = 1500;
@@ -48,12 +48,8 @@ impl Sightings {
         let (layout, stripes) = (*raw.layout(), views.stripes());
         let mut sightings = Self::default();
         for index in 0..raw.segments() {
-            let frames: Vec<Vec<f32>> = raw
-                .read_segment(index)?
-                .frames
-                .chunks_exact(layout.height * layout.width * layout.channels)
-                .map(|frame| brightness(frame, layout.channels))
-                .collect();
+            let length = layout.height * layout.width * layout.channels;
+            let frames = Self::frames(&raw.read_segment(index)?, length, layout.channels);
             if index < views.tilts.len() {
                 sightings.add_matches(index, &stripes, &frames, layout.width);
             } else {
@@ -61,6 +57,32 @@ impl Sightings {
             }
         }
         Ok(sightings)
+    }
+
+    /// Coarse matches, `most` of them, of a view of the flat mirror that is `taken` with images of this `format`.
+    pub(super) fn coarse(
+        views: &Views,
+        format: FrameFormat,
+        view: usize,
+        taken: &Segment,
+        most: usize,
+    ) -> Vec<Match> {
+        let frames = Self::frames(taken, format.len(), format.channels);
+        let positions = views.stripes().decode_coarsely(&frames);
+        let matches = positions.iter().enumerate().filter_map(|(pixel, position)| {
+            Some(Match {
+                view,
+                camera_px: pixel_centre(pixel, format.width_px),
+                projector_px: (*position)?,
+            })
+        });
+        thinned(&matches.collect::<Vec<_>>(), most)
+    }
+
+    /// The brightness of the frames of a `segment`, each of so many values.
+    pub(super) fn frames(segment: &Segment, length: usize, channels: usize) -> Vec<Vec<f32>> {
+        let frames = segment.frames.chunks_exact(length);
+        frames.map(|frame| brightness(frame, channels)).collect()
     }
 
     /// No more than so many matches of each view, and no edges.

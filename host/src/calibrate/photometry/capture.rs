@@ -26,23 +26,17 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::exposure::{Exposures, light};
-use super::in_holder::{InHolder, Standards};
+use super::by_hand::check_whole;
 use super::stray::StrayViews;
-use crate::base::progress::Progress;
-use crate::calibrate::{CalibrateError, RIG, create_raw, file, open_raw, segment_of};
-use crate::capture::{Instrument, Tally};
+use crate::calibrate::{CalibrateError, file, open_raw};
 use crate::instrument::calibration::photometry::COMMAND;
 use crate::instrument::calibration::{COLOURS, CalibrationError, lights};
 use crate::instrument::frame_format::FrameFormat;
-use crate::instrument::monitor::watching;
 use crate::instrument::optics::View;
 use crate::instrument::rig::{Rig, Tilt};
 use crate::plan::pattern::{BitPattern, PatternMaker};
-use crate::plan::schedule::Timing;
 use crate::plan::{self, Exposure};
 use crate::store::{RawLayout, RawStore};
-use crate::virtual_rig::setup::World;
 
 /// Name of the raw frames.
 pub(super) const RAW: &str = "photometry.raw.zarr";
@@ -144,6 +138,7 @@ impl Views {
         let path = dir.join(VIEWS);
         let views: Self = file::read(&path, COMMAND)?;
         views.check(&path)?;
+        check_whole(&views, dir)?;
         Ok((views, open_raw(dir, RAW, VIEWS)?))
     }
 
@@ -234,7 +229,7 @@ impl Views {
         all
     }
 
-    fn exposure_of(&self, shows: Shows) -> f64 {
+    pub(super) fn exposure_of(&self, shows: Shows) -> f64 {
         match shows {
             Shows::Series(index) | Shows::Dark(index) => self.times_s[index],
             Shows::Levels | Shows::Colours => self.times_s[0],
@@ -243,95 +238,12 @@ impl Views {
     }
 }
 
-/// Captures the views of `request` in `world` with the rig of the calibration in `dir`, into it.
-///
-/// # Errors
-/// [`CalibrateError`].
-pub fn capture(
-    request: &Request,
-    dir: &Path,
-    world: &World,
-    progress: &dyn Progress,
-) -> Result<(), CalibrateError> {
-    let full = Rig::load(&dir.join(RIG).display().to_string())?;
-    let standards = Standards::of(request, world)?;
-    check_tilts(&request.tilts)?;
-    let tilts: Vec<Option<Tilt>> = std::iter::once(None)
-        .chain(request.tilts.iter().copied().map(Some))
-        .collect();
-    let mut holders = holders(&full, request, &tilts)?;
-    let Exposures { times_s, spot_deg } = light(&mut holders, &standards.first, request.exposure_s, world)?;
-    let exposure_s = times_s.last().copied().expect("invariant: there are times");
-    let views = Views {
-        standard: request.standard.clone(),
-        second_standard: request.second_standard.clone(),
-        image_size: request.image_size,
-        times_s,
-        exposure_s,
-        spot_deg,
-        stray: StrayViews::plan(&full, &standards.trap, exposure_s, world)?,
-        rig: full,
-        stands: holders
-            .iter()
-            .zip(tilts)
-            .map(|(holder, tilt)| Stand {
-                tilt,
-                directions: holder.directions.clone(),
-            })
-            .collect(),
-    };
-    let segments = views.segments();
-    let layout = layout(segments.len(), holders[0].rig.frame_format());
-    let text = file::text(&views);
-    let mut raw: Option<RawStore> = None;
-    let series = Series::of(&holders[0], &views);
-    let watched = watching(&views.rig, views.stray.watching_side);
-    progress.begin("standard", layout.exposures, "exposures");
-    // What is in the holder, and the instrument with it in.
-    let mut held: Option<((usize, InHolder), Instrument)> = None;
-    for (index, shows) in segments.into_iter().enumerate() {
-        let (stand, what) = shows.in_holder();
-        let holder = &holders[stand];
-        let instrument = match &mut held {
-            Some((before, instrument)) if *before == (stand, what) => instrument,
-            _ => {
-                let sample = standards.get(what).clone();
-                let instrument = world.open_held(&holder.rig, sample, holder.tilt)?;
-                &mut held.insert(((stand, what), instrument)).1
-            }
-        };
-        let raw = match &mut raw {
-            Some(raw) => raw,
-            // Now the clock is known.
-            none => none.insert(create_raw(&dir.join(RAW), layout, instrument, VIEWS, &text)?),
-        };
-        instrument.watching = if shows.is_watched() {
-            watched.clone()
-        } else {
-            Vec::new()
-        };
-        let exposure_s = views.exposure_of(shows);
-        let mut tally = Tally::default();
-        let timing = Timing::patient(&holder.rig, exposure_s).map_err(plan::PlanError::from)?;
-        let shots = instrument.take(
-            SEGMENT,
-            &[timing],
-            |exposure, image| shows.draw(exposure, holder, &series, image),
-            &mut tally,
-            |taken| progress.reach(index * SEGMENT + taken),
-        )?;
-        raw.write_segment(index, &segment_of(shots, tally, exposure_s))?;
-    }
-    progress.end();
-    views
-        .stray
-        .capture(&views.rig, &standards.trap, dir, &text, world, progress)?;
-    file::write(&dir.join(VIEWS), &views)?;
-    Ok(())
-}
-
 /// The holder at each of `tilts`.
-fn holders(full: &Rig, request: &Request, tilts: &[Option<Tilt>]) -> Result<Vec<Holder>, CalibrateError> {
+pub(super) fn holders(
+    full: &Rig,
+    request: &Request,
+    tilts: &[Option<Tilt>],
+) -> Result<Vec<Holder>, CalibrateError> {
     tilts
         .iter()
         .map(|tilt| Holder::new(full, *tilt, request.image_size))
@@ -353,12 +265,12 @@ pub(super) fn layout(segments: usize, format: FrameFormat) -> RawLayout {
 
 impl Shows {
     /// Whether the lamp is watched: not where all that is lit is grey or coloured, or nothing is.
-    const fn is_watched(self) -> bool {
+    pub(super) const fn is_watched(self) -> bool {
         !matches!(self, Self::Levels | Self::Colours | Self::Dark(_))
     }
 
     /// Draws the `exposure` of this number of the segment into the black `image`.
-    fn draw(self, exposure: usize, holder: &Holder, series: &Series, image: &mut BitPattern) {
+    pub(super) fn draw(self, exposure: usize, holder: &Holder, series: &Series, image: &mut BitPattern) {
         match self {
             Self::Series(_) if exposure < SEGMENT / 2 => image.light(&series.spot),
             Self::Levels => {
@@ -389,14 +301,14 @@ pub(super) const fn primary(exposure: usize) -> Option<usize> {
 }
 
 /// What the series lights.
-struct Series {
+pub(super) struct Series {
     spot: Vec<u32>,
     /// Beside so much light that of black pixels is little, which the lamp's flicker changes too.
     wide: Vec<u32>,
 }
 
 impl Series {
-    fn of(holder: &Holder, views: &Views) -> Self {
+    pub(super) fn of(holder: &Holder, views: &Views) -> Self {
         let direction = holder.series();
         let ratio = views.exposure_s / views.times_s[0];
         let wide_deg = (views.spot_deg() * (WIDE * ratio).sqrt()).clamp(views.spot_deg(), WIDEST_DEG);
@@ -410,7 +322,7 @@ impl Series {
 }
 
 /// Refuses tilts at which the standard would stand twice: the same evidence counts once.
-fn check_tilts(tilts: &[Tilt]) -> Result<(), CalibrateError> {
+pub(super) fn check_tilts(tilts: &[Tilt]) -> Result<(), CalibrateError> {
     for (index, tilt) in tilts.iter().enumerate() {
         let mut before = std::iter::once(None).chain(tilts[..index].iter().copied().map(Some));
         if before.any(|other| Tilt::is_same(other, Some(*tilt))) {

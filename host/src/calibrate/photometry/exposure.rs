@@ -11,10 +11,10 @@
 
 use super::capture::Holder;
 use crate::calibrate::CalibrateError;
+use crate::calibrate::by_hand::Bench;
 use crate::capture::pilot::TestExposures;
 use crate::plan::schedule::{LONGEST_EXPOSURE_S, SHORTEST_EXPOSURE_S};
 use crate::virtual_rig::Held;
-use crate::virtual_rig::setup::World;
 
 /// Exposure times of the series.
 const TIMES: usize = 8;
@@ -52,7 +52,7 @@ pub(super) fn light(
     holders: &mut [Holder],
     standard: &Held,
     exposure_s: Option<f64>,
-    world: &World,
+    bench: &mut dyn Bench,
 ) -> Result<Exposures, CalibrateError> {
     let least_s = LEAST_RATIO * SHORTEST_EXPOSURE_S;
     if let Some(exposure_s) = exposure_s
@@ -69,7 +69,7 @@ pub(super) fn light(
         });
     }
     let whole_deg = holders[0].rig.light.spot_deg;
-    let mut spot_deg = clear_deg(&holders[0], standard, world)?;
+    let mut spot_deg = clear_deg(&holders[0], standard, bench)?;
     for holder in holders.iter_mut() {
         holder.set_spot(spot_deg);
     }
@@ -81,7 +81,7 @@ pub(super) fn light(
         });
     }
     for _ in 0..=HALVINGS {
-        let longest_s = longest_s(holders, standard, world)?;
+        let longest_s = longest_s(holders, standard, bench)?;
         if longest_s >= least_s {
             return Ok(Exposures {
                 times_s: series(longest_s),
@@ -106,9 +106,9 @@ pub(super) fn light(
 
 /// The opening in degrees of a spot that stands [`CLEAR_SNR`] above the noise of all black projector pixels together at
 /// 75°: that of the rig or wider.
-fn clear_deg(holder: &Holder, standard: &Held, world: &World) -> Result<f64, CalibrateError> {
+fn clear_deg(holder: &Holder, standard: &Held, bench: &mut dyn Bench) -> Result<f64, CalibrateError> {
     let whole_deg = holder.rig.light.spot_deg;
-    let mut instrument = world.open_held(&holder.rig, standard.clone(), holder.tilt)?;
+    let mut instrument = bench.open(&holder.rig, standard.clone(), holder.tilt)?;
     // A black pattern first.
     let mut patterns = vec![Vec::new()];
     patterns.extend(holder.directions.iter().step_by(5).map(|at| holder.lit(*at)));
@@ -127,10 +127,10 @@ fn clear_deg(holder: &Holder, standard: &Held, world: &World) -> Result<f64, Cal
 }
 
 /// The longest exposure time in s that saturates `standard` at no stand; 0 if all do.
-fn longest_s(holders: &[Holder], standard: &Held, world: &World) -> Result<f64, CalibrateError> {
+fn longest_s(holders: &[Holder], standard: &Held, bench: &mut dyn Bench) -> Result<f64, CalibrateError> {
     let mut longest_s = PATIENCE_S;
     for holder in holders {
-        let mut instrument = world.open_held(&holder.rig, standard.clone(), holder.tilt)?;
+        let mut instrument = bench.open(&holder.rig, standard.clone(), holder.tilt)?;
         let patterns: Vec<Vec<u32>> = holder
             .directions
             .iter()
@@ -168,6 +168,7 @@ mod tests {
     use rand_xoshiro::Xoshiro256PlusPlus;
 
     use super::*;
+    use crate::calibrate::by_hand::VirtualBench;
     use crate::instrument::rig::Rig;
     use crate::plan::Virtual;
     use crate::virtual_rig::setup::Setup;
@@ -237,14 +238,14 @@ mod tests {
             });
             let world = setup.world().unwrap();
             let mut holders = [Holder::new(&rig, None, 12).unwrap()];
-            match light(&mut holders, &standard, None, &world) {
+            match light(&mut holders, &standard, None, &mut VirtualBench::new(&world)) {
                 Ok(exposures) => {
                     found += 1;
                     smaller += u32::from(exposures.spot_deg.is_some());
                     let times_s = &exposures.times_s;
                     assert!(times_s[0] >= SHORTEST_EXPOSURE_S, "{times_s:?}");
                     // What is lit does not saturate.
-                    let longest_s = longest_s(&holders, &standard, &world).unwrap();
+                    let longest_s = longest_s(&holders, &standard, &mut VirtualBench::new(&world)).unwrap();
                     assert!(
                         *times_s.last().unwrap() <= longest_s * 1.05,
                         "{times_s:?} {longest_s}"

@@ -4,6 +4,9 @@
 //! | file | holds |
 //! |---|---|
 //! | `capture` | the views: what is shown and taken |
+//! | `capturing` | how they are taken, target by target |
+//! | `by_hand` | views whose targets somebody puts in |
+//! | `looks` | which target stands there, told by a few test exposures |
 //! | `captured` | the frames of the views, and what each is for |
 //! | `in_holder` | what is put into the holder |
 //! | `lights` | the incident directions of the views |
@@ -30,9 +33,11 @@
 //! Assembly takes all of it into account; what it does about interreflection stands there.
 
 mod again;
+mod by_hand;
 mod camera;
 mod capture;
 mod captured;
+mod capturing;
 mod contrast;
 mod crosstalk;
 mod exposure;
@@ -40,6 +45,7 @@ mod in_holder;
 mod interreflection;
 mod knee;
 mod linear;
+mod looks;
 mod pixels;
 mod rank_one;
 mod share;
@@ -53,7 +59,9 @@ mod weakness;
 use std::path::Path;
 
 pub use again::{NONE, Said};
-pub use capture::{Request, Views, capture};
+pub use by_hand::ByHand;
+pub use capture::{Request, Views};
+pub use capturing::capture;
 pub use standards::{Trust, standards};
 pub use weakness::{Height, Weakness, height, weaknesses};
 

@@ -302,6 +302,21 @@ impl RawStore {
         Ok(self.segments())
     }
 
+    /// Whether segment `index` is there and undamaged, whichever others are.
+    ///
+    /// # Errors
+    /// [`StoreError::Io`] if a file that exists cannot be read.
+    pub fn is_whole(&self, index: usize) -> Result<bool, StoreError> {
+        if !self.seals.is_present(index) {
+            return Ok(false);
+        }
+        match self.read_segment(index) {
+            Ok(_) => Ok(true),
+            Err(StoreError::Checksum { .. } | StoreError::Chunk { .. }) => Ok(false),
+            Err(error) => Err(error),
+        }
+    }
+
     /// Writes segment `index`, which must be the next one or, again, the one written last.
     ///
     /// # Errors
@@ -310,6 +325,41 @@ impl RawStore {
     /// written then. [`StoreError::DiskFull`] or [`StoreError::Io`]: the segment is not whole and
     /// can be written again.
     pub fn write_segment(&self, index: usize, segment: &Segment) -> Result<(), StoreError> {
+        self.check(index, segment)?;
+        let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
+        let next = match progress.next {
+            Some(next) => next,
+            None => self.count_whole_segments()?,
+        };
+        progress.next = Some(next);
+        if index != next && index.checked_add(1) != Some(next) {
+            let expected = format!("{next}, the next one");
+            return Err(StoreError::argument(
+                self.store.root(),
+                "index of the segment to write",
+                expected,
+                index.to_string(),
+            ));
+        }
+        progress.next = Some(index);
+        self.put(index, segment, &mut progress)?;
+        progress.next = Some(index + 1);
+        Ok(())
+    }
+
+    /// Writes segment `index`, whichever others are there, in place of an older one: of captures in which each segment is one by itself.
+    ///
+    /// # Errors
+    /// As for [`write_segment`](Self::write_segment).
+    pub fn put_segment(&self, index: usize, segment: &Segment) -> Result<(), StoreError> {
+        self.check(index, segment)?;
+        let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
+        progress.next = None;
+        self.put(index, segment, &mut progress)
+    }
+
+    /// Refuses a segment `index` that is not as the layout says.
+    fn check(&self, index: usize, segment: &Segment) -> Result<(), StoreError> {
         self.frames.check_len(index, segment.frames.len())?;
         let root = self.store.root();
         let (expected, found) = (self.segment_range(index).len(), segment.records.len());
@@ -323,50 +373,35 @@ impl RawStore {
             ));
         }
         let (largest, allowed) = (segment.frames.iter().copied().max(), self.layout.largest_sample());
-        if let Some(sample) = largest.filter(|&sample| sample > allowed) {
-            let expected = format!("at most {allowed} ({} bits)", self.layout.bits);
-            return Err(StoreError::argument(
+        match largest.filter(|&sample| sample > allowed) {
+            None => Ok(()),
+            Some(sample) => Err(StoreError::argument(
                 root,
                 format!("samples of segment {index}"),
-                expected,
+                format!("at most {allowed} ({} bits)", self.layout.bits),
                 sample.to_string(),
-            ));
+            )),
         }
+    }
 
-        let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
-        let next = match progress.next {
-            Some(next) => next,
-            None => self.count_whole_segments()?,
-        };
-        progress.next = Some(next);
-        if index != next && index.checked_add(1) != Some(next) {
-            let expected = format!("{next}, the next one");
-            return Err(StoreError::argument(
-                root,
-                "index of the segment to write",
-                expected,
-                index.to_string(),
-            ));
-        }
+    /// Writes the parts of segment `index`, its seal last.
+    fn put(&self, index: usize, segment: &Segment, progress: &mut Progress) -> Result<(), StoreError> {
         if !progress.swept {
             self.store.remove_temporaries()?;
             progress.swept = true;
         }
-        progress.next = Some(index);
         self.seals.erase(index)?;
         self.frames.erase(index)?;
         self.records.write(index, &segment.records)?;
         self.tallies.write(index, &segment.tally)?;
         if self.layout.bits <= 8 {
-            // Checked above: every sample fits.
+            // Checked before: every sample fits.
             let samples: Vec<u8> = segment.frames.iter().map(|&sample| sample as u8).collect();
             self.frames.write(index, &samples)?;
         } else {
             self.frames.write(index, &segment.frames)?;
         }
-        self.seals.write(index, self.parts())?;
-        progress.next = Some(index + 1);
-        Ok(())
+        self.seals.write(index, self.parts())
     }
 
     /// The arrays of which every segment has one chunk.

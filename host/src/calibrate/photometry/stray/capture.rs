@@ -17,7 +17,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::super::capture::{SEGMENT, VIEWS, layout};
-use crate::base::progress::Progress;
+use crate::calibrate::by_hand::Bench;
 use crate::calibrate::{CalibrateError, create_raw, segment_of};
 use crate::capture::pilot::TestExposures;
 use crate::capture::{Instrument, Tally};
@@ -26,8 +26,7 @@ use crate::instrument::monitor::{BLOCK_PX, watching};
 use crate::instrument::rig::Rig;
 use crate::plan;
 use crate::plan::schedule::{SHORTEST_EXPOSURE_S, Timing};
-use crate::store::RawStore;
-use crate::virtual_rig::setup::World;
+use crate::store::{RawStore, Segment};
 use crate::virtual_rig::{FlatMirror, Held};
 
 /// Name of the raw frames.
@@ -46,7 +45,7 @@ pub(super) const FIRST_PARTED: usize = 2 * DISCS;
 /// The segment of what watches the lamp.
 pub(super) const WATCHED: usize = FIRST_PARTED + PARTED;
 /// All of them.
-pub(super) const SEGMENTS: usize = WATCHED + 1;
+pub(in super::super) const SEGMENTS: usize = WATCHED + 1;
 /// Reflectance of the flat mirror: a surface of black glass.
 const REFLECTANCE: f64 = 0.04;
 /// Share of the longest exposure that does not saturate: glare is told by what is not saturated.
@@ -73,7 +72,7 @@ pub(in super::super) struct StrayViews {
 }
 
 /// The flat mirror: it lies as the sample does.
-fn mirror() -> Held {
+pub(in super::super) fn mirror() -> Held {
     Held::Mirror(FlatMirror {
         normal: DVec3::Z,
         reflectance: REFLECTANCE,
@@ -122,7 +121,7 @@ impl StrayViews {
         full: &Rig,
         trap: &Held,
         exposure_s: f64,
-        world: &World,
+        bench: &mut dyn Bench,
     ) -> Result<Self, CalibrateError> {
         let image_size = IMAGE_SIZE.min(full.camera.lens.width_px);
         let rig = full.with_image_size(image_size)?;
@@ -130,9 +129,9 @@ impl StrayViews {
             rig.projector.lens.width_px as usize,
             rig.projector.lens.height_px as usize,
         );
-        let longest = |held: &Held, pattern: fn(usize, (usize, usize)) -> Vec<u32>| {
+        let longest = |held: &Held, pattern: fn(usize, (usize, usize)) -> Vec<u32>, bench: &mut dyn Bench| {
             let patterns: Vec<Vec<u32>> = (0..PATTERNS).map(|number| pattern(number, size)).collect();
-            let mut instrument = world.open_held(&rig, held.clone(), None)?;
+            let mut instrument = bench.open(&rig, held.clone(), None)?;
             let tests = TestExposures::take(&rig, &patterns, &mut instrument)?;
             if tests.is_too_bright {
                 return Err(CalibrateError::Views {
@@ -143,13 +142,31 @@ impl StrayViews {
             }
             Ok::<f64, CalibrateError>((SHARE * tests.longest_s).max(SHORTEST_EXPOSURE_S))
         };
+        // Whoever puts them in does so once.
+        let watching_side = watching_side(&rig, trap, exposure_s, bench)?;
+        let parts_s = longest(trap, part, bench)?.min(exposure_s);
         Ok(Self {
-            watching_side: watching_side(&rig, trap, exposure_s, world)?,
+            watching_side,
             watched_s: exposure_s,
             image_size,
-            discs_s: longest(&mirror(), disc)?.min(full.camera.exposure_s),
-            parts_s: longest(trap, part)?.min(exposure_s),
+            discs_s: longest(&mirror(), disc, bench)?.min(full.camera.exposure_s),
+            parts_s,
         })
+    }
+
+    /// Exposure times of discs, of parts and of what watches the lamp, seconds.
+    pub(in super::super) const fn times(&self) -> [f64; 3] {
+        [self.discs_s, self.parts_s, self.watched_s]
+    }
+
+    /// The same with these.
+    pub(in super::super) fn with_times(&self, [discs_s, parts_s, watched_s]: [f64; 3]) -> Self {
+        Self {
+            discs_s,
+            parts_s,
+            watched_s,
+            ..self.clone()
+        }
     }
 
     /// The rig of the views.
@@ -157,57 +174,91 @@ impl StrayViews {
         Ok(full.with_image_size(self.image_size)?)
     }
 
-    /// Captures them into `dir`, whose file of views will hold `text`.
-    pub(in super::super) fn capture(
+    /// Takes the segments that show the mirror, or those that show the `trap`, on the rig `full` at the `bench`, which was opened so many
+    /// times for the views before; `reach` is told how many exposures are taken. Returns them with the clock of the trigger box.
+    pub(in super::super) fn take(
         &self,
         full: &Rig,
-        trap: &Held,
-        dir: &Path,
-        text: &str,
-        world: &World,
-        progress: &dyn Progress,
-    ) -> Result<(), CalibrateError> {
+        part: Part<'_>,
+        bench: &mut dyn Bench,
+        opened: u32,
+        reach: &dyn Fn(usize),
+    ) -> Result<(u32, Vec<(usize, Segment)>), CalibrateError> {
         let rig = self.rig(full)?;
-        let layout = layout(SEGMENTS, rig.frame_format());
-        progress.begin("stray light", layout.exposures, "exposures");
         let watched = watching(&rig, self.watching_side);
-        let mut raw: Option<RawStore> = None;
-        for (segments, held, exposure_s) in [
-            (0..DISCS, &mirror(), self.discs_s),
-            (DISCS..FIRST_PARTED, trap, self.discs_s),
-            (FIRST_PARTED..WATCHED, trap, self.parts_s),
-            (WATCHED..SEGMENTS, trap, self.watched_s),
-        ] {
-            let mut instrument = world.open_held(&rig, held.clone(), None)?;
+        let (held, series) = match part {
+            Part::Mirror => (mirror(), vec![(0, 0..DISCS, self.discs_s)]),
+            Part::Trap(trap) => (
+                trap.clone(),
+                vec![
+                    (1, DISCS..FIRST_PARTED, self.discs_s),
+                    (2, FIRST_PARTED..WATCHED, self.parts_s),
+                    (3, WATCHED..SEGMENTS, self.watched_s),
+                ],
+            ),
+        };
+        let (mut clock_hz, mut taken) = (0, Vec::new());
+        for (number, segments, exposure_s) in series {
+            bench.set_opened(opened + number);
+            let mut instrument = bench.open(&rig, held.clone(), None)?;
+            clock_hz = instrument.device.info().clock_hz;
             for segment in segments {
-                let taken = segment * SEGMENT;
+                let before = taken.len() * SEGMENT;
                 let draw = |exposure: usize, size: (usize, usize)| match segment {
                     WATCHED => watched.clone(),
                     _ => lit(segment, exposure, size),
                 };
                 let shots = take(&draw, &rig, exposure_s, &mut instrument, &|count| {
-                    progress.reach(taken + count);
+                    reach(before + count);
                 })?;
-                let raw = match &mut raw {
-                    Some(raw) => raw,
-                    // Now the clock is known.
-                    none => none.insert(create_raw(&dir.join(RAW), layout, &instrument, VIEWS, text)?),
-                };
-                raw.write_segment(segment, &shots)?;
+                taken.push((segment, shots));
             }
         }
-        progress.end();
-        Ok(())
+        Ok((clock_hz, taken))
+    }
+
+    /// The file of the frames in `dir`, whose file of views will hold `text`, by a trigger box with this clock.
+    pub(in super::super) fn create(
+        &self,
+        full: &Rig,
+        dir: &Path,
+        text: &str,
+        clock_hz: u32,
+    ) -> Result<RawStore, CalibrateError> {
+        let layout = layout(SEGMENTS, self.rig(full)?.frame_format());
+        create_raw(&dir.join(RAW), layout, clock_hz, VIEWS, text)
+    }
+}
+
+/// The part of the views of stray light that shows one target.
+#[derive(Clone, Copy)]
+pub(in super::super) enum Part<'a> {
+    Mirror,
+    Trap(&'a Held),
+}
+
+impl Part<'_> {
+    /// The segments that show it.
+    pub(in super::super) const fn segments(self) -> std::ops::Range<usize> {
+        match self {
+            Self::Mirror => 0..DISCS,
+            Self::Trap(_) => DISCS..SEGMENTS,
+        }
     }
 }
 
 /// Side in pixels of the squares that watch the lamp on `rig` in exposures of `exposure_s` seconds; `trap` is held for darkness.
-fn watching_side(rig: &Rig, trap: &Held, exposure_s: f64, world: &World) -> Result<u32, CalibrateError> {
+fn watching_side(
+    rig: &Rig,
+    trap: &Held,
+    exposure_s: f64,
+    bench: &mut dyn Bench,
+) -> Result<u32, CalibrateError> {
     let largest = watching(rig, BLOCK_PX);
     if largest.is_empty() {
         return Ok(0);
     }
-    let mut instrument = world.open_held(rig, trap.clone(), None)?;
+    let mut instrument = bench.open(rig, trap.clone(), None)?;
     let tests = TestExposures::take(rig, &[Vec::new(), largest], &mut instrument)?;
     let mean = |dn: &[u16]| dn.iter().map(|dn| f64::from(*dn)).sum::<f64>() / dn.len() as f64;
     let light_dn = mean(&tests.shots[1].dn) - mean(&tests.shots[0].dn);
@@ -222,7 +273,7 @@ fn take(
     exposure_s: f64,
     instrument: &mut Instrument,
     taken: &dyn Fn(usize),
-) -> Result<crate::store::Segment, CalibrateError> {
+) -> Result<Segment, CalibrateError> {
     let timing = Timing::patient(rig, exposure_s).map_err(plan::PlanError::from)?;
     let mut tally = Tally::default();
     let shots = instrument.take(

@@ -9,5 +9,5 @@ mod fit;
 mod glare;
 mod lamp;
 
-pub(super) use capture::StrayViews;
+pub(super) use capture::{Part, RAW, SEGMENTS, StrayViews, mirror};
 pub(super) use fit::stray;
