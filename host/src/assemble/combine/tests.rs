@@ -148,8 +148,8 @@ fn noise_averages_out_and_a_common_calibration_does_not() {
     let folder = tempfile::tempdir().unwrap();
     // Calibrations that are off by what they state.
     let other = |(calibration, offset)| Made {
-        calibration,
         offset,
+        calibration,
         ..USUAL
     };
     let rest = 0.2_f64;
