@@ -55,7 +55,7 @@ fn the_mean_of_repeats_is_nearer_to_the_truth_and_says_how_near() {
         &["value", &out, "--uncertainty"][..],
         &["reflectance", &out],
         &["compare", "ward:brass", &out],
-        &["fit", &out],
+        &["fit", &out, "--model", "ward"],
         &["fill", &out, "--without", "model", "--out", &at("filled.zarr")],
         &["plot", &out, "--out", &at("plot.csv")],
         &["render", &out, "--size", "8", "--out", &at("a.png")],
