@@ -38,7 +38,7 @@ pub const KINDS: [Cause; 11] = [
     Cause {
         name: "lamp",
         quantity: "light of the lamp, at calibration and since",
-        evaluation: "A",
+        evaluation: "A, B",
         shared_by: "all values of this measurement",
     },
     Cause {

@@ -6,7 +6,7 @@
 //! virtual. What was stored stays: who stops goes on another day with the views that are missing, and a view that is taken again
 //! replaces the old one only when it is there.
 //!
-//! Beside the views lies a file that says how they are captured by hand ([`Notes`]): under which conditions, so that no view of another
+//! Beside the views lies a file that says how they are captured by hand (`Notes`): under which conditions, so that no view of another
 //! rig is mixed in, and which views somebody kept although something else seemed to stand there. On the virtual rig a view shows
 //! the same whenever it is taken: a calibration by hand is that without hands, to the bit.
 

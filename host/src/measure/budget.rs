@@ -137,7 +137,9 @@ mod tests {
             text.contains("0-30°") && text.contains("1.23 %") && text.contains("79.0"),
             "{text}"
         );
-        assert_eq!(budget_html(&budget).matches("<tr>").count(), 3);
+        // Heads, types and two regions, and the legend.
+        let rows = 4 + CAUSES.len();
+        assert_eq!(budget_html(&budget).matches("<tr>").count(), rows);
         assert_eq!((budget_line(&[]), budget_html(&[]).as_str()), (None, ""));
     }
 }

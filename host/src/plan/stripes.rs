@@ -151,7 +151,7 @@ impl Stripes {
     }
 
     /// Projector positions that the camera pixels see, as [`decode`](Self::decode), but only as fine as the Gray code is clear, which coarse
-    /// and blurred images show too: the middle of 2⁻ⁿ of an axis, n at least [`COARSE`]. `None` where not even that is clear, as
+    /// and blurred images show too: the middle of 2⁻ⁿ of an axis, n at least 4. `None` where not even that is clear, as
     /// where the light of all positions is mixed.
     #[must_use]
     pub fn decode_coarsely(&self, frames: &[Vec<f32>]) -> Vec<Option<DVec2>> {

@@ -154,7 +154,7 @@ impl Scene {
                 format!("{repeated} {measured} --csv {}", file("h.csv")),
             ],
             "turn" => vec![format!("{brdf} --azimuth 20 --out {}", file("turned.zarr"))],
-            "budget" => vec![format!("{brdf} --region 20,40")],
+            "budget" => vec![format!("{brdf} --region 45,40")],
             "reflectance" => vec![format!("{brdf} --theta 10,40"), "lambert:0.5".to_owned()],
             "render" => vec![format!("lambert --size 8 --out {}", file("a.png"))],
             "plot" => ["svg", "png", "csv"]

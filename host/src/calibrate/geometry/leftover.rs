@@ -12,7 +12,7 @@
 //! camera's half is the same in all views, whose squares are then one cluster; the projector sees itself elsewhere in each. Of so
 //! few clusters the unknowns take a part, so that less is left than there is: the variance is that over degrees of freedom.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet};
 
 use glam::DVec2;
 
@@ -47,7 +47,7 @@ impl Leftover {
         unknowns: usize,
         [width_px, height_px]: [u32; 2],
     ) -> Self {
-        let mut squares: HashMap<(usize, [u32; 2]), Vec<DVec2>> = HashMap::new();
+        let mut squares: BTreeMap<(usize, [u32; 2]), Vec<DVec2>> = BTreeMap::new();
         for (found, residual) in seen.matches.iter().zip(residuals) {
             if let Some(residual) = residual.filter(|residual| residual.length() < OUTLIER * scale_rad) {
                 let at = |px: f64, size_px: u32| (px / f64::from(size_px) * SQUARES) as u32;
@@ -72,7 +72,7 @@ impl Leftover {
                 design_effect: 1.0,
             };
         }
-        let of_camera: HashSet<[u32; 2]> = squares.keys().map(|(_, square)| *square).collect();
+        let of_camera: BTreeSet<[u32; 2]> = squares.keys().map(|(_, square)| *square).collect();
         let [of_view, of_all] = [squares.len(), of_camera.len()].map(|clusters| matches / clusters as f64);
         let each = f64::midpoint(of_view, of_all);
         // Each has two components.

@@ -63,7 +63,7 @@ impl Measurement {
     /// where there is a plan, or anything else, all stays as it is.
     ///
     /// # Errors
-    /// [`MeasurementError::File`]; [`StoreError::Busy`] if another process is writing there.
+    /// [`MeasurementError::File`]; [`StoreError::Busy`](crate::store::StoreError::Busy) if another process is writing there.
     pub fn sweep(dir: &Path) -> Result<(), MeasurementError> {
         if !dir.is_dir() {
             return Ok(());
