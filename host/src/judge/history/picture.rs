@@ -5,6 +5,10 @@ use std::fmt::Write as _;
 use super::{ACTION, History, Over, Point, WARNING};
 use crate::judge::chart::{Axis, Chart, Curve};
 
+/// Expanded uncertainties so many times as far as the lines of action are told in place of drawn: what all measurements have in
+/// common would hide how they differ.
+const FAR: f64 = 5.0;
+
 impl History {
     /// Value of each measurement with its expanded uncertainty (k = 2), and the lines, percent beside 1, of the channel that is
     /// [`shown`](Self::shown).
@@ -13,7 +17,6 @@ impl History {
         let channel = self.shown();
         let lines = &self.lines[channel];
         let last = self.points.last().map_or(0.0, |point| point.days);
-        let percent = |value: f64| 100.0 * (value - 1.0);
         let flat = |label: &str, of: [f64; 2]| Curve {
             label: label.to_owned(),
             // One curve of two lines, with a gap between.
@@ -28,24 +31,9 @@ impl History {
                 })
                 .collect(),
         };
-        let of_points = |label: &str, of: &dyn Fn(&Point) -> Vec<Option<f64>>| Curve {
-            label: label.to_owned(),
-            points: self
-                .points
-                .iter()
-                .flat_map(|point| {
-                    of(point)
-                        .into_iter()
-                        .map(|value| (point.days, value.map(percent)))
-                })
-                .collect(),
-        };
         let mut curves = vec![
-            of_points("value", &|point| vec![Some(point.values[channel])]),
-            of_points("± U (k = 2)", &|point| {
-                let (value, half) = (point.values[channel], point.expanded_uncertainties[channel]);
-                vec![Some(value - half), Some(value + half), None]
-            }),
+            self.of_points("value", |point| vec![Some(point.values[channel])]),
+            self.uncertainties(channel),
             flat(
                 "action (3 s)",
                 [-ACTION, ACTION].map(|deviations| lines.at(deviations)),
@@ -87,6 +75,36 @@ impl History {
         }
     }
 
+    /// The values `of` each point, percent beside 1; `None` is a gap.
+    fn of_points(&self, label: &str, of: impl Fn(&Point) -> Vec<Option<f64>>) -> Curve {
+        let at = |point: &Point| {
+            let days = point.days;
+            let percents = of(point).into_iter().map(|value| value.map(percent));
+            percents.map(move |value| (days, value)).collect::<Vec<_>>()
+        };
+        Curve {
+            label: label.to_owned(),
+            points: self.points.iter().flat_map(at).collect(),
+        }
+    }
+
+    /// The expanded uncertainties of a `channel` as bars, or the largest in words where they are out of all proportion.
+    fn uncertainties(&self, channel: usize) -> Curve {
+        let lines = &self.lines[channel];
+        let halves = self
+            .points
+            .iter()
+            .map(|point| point.expanded_uncertainties[channel]);
+        let largest = halves.fold(0.0, f64::max);
+        if largest > FAR * (lines.at(ACTION) - lines.mean) {
+            return self.of_points(&format!("U to {:.2} %", 100.0 * largest), |_| Vec::new());
+        }
+        self.of_points("± U (k = 2)", |point| {
+            let (value, half) = (point.values[channel], point.expanded_uncertainties[channel]);
+            vec![Some(value - half), Some(value + half), None]
+        })
+    }
+
     /// The table: a row per measurement and channel.
     #[must_use]
     pub fn csv(&self) -> String {
@@ -125,6 +143,11 @@ impl History {
         }
         table
     }
+}
+
+/// How far a value is from 1, percent.
+fn percent(value: f64) -> f64 {
+    100.0 * (value - 1.0)
 }
 
 /// A name as a field of a table (RFC 4180).
