@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use rcg::base::file_format::TABLE;
 use rcg::brdf::Brdf;
 use rcg::brdf::reflectance::Missing;
 use rcg::capture::directory::Measurement;
@@ -12,12 +13,12 @@ use serde_json::json;
 
 use crate::Done;
 use crate::failure::Failure;
-use crate::output::Output;
+use crate::output::{Output, to_write};
 use crate::render::angles;
 
 /// The budget of uncertainty after the GUM: each source with its type, standard uncertainty, sensitivity and contribution.
 ///
-/// Of a measurement and a pair of directions (--in, --out): the sample nearest to it, by channel, for which its frames are assembled once more
+/// Of a measurement and a pair of directions (--incident, --outgoing): the sample nearest to it, by channel, for which its frames are assembled once more
 /// as far as it needs. Without a pair: of all regions of polar angles, or of the one that --region names, relative to f.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -25,20 +26,23 @@ pub(crate) struct Args {
     #[arg(value_name = "DIR")]
     of: PathBuf,
     /// Light from this direction: polar angle and azimuth, degrees
-    #[arg(long = "in", value_name = "THETA,PHI", value_parser = angles, requires = "outgoing", allow_hyphen_values = true)]
+    #[arg(long, value_name = "THETA,PHI", value_parser = angles, requires = "outgoing", allow_hyphen_values = true)]
     incident: Option<(f64, f64)>,
     /// View to this direction: polar angle and azimuth, degrees
-    #[arg(long = "out", id = "outgoing", value_name = "THETA,PHI", value_parser = angles, requires = "incident", allow_hyphen_values = true)]
+    #[arg(long, value_name = "THETA,PHI", value_parser = angles, requires = "incident", allow_hyphen_values = true)]
     outgoing: Option<(f64, f64)>,
     /// The region of these polar angles of light and view, degrees
     #[arg(long, value_name = "THETA_I,THETA_O", value_parser = angles, conflicts_with = "incident")]
     region: Option<(f64, f64)>,
-    /// Write the table to this CSV file too
+    /// Also write the table (.csv)
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
 }
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
+    if let Some(path) = &args.csv {
+        to_write(path, TABLE)?;
+    }
     let budgets = match args.incident.zip(args.outgoing) {
         Some((incident, outgoing)) => of_pair(&args.of, [incident, outgoing], output)?,
         None => of_regions(&args.of, args.region)?,
@@ -52,7 +56,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
 }
 
 fn of_pair(dir: &Path, pair: [(f64, f64); 2], output: &Output) -> Result<Vec<Budget>, Failure> {
-    for (option, (theta, _)) in ["--in", "--out"].into_iter().zip(pair) {
+    for (option, (theta, _)) in ["--incident", "--outgoing"].into_iter().zip(pair) {
         if !(0.0..90.0).contains(&theta) {
             return Err(Failure::input(format!(
                 "{option}: expected a polar angle from 0 to below 90 degrees, found {theta}"

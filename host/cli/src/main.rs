@@ -125,6 +125,7 @@ impl Command {
             Self::Capture(_)
                 | Self::Assemble(_)
                 | Self::Value(_)
+                | Self::Budget(_)
                 | Self::Evaluate(_)
                 | Self::Compare(_)
                 | Self::Combine(_)

@@ -284,7 +284,6 @@ impl Correction {
             .hypot(value.mixed)
             .hypot(back.uncertainty);
         let turned2 = value.directed.powi(2);
-        let standard2 = self.first_variance(f).min(standards2);
         Variances {
             total,
             standards2,
@@ -292,12 +291,12 @@ impl Correction {
                 (sigma.powi(2) - value.stray2 - value.lamp2).max(0.0),
                 value.stray2,
                 value.lamp2 + lamp_common2,
-                standard2,
+                standards2,
                 field2,
                 part2,
                 turned2 + leant2,
                 (value.by_shape.powi(2) - turned2).max(0.0),
-                back.uncertainty.powi(2) + standards2 - standard2,
+                back.uncertainty.powi(2),
                 value.mixed.powi(2),
                 value.polarised,
             ],

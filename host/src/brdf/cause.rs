@@ -43,7 +43,7 @@ pub const KINDS: [Cause; 11] = [
     },
     Cause {
         name: "standard",
-        quantity: "reflectance of the standard",
+        quantity: "reflectance of the standards, by which light and returned light are known",
         evaluation: "B",
         shared_by: "all results by this standard",
     },

@@ -12,7 +12,15 @@ fn number(value: &Value, key: &str) -> f64 {
 
 /// The budget of the sample nearest to a pair of directions, its first channel.
 fn budget(dir: &str, pair: [&str; 2], more: &[&str]) -> Value {
-    let command = ["budget", dir, "--in", pair[0], "--out", pair[1], "--json"];
+    let command = [
+        "budget",
+        dir,
+        "--incident",
+        pair[0],
+        "--outgoing",
+        pair[1],
+        "--json",
+    ];
     let told = run(&[&command[..], more].concat(), "").done().to_owned();
     serde_json::from_str::<Value>(&told).unwrap()["budgets"][0].clone()
 }
@@ -97,14 +105,17 @@ fn of_regions_it_is_relative_and_what_has_none_is_refused() {
     assert_eq!(one.matches("view to 30 to 60°").count(), 1, "{one}");
     let model = "ward:brass";
     for (arguments, parts) in [
-        (vec![dir, "--in", "15,0"], vec!["--out"]),
-        (vec![dir, "--in", "15,0", "--out", "95,0"], vec!["--out", "95"]),
+        (vec![dir, "--incident", "15,0"], vec!["--outgoing"]),
         (
-            vec![dir, "--in", "45,0", "--out", "5,0"],
+            vec![dir, "--incident", "15,0", "--outgoing", "95,0"],
+            vec!["--outgoing", "95"],
+        ),
+        (
+            vec![dir, "--incident", "45,0", "--outgoing", "5,0"],
             vec![dir, "found none", "hole"],
         ),
         (
-            vec![text(&brdf), "--in", "15,0", "--out", "30,0"],
+            vec![text(&brdf), "--incident", "15,0", "--outgoing", "30,0"],
             vec!["expected a measurement"],
         ),
         (vec![dir, "--region", "20,85"], vec!["brdf.zarr", "85°"]),
