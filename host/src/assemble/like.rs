@@ -6,8 +6,9 @@ use serde_json::{Map, Value, json};
 
 use super::{coordinates, interpolation_errors};
 use crate::brdf::budget::arrays_of;
-use crate::brdf::{Brdf, BrdfError, LINEAGE};
+use crate::brdf::{Brdf, BrdfError, LINEAGE, STANDARDS};
 use crate::hemisphere::incident::IncidentSet;
+use crate::instrument::calibration::Standard;
 use crate::instrument::optics::Unmeasurable;
 use crate::store::checksum::sum_of_tree;
 use crate::store::{BrdfLayout, BrdfWriter, StoreError};
@@ -62,6 +63,17 @@ pub(super) fn lineage_of(command: &str, inputs: &[&Brdf]) -> Result<Value, Store
         "command": command,
         "inputs": inputs,
     }))
+}
+
+/// The attribute of a file made from `all` that names their standards, each once; nothing if they name none.
+pub(super) fn standards_of(all: &[&Brdf]) -> Option<(String, Value)> {
+    let mut standards: Vec<Standard> = Vec::new();
+    for standard in all.iter().flat_map(|brdf| brdf.standards()) {
+        if !standards.contains(&standard) {
+            standards.push(standard);
+        }
+    }
+    (!standards.is_empty()).then(|| (STANDARDS.to_owned(), json!(standards)))
 }
 
 /// Whether both paths lead to the same place, as far as that can be told.

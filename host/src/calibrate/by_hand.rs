@@ -384,6 +384,17 @@ impl Notes {
     }
 }
 
+/// Something at `path` that is not as views by hand leave it.
+pub(super) fn not_by_hand(path: &Path, expected: &str) -> CalibrateError {
+    CalibrationError::Content {
+        path: path.display().to_string(),
+        field: "file".to_owned(),
+        expected: expected.to_owned(),
+        found: "others; capture into another directory".to_owned(),
+    }
+    .into()
+}
+
 /// How far captures by hand are.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct HowFar {

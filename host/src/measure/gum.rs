@@ -25,13 +25,8 @@ use crate::instrument::calibration::AppliedCalibration;
 
 /// Coverage factor of the expanded uncertainty.
 const K: f64 = 2.0;
-/// Places of causes in [`KINDS`] whose input quantities the calibration knows.
-const STANDARD: usize = 3;
-const DIRECTIONS: usize = 6;
-const INTERREFLECTION: usize = 8;
-const POLARISATION: usize = 10;
-/// Those whose input quantity is of the unit of f, so that c is 1: noise, stray light, blur, crosstalk.
-const ADDED: [usize; 4] = [0, 1, 7, 9];
+/// Causes whose input quantities are of the unit of f, so that c is 1.
+const ADDED: [&str; 4] = ["noise", "stray light", "blur", "crosstalk"];
 
 /// One row of the table.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -193,10 +188,9 @@ impl Known {
 
     fn budget(&self, of: String, probed: &Probed) -> Budget {
         let f = f64::from(probed.f);
-        let rows = KINDS.iter().zip(probed.variances).enumerate();
-        let rows = rows.map(|(place, (cause, variance))| {
+        let rows = KINDS.iter().zip(probed.variances).map(|(cause, variance)| {
             let contribution = f64::from(variance).sqrt();
-            let (standard_uncertainty, unit, sensitivity) = self.input(place, contribution, f, probed);
+            let (standard_uncertainty, unit, sensitivity) = self.input(cause, contribution, f, probed);
             Row {
                 cause: *cause,
                 standard_uncertainty,
@@ -209,23 +203,23 @@ impl Known {
         Budget::new(of, Some(probed.channel), (f, "1/sr"), rows.collect())
     }
 
-    /// u(x), its unit, and ∂f/∂x of the cause at `place`, which makes `contribution` of f.
-    fn input(&self, place: usize, contribution: f64, f: f64, probed: &Probed) -> (f64, &'static str, f64) {
-        let known = match place {
-            STANDARD => Some((self.standard, "relative")),
-            DIRECTIONS => Some((self.direction_deg, "°")),
-            POLARISATION => Some((self.polarisation, "1")),
+    /// u(x), its unit, and ∂f/∂x of a `cause`, which makes `contribution` of f.
+    fn input(&self, cause: &Cause, contribution: f64, f: f64, probed: &Probed) -> (f64, &'static str, f64) {
+        let known = match cause.name {
+            "standard" => Some((self.standard, "relative")),
+            "directions" => Some((self.direction_deg, "°")),
+            "polarisation" => Some((self.polarisation, "1")),
             _ => None,
         };
         if let Some((u, unit)) = known.filter(|(u, _)| *u > 0.0) {
             return (u, unit, contribution / u);
         }
-        let factor = if place == INTERREFLECTION {
+        let factor = if cause.name == "interreflection" {
             f64::from(probed.returned)
         } else {
             f
         };
-        if ADDED.contains(&place) || factor == 0.0 {
+        if ADDED.contains(&cause.name) || factor == 0.0 {
             (contribution, "1/sr", 1.0)
         } else {
             (contribution / factor.abs(), "relative", factor.abs())
@@ -330,11 +324,12 @@ mod tests {
     use crate::brdf::CAUSES;
 
     fn probed() -> Probed {
+        let place = |name: &str| CAUSES.iter().position(|cause| *cause == name).unwrap();
         let mut variances = [0.0; CAUSES.len()];
         variances[0] = 9e-6;
-        variances[STANDARD] = 16e-6;
+        variances[place("standard")] = 16e-6;
         variances[4] = 1e-6;
-        variances[INTERREFLECTION] = 4e-6;
+        variances[place("interreflection")] = 4e-6;
         Probed {
             channel: 1,
             f: 0.2,

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use crate::command::{Outcome, is_full, rcg, refuses, run, text};
 use crate::tensor_file::{bytes, material};
-use crate::tree::files;
+use crate::tree::{self, files};
 
 /// A measurement with a sample and a truth from files, finished, and another of the same size.
 struct World {
@@ -84,11 +84,7 @@ impl World {
 /// A copy of the folder `from`, which replaces `to`.
 fn copy(from: &Path, to: &Path) {
     fs::remove_dir_all(to).ok();
-    for (name, content) in files(from) {
-        let path = to.join(name);
-        fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(path, content).unwrap();
-    }
+    tree::copy(from, to);
 }
 
 fn befall(mischance: Mischance, path: &Path, other: &Path) {

@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::answers::number;
 use crate::command::{quick, rcg, refuses, run, text};
-use crate::tree::{assert_same, assert_same_values, files};
+use crate::tree::{assert_same, assert_same_values, copy, files};
 
 /// A place for files, and names in it.
 struct Place(tempfile::TempDir);
@@ -33,14 +33,6 @@ fn json(path: &Path) -> Value {
 /// The lineage of a `brdf.zarr`.
 fn lineage(brdf: &Path) -> Value {
     json(&brdf.join("zarr.json"))["attributes"]["lineage"].clone()
-}
-
-fn copy(from: &Path, to: &Path) {
-    for (name, content) in files(from) {
-        let path = to.join(name);
-        fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(path, content).unwrap();
-    }
 }
 
 #[test]

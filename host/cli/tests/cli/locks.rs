@@ -7,7 +7,7 @@ use std::thread;
 use std::time::Duration;
 
 use crate::command::{is_full, rcg, refuses, run, text, wait};
-use crate::tree::{assert_same, files};
+use crate::tree::{assert_same, copy, files};
 
 /// A measurement whose every stage takes long enough to be met in it.
 const SIZE: [&str; 6] = ["--step", "5", "--image-size", "32", "--exposure-ms", "4"];
@@ -135,14 +135,6 @@ fn of_two_writers_one_is_refused_whichever_they_are() {
                 "{name}: another manifest"
             );
         }
-    }
-}
-
-fn copy(from: &Path, to: &Path) {
-    for (name, content) in files(from) {
-        let path = to.join(name);
-        fs::create_dir_all(path.parent().unwrap()).unwrap();
-        fs::write(path, content).unwrap();
     }
 }
 

@@ -63,6 +63,15 @@ pub(crate) fn assert_same_values(found: &Path, expected: &Path) {
     );
 }
 
+/// Copies the files under `from` to `to`; that of the log is empty there.
+pub(crate) fn copy(from: &Path, to: &Path) {
+    for (name, content) in files(from) {
+        let path = to.join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, content).unwrap();
+    }
+}
+
 /// Number of files in `folder` whose name starts with `prefix`; 0 if there is no such folder.
 pub(crate) fn count(folder: &Path, prefix: &str) -> usize {
     let starts = |entry: &fs::DirEntry| entry.file_name().to_string_lossy().starts_with(prefix);

@@ -4,12 +4,11 @@ use std::collections::BTreeSet;
 
 use serde_json::{Map, Value, json};
 
-use crate::assemble::like::lineage_of;
+use crate::assemble::like::{lineage_of, standards_of};
 use crate::brdf::{
     Azimuth, Brdf, BrdfError, CAUSES, COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, FIELD_UNCERTAINTY,
-    LAMP_LIGHT, LINEAGE, STANDARDS, evidence,
+    LAMP_LIGHT, LINEAGE, evidence,
 };
-use crate::instrument::calibration::Standard;
 use crate::judge::repeats::Repeats;
 use crate::judge::repeats::origins::{CALIBRATION, CLASS_OF, variance};
 
@@ -39,15 +38,7 @@ pub(super) fn of(all: &[&Brdf], found: &Repeats) -> Result<Map<String, Value>, B
             facts.insert(name.to_owned(), Value::Null);
         }
     }
-    let mut standards: Vec<Standard> = Vec::new();
-    for standard in all.iter().flat_map(|brdf| brdf.standards()) {
-        if !standards.contains(&standard) {
-            standards.push(standard);
-        }
-    }
-    if !standards.is_empty() {
-        facts.insert(STANDARDS.to_owned(), json!(standards));
-    }
+    facts.extend(standards_of(all));
     let stated =
         |of: &dyn Fn(&Brdf) -> Option<f64>| all.iter().map(|brdf| of(brdf)).collect::<Option<Vec<f64>>>();
     let mean = |amounts: &[f64], class: usize| mean_of(amounts, &found.origins.mean[class]);

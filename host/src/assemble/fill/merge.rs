@@ -27,13 +27,11 @@ use serde_json::json;
 use super::mean::merged_chunk;
 use super::union::Union;
 use super::{FillError, facts, finish, writer_like};
+use crate::assemble::like::standards_of;
 use crate::base::linear_fit::least_squares;
 use crate::base::progress::Progress;
-use crate::brdf::{
-    Brdf, COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, FIELD_UNCERTAINTY, STANDARDS, UNCALIBRATED,
-};
+use crate::brdf::{Brdf, COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, FIELD_UNCERTAINTY, UNCALIBRATED};
 use crate::hemisphere::direction::from_angles;
-use crate::instrument::calibration::Standard;
 use crate::instrument::optics::Unmeasurable;
 use crate::store::StoreError;
 
@@ -123,15 +121,7 @@ pub(super) fn merge(
         .flatten()
         .collect();
     facts.insert(UNCALIBRATED.to_owned(), json!(uncalibrated));
-    let mut standards: Vec<Standard> = Vec::new();
-    for standard in all.iter().flat_map(|brdf| brdf.standards()) {
-        if !standards.contains(&standard) {
-            standards.push(standard);
-        }
-    }
-    if !standards.is_empty() {
-        facts.insert(STANDARDS.to_owned(), json!(standards));
-    }
+    facts.extend(standards_of(&all));
     // The others take their scale and their turn from the first.
     for name in [COMMON_UNCERTAINTY, FIELD_UNCERTAINTY, DIRECTION_UNCERTAINTY] {
         if let Some(stated) = base.attributes().get(name) {

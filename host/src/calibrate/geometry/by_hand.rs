@@ -6,9 +6,8 @@ use super::capture::{Capturing, RAW, VIEWS};
 use super::stands::Stands;
 use super::{Request, Said, Views};
 use crate::base::progress::Progress;
-use crate::calibrate::by_hand::{Bench, Hands, HowFar, Notes, Series, take_by_hand, todo};
+use crate::calibrate::by_hand::{Bench, Hands, HowFar, Notes, Series, not_by_hand, take_by_hand, todo};
 use crate::calibrate::{CalibrateError, file, open_raw};
-use crate::instrument::calibration::CalibrationError;
 use crate::instrument::calibration::geometry::COMMAND;
 use crate::store::whole_file::write_whole;
 use crate::store::{RawStore, Segment};
@@ -48,7 +47,7 @@ impl ByHand {
         let mut capturing = Capturing::new(views, dir)?;
         if !Views::exist(dir) {
             if dir.join(RAW).exists() {
-                return Err(otherwise(
+                return Err(not_by_hand(
                     &dir.join(RAW),
                     "no frames of a capture that did not come to its end",
                 ));
@@ -95,7 +94,7 @@ impl ByHand {
 fn going_on(request: &Request, said: &Said, dir: &Path) -> Result<Views, CalibrateError> {
     let path = dir.join(VIEWS);
     if !dir.join(NOTES).is_file() {
-        return Err(otherwise(&path, "views that were begun with --by-hand"));
+        return Err(not_by_hand(&path, "views that were begun with --by-hand"));
     }
     let there: Views = file::read(&path, COMMAND)?;
     // What was written need not come back to the last bit: what is asked for again does.
@@ -138,17 +137,6 @@ fn going_on(request: &Request, said: &Said, dir: &Path) -> Result<Views, Calibra
         there.image_size,
         asked.image_size,
     ))
-}
-
-/// Something at `path` that is not as views by hand leave it.
-fn otherwise(path: &Path, expected: &str) -> CalibrateError {
-    CalibrationError::Content {
-        path: path.display().to_string(),
-        field: "file".to_owned(),
-        expected: expected.to_owned(),
-        found: "others; capture into another directory".to_owned(),
-    }
-    .into()
 }
 
 /// Indices of the views in `dir`, `count` of them, that are not there.

@@ -14,10 +14,11 @@ use super::in_holder::{InHolder, Standards};
 use super::looks::{Looks, Wanted, reflectance_of};
 use super::{Said, stray};
 use crate::base::progress::Progress;
-use crate::calibrate::by_hand::{Answer, Asked, Bench, Hands, HowFar, Notes, Series, take_by_hand, todo};
+use crate::calibrate::by_hand::{
+    Answer, Asked, Bench, Hands, HowFar, Notes, Series, not_by_hand, take_by_hand, todo,
+};
 use crate::calibrate::{CalibrateError, RIG, file};
 use crate::capture::Instrument;
-use crate::instrument::calibration::CalibrationError;
 use crate::instrument::calibration::photometry::COMMAND;
 use crate::instrument::rig::{Rig, Tilt};
 use crate::store::whole_file::write_whole;
@@ -75,7 +76,7 @@ impl<'a> ByHand<'a> {
             for name in [super::capture::RAW, stray::RAW] {
                 if dir.join(name).exists() {
                     let expected = "no frames of a capture that did not come to its end";
-                    return Err(otherwise(&dir.join(name), expected));
+                    return Err(not_by_hand(&dir.join(name), expected));
                 }
             }
             request.clone()
@@ -196,7 +197,7 @@ impl<'a> ByHand<'a> {
         let before = std::fs::read(self.dir.join(VIEWS)).unwrap_or_default();
         if capturing.text.as_bytes() != before {
             let expected = "the rig and the exposures of which the views before were taken";
-            return Err(otherwise(&self.dir.join(VIEWS), expected));
+            return Err(not_by_hand(&self.dir.join(VIEWS), expected));
         }
         capturing.open()?;
         Ok(capturing)
@@ -235,7 +236,7 @@ fn name(target: Target, request: &Request) -> String {
 fn going_on(said: &Said, dir: &Path) -> Result<Request, CalibrateError> {
     let path = dir.join(VIEWS);
     if !dir.join(NOTES).is_file() || !dir.join(PREPARED).is_file() {
-        return Err(otherwise(&path, "views that were begun with --by-hand"));
+        return Err(not_by_hand(&path, "views that were begun with --by-hand"));
     }
     let mut views: Views = file::read(&path, COMMAND)?;
     for (what, captured, said) in [
@@ -259,17 +260,6 @@ fn going_on(said: &Said, dir: &Path) -> Result<Request, CalibrateError> {
         exposure_s: said.exposure_s,
         image_size: views.image_size,
     })
-}
-
-/// Something at `path` that is not as views by hand leave it.
-fn otherwise(path: &Path, expected: &str) -> CalibrateError {
-    CalibrationError::Content {
-        path: path.display().to_string(),
-        field: "file".to_owned(),
-        expected: expected.to_owned(),
-        found: "others; capture into another directory".to_owned(),
-    }
-    .into()
 }
 
 /// Refuses the captures of `views` in `dir` if they are by hand and some are missing.
