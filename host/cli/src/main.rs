@@ -4,6 +4,7 @@
 //! One file per subcommand: it parses, calls the library and prints. Data go to stdout, progress and logs to
 //! stderr. Exit 0: done; 1: failed; 2: bad usage or input.
 
+mod adaptive;
 mod arguments;
 mod assemble;
 mod budget;

@@ -4,15 +4,15 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use rcg::capture::directory::Measurement;
-use rcg::hemisphere::incident::Grid;
 use rcg::instrument::rig::Rig;
-use rcg::measure::adaptive::{self, AdaptiveError, Begun, Goal};
+use rcg::measure::adaptive::{self, Begun};
 use rcg::measure::report::lines;
 use rcg::measure::{Job, complete};
 use rcg::plan::{Plan, Request, Virtual};
 use rcg::virtual_rig::setup::Setup;
 
 use crate::Done;
+use crate::adaptive::AdaptiveArgs;
 use crate::failure::Failure;
 use crate::output::{Output, table};
 use crate::request::{CalibrationArgs, PortArgs, RequestArgs, VirtualArgs};
@@ -29,16 +29,8 @@ pub(crate) struct Args {
     /// Known material to compare the result with, as --sample takes it [default: what stands in the virtual rig]
     #[arg(long, value_name = "SAMPLE")]
     reference: Option<String>,
-    /// Choose the incident directions on the way, where the predicted error is largest, until --target or --budget; --grid
-    /// and --step say from which directions it starts [default: 48 that are far apart]
-    #[arg(long)]
-    adaptive: bool,
-    /// With --adaptive: stop at this predicted PSNR of f·cosθi at exposure 1, clipped to 1
-    #[arg(long, value_name = "dB", requires = "adaptive", allow_hyphen_values = true)]
-    target: Option<String>,
-    /// With --adaptive: stop after so many captures with light
-    #[arg(long, value_name = "N", requires = "adaptive")]
-    budget: Option<usize>,
+    #[command(flatten)]
+    adaptive: AdaptiveArgs,
     /// Measure as this plan.toml says, directions and exposure time; it must be one of the same rig
     #[arg(long, value_name = "FILE", conflicts_with_all = ["grid", "step"])]
     replay: Option<PathBuf>,
@@ -66,9 +58,9 @@ fn resumed(
     let mut measurement = Measurement::open_to_write(&args.out)?;
     measurement.check_rig(rig, setup.calibration.as_ref())?;
     let held = &measurement.plan;
-    let (request, virtual_rig) = match (begun, args.adaptive) {
+    let (request, virtual_rig) = match (begun, args.adaptive.is_given()) {
         (Some(begun), true) => {
-            let (start, goal) = args.adaptive(Some(begun))?;
+            let (start, goal) = args.adaptive.asked(&args.request, Some(begun))?;
             adaptive::check_same(&args.out, begun, start.as_ref(), goal)?;
             let (request, virtual_rig) = args.asked(Some(&begun.request), Some(&begun.virtual_rig))?;
             let grid = held.request.grid.clone();
@@ -103,8 +95,8 @@ fn begin(
     replay: Option<&Plan>,
     output: &Output,
 ) -> Result<(Job, Measurement), Failure> {
-    if args.adaptive || begun.is_some() {
-        let (start, goal) = args.adaptive(begun)?;
+    if args.adaptive.is_given() || begun.is_some() {
+        let (start, goal) = args.adaptive.asked(&args.request, begun)?;
         let (request, virtual_rig) = args.asked(
             begun.map(|begun| &begun.request),
             begun.map(|begun| &begun.virtual_rig),
@@ -131,27 +123,12 @@ fn begin(
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
-    if args.adaptive && args.request.is_spot_auto() {
-        return Err(Failure::input(
-            "--adaptive: expected a --spot in degrees, or that of the rig, found auto (`rcg plan --spot auto` says which \
-             opening it would be)",
-        ));
-    }
-    if args.adaptive && args.replay.is_some() {
+    let is_adaptive = args.adaptive.check(&args.request)?;
+    if is_adaptive && args.replay.is_some() {
         return Err(Failure::input(
             "--adaptive: expected no --replay, which measures the directions of a plan and no others, found one (--grid \
              with the list of directions lets an adaptive measurement start from them)",
         ));
-    }
-    // The parser forgets that these need --adaptive where --step stands beside them, which excludes it.
-    let of_adaptive = [
-        ("--target", args.target.is_some()),
-        ("--budget", args.budget.is_some()),
-    ];
-    if let Some((name, _)) = of_adaptive.iter().find(|(_, given)| *given && !args.adaptive) {
-        return Err(Failure::input(format!(
-            "{name}: expected --adaptive beside it, found none"
-        )));
     }
     let trigger_box = args.port.trigger_box()?;
     let (rig, calibration) = args.calibration.rig(Rig::load(rig)?)?;
@@ -205,16 +182,5 @@ impl Args {
             asked.reference.clone_from(&self.reference);
         }
         Ok((asked.located(), self.virtual_rig.virtual_rig(virtual_rig)))
-    }
-
-    /// Coarse beginning and goal of an adaptive measurement; what is not given is as it was `begun`.
-    fn adaptive(&self, begun: Option<&Begun>) -> Result<(Option<Grid>, Goal), Failure> {
-        let start = self.request.given_grid()?;
-        let start = start.or_else(|| begun.and_then(|begun| begun.start.clone()));
-        let goal = match (begun, &self.target, self.budget) {
-            (Some(begun), None, None) => begun.goal,
-            (_, target, budget) => Goal::new(target.as_deref(), budget).map_err(AdaptiveError::from)?,
-        };
-        Ok((start, goal))
     }
 }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use rcg::assemble::dynamic_range;
 use rcg::instrument::rig::Rig;
+use rcg::measure::adaptive::{self, Goal};
 use rcg::measure::report::duration;
 use rcg::measure::{DiskSpace, Job, prepare};
 use rcg::plan::brackets::milliseconds;
@@ -15,6 +16,7 @@ use rcg::virtual_rig::setup::Setup;
 use serde_json::{Value, json};
 
 use crate::Done;
+use crate::adaptive::AdaptiveArgs;
 use crate::failure::Failure;
 use crate::output::{Output, table};
 use crate::request::{CalibrationArgs, PortArgs, RequestArgs, VirtualArgs};
@@ -28,6 +30,8 @@ pub(crate) struct Args {
     out: Option<PathBuf>,
     #[command(flatten)]
     request: RequestArgs,
+    #[command(flatten)]
+    adaptive: AdaptiveArgs,
     #[command(flatten)]
     calibration: CalibrationArgs,
     #[command(flatten)]
@@ -53,8 +57,20 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         trigger_box,
         calibration,
     };
-    let request = args.request.request(None)?;
-    let plan = if let Some(out) = &args.out {
+    let mut request = args.request.request(None)?;
+    let goal = if args.adaptive.check(&args.request)? {
+        if args.out.is_some() {
+            return Err(Failure::input(
+                "--adaptive: expected no --out, as there are no directions to write before the measurement has chosen them, found one",
+            ));
+        }
+        let (_, goal) = args.adaptive.asked(&args.request, None)?;
+        request = adaptive::at_most(&rig, &request, goal)?;
+        Some(goal)
+    } else {
+        None
+    };
+    let mut plan = if let Some(out) = &args.out {
         let (job, measurement) = prepare(out, &rig, request, &setup, output)?;
         output.log_into(measurement.dir());
         job.plan
@@ -64,6 +80,9 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         let exposure_s = request.exposure_s.unwrap_or(rig.camera.exposure_s);
         Job::with_times(&rig, request, &[exposure_s], &setup, output)?.plan
     };
+    if goal.is_some() {
+        plan = adaptive::in_batches(plan);
+    }
     let rig = plan.request.rig(&rig)?;
     let directions = Directions::new(&rig, &plan.request.grid).map_err(PlanError::from)?;
     let pace = PredictedTime::new(&plan, &directions, &rig);
@@ -81,6 +100,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         "bound_by": plan.timing.bound(&rig),
         "segment_exposures": plan.segment,
         "light": plan.code.map_or(Light::Single, Coding::light),
+        "adaptive": goal,
         "out": args.out,
     });
     if let (Some(value), Ok(Value::Object(pace))) = (value.as_object_mut(), serde_json::to_value(&pace)) {
@@ -88,6 +108,10 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     }
     output.print(&value, || {
         let mut lines = lines(&plan, &directions, &pace, &rig);
+        if let Some(goal) = goal {
+            lines[0].1 = adaptive_directions(&plan, goal);
+            lines.retain(|(name, _)| *name != "whole grid");
+        }
         let on_disk = format!(
             "{} of frames, {} of BRDF",
             bytes(space.raw_bytes),
@@ -96,6 +120,15 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         lines.push(("disk space", on_disk));
         table(&lines)
     })
+}
+
+/// The directions of an adaptive measurement, in words.
+fn adaptive_directions(plan: &Plan, goal: Goal) -> String {
+    let most = plan.direction_count;
+    let end = goal.target_db.map_or_else(String::new, |db| {
+        format!(", fewer where {db} dB are reached before; all figures are of as many")
+    });
+    format!("at most {most}, chosen on the way{end}")
 }
 
 fn bytes(count: usize) -> String {

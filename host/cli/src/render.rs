@@ -4,7 +4,9 @@ use std::path::PathBuf;
 
 use rcg::base::file_format::PICTURE;
 use rcg::brdf::Source;
-use rcg::judge::render::{automatic_exposure, corrugated, save, share_with_values, sheet, sphere};
+use rcg::judge::render::{
+    automatic_exposure, azimuth_in_words, corrugated, save_described, share_with_values, sheet, sphere,
+};
 use serde_json::json;
 
 use crate::Done;
@@ -107,13 +109,19 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         rows.push(pictures.collect::<Result<Vec<_>, _>>()?);
     }
     let exposure = args.exposure.unwrap_or_else(|| automatic_exposure(&rows));
-    save(&sheet(&rows, exposure), &args.out)?;
+    let zero = match &source {
+        Source::Measured(brdf) => Some(brdf.azimuth().zero()),
+        Source::Known(_) => None,
+    };
+    let azimuth = azimuth_in_words(zero.as_deref());
+    save_described(&sheet(&rows, exposure), &args.out, Some(&azimuth))?;
     let share = share_with_values(&rows);
     let value = json!({
         "out": args.out, "size": args.size, "lights_deg": args.light, "exposure": exposure, "with_values": share,
+        "azimuth": azimuth,
     });
     output.print(&value, || {
-        format!("{} (exposure {exposure:.4})\n", args.out.display())
+        format!("{} (exposure {exposure:.4})\n{azimuth}\n", args.out.display())
     })?;
     if share.is_none_or(|share| share <= 0.0) {
         let why = if share.is_none() {

@@ -2,23 +2,33 @@
 
 use std::path::PathBuf;
 
-use rcg::brdf::sample::{Certified, Contribution, Sample as _, albedo};
+use rcg::base::file_format::CERTIFICATE;
+use rcg::brdf::sample::{Certified, Contribution, Sample as _, albedo, mean_of};
 use rcg::hemisphere::direction::from_degrees;
 use rcg::instrument::calibration::Standard;
 use rcg::judge::quantity::Quantity;
+use rcg::store::whole_file::write_whole;
 use serde::Serialize;
 
 use crate::Done;
-use crate::output::{Output, table};
+use crate::failure::Failure;
+use crate::output::{Output, table, to_write};
 
 /// Show what the certificate of a reflectance standard says and what is made of it.
 ///
-/// The file is one for `rcg calibrate photometry --standard`; docs/standard.toml in the sources is an example of it.
+/// The file is one for `rcg calibrate photometry --standard`; docs/standard.toml in the sources is an example of it. Of several certificates of
+/// one plate the weighted mean is made, a file like any other.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
-    /// The certificate (TOML)
-    #[arg(value_name = "FILE")]
-    file: PathBuf,
+    /// The certificate (TOML), or several of one plate
+    #[arg(value_name = "FILE", required = true)]
+    files: Vec<PathBuf>,
+    /// The certificate that the mean of several is written to (TOML)
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Several laboratories share no scale: their mean may be known better than by the best of them
+    #[arg(long, requires = "out")]
+    independent: bool,
 }
 
 /// Polar angles at which the uncertainty is shown, degrees.
@@ -40,6 +50,9 @@ struct Answer {
     contributions: Vec<Contribution>,
     /// Uncertainty of f in all by polar angle.
     by_angle: Vec<ByAngle>,
+    /// Scatter of several certificates about their mean over what they state.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    birge_ratio: Option<f64>,
 }
 
 /// Relative standard uncertainty (k = 1) of f where light, or view, or both are at a polar angle, the other at 0.
@@ -51,8 +64,28 @@ struct ByAngle {
     both: f64,
 }
 
+/// The certificate that is shown, and the Birge ratio of those of which it is the mean.
+fn certified(args: &Args) -> Result<(Certified, Option<f64>), Failure> {
+    match (&args.files[..], &args.out) {
+        ([file], None) => Ok((Certified::open(file)?, None)),
+        ([_], Some(_)) => Err(Failure::input(
+            "--out: expected several certificates, of which a mean is written, found one",
+        )),
+        (_, None) => Err(Failure::input(format!(
+            "--out: expected a file for the mean of {} certificates, found none",
+            args.files.len()
+        ))),
+        (files, Some(out)) => {
+            to_write(out, CERTIFICATE)?;
+            let mean = mean_of(files, args.independent)?;
+            write_whole(out, mean.text.as_bytes())?;
+            Ok((Certified::open(out)?, Some(mean.birge_ratio)))
+        }
+    }
+}
+
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
-    let certified = Certified::open(&args.file)?;
+    let (certified, birge_ratio) = certified(args)?;
     let standard = certified.standard().clone();
     let at = |deg: f64| from_degrees(deg, 0.0);
     let away = |deg: f64| from_degrees(deg, 180.0);
@@ -78,6 +111,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         reflectance_8_hemisphere: albedo(&certified, at(8.0)),
         contributions: certified.contributions().to_vec(),
         by_angle: by_angle.into(),
+        birge_ratio,
         standard,
     };
     output.print(&answer, || text(&answer))
@@ -108,6 +142,12 @@ fn text(answer: &Answer) -> String {
             format!("{} (k = 1)", percent(answer.standard.standard_uncertainty)),
         ),
     ];
+    if let Some(birge_ratio) = answer.birge_ratio {
+        lines.push((
+            "Birge ratio",
+            format!("{birge_ratio:.2}: scatter of the certificates over what they state"),
+        ));
+    }
     for part in answer.contributions.iter().filter(|part| part.relative > 0.0) {
         lines.push(("", format!("{} {}", percent(part.relative), part.cause)));
     }

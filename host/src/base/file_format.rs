@@ -14,6 +14,8 @@ pub const CHART_OR_TABLE: Formats = Formats(&["svg", "png", "csv"]);
 pub const TABLE: Formats = Formats(&["csv"]);
 /// Records of the trigger box: a table, or one JSON object a line.
 pub const RECORDS: Formats = Formats(&["csv", "jsonl"]);
+/// Certificates of standards.
+pub const CERTIFICATE: Formats = Formats(&["toml"]);
 /// How a virtual rig really is.
 pub const TRUTH: Formats = Formats(&["toml"]);
 

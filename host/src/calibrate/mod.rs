@@ -66,6 +66,16 @@ pub enum CalibrateError {
         /// What there is.
         found: String,
     },
+    /// A mask by hand.
+    #[error("{path}: expected {expected}, found {found}")]
+    Mask {
+        /// The picture.
+        path: String,
+        /// What was expected.
+        expected: String,
+        /// What there is.
+        found: String,
+    },
     /// Somebody who puts targets in stopped before all was prepared.
     #[error("views by hand: expected the targets that are asked for, found that somebody stopped")]
     Stopped,
@@ -107,7 +117,11 @@ impl Blame for CalibrateError {
             Self::Measurement(error) => error.is_input(),
             Self::Store(error) => error.is_input(),
             Self::File(_) | Self::Picture(_) | Self::Stopped => false,
-            Self::Rig(_) | Self::Found(_) | Self::Standards { .. } | Self::Views { .. } => true,
+            Self::Rig(_)
+            | Self::Found(_)
+            | Self::Mask { .. }
+            | Self::Standards { .. }
+            | Self::Views { .. } => true,
         }
     }
 }

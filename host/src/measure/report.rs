@@ -16,7 +16,9 @@ use crate::capture::Tally;
 use crate::capture::directory::{Measurement, MeasurementError};
 use crate::hemisphere::judged::{JUDGED_THETA_DEG, RECIPROCAL_THETA_DEG};
 use crate::judge::evaluate::{Albedo, Comparison, Evaluation, Quantile, Resolution};
-use crate::judge::render::{PictureError, automatic_exposure, save, sheet, sphere, srgb};
+use crate::judge::render::{
+    PictureError, automatic_exposure, azimuth_in_words, save, save_described, sheet, sphere, srgb,
+};
 use crate::measure::goal::{Adapted, Stop};
 use crate::plan::brackets::milliseconds;
 use crate::store::whole_file::{FileError, write_whole};
@@ -110,7 +112,12 @@ pub fn report(
 ) -> Result<(), ReportError> {
     let figures = measurement.path("figures");
     fs::create_dir_all(&figures).map_err(|source| FileError::at(&figures, source))?;
-    save(&spheres(brdf, reference)?, &figures.join("sphere.png"))?;
+    let azimuth = azimuth_in_words(Some(&brdf.azimuth().zero()));
+    save_described(
+        &spheres(brdf, reference)?,
+        &figures.join("sphere.png"),
+        Some(&azimuth),
+    )?;
     save(&frames(measurement)?, &figures.join("frames.png"))?;
     let page = page(summary, &record_html(measurement)?);
     write_whole(&measurement.path("report.html"), page.as_bytes())?;
@@ -465,11 +472,12 @@ fn page(summary: &Summary, record: &str) -> String {
          <style>body{{font:16px/1.5 system-ui,sans-serif;max-width:60em;margin:2em auto;padding:0 1em}}\
          th{{text-align:left;padding-right:2em;vertical-align:top;white-space:nowrap}}img{{max-width:100%}}</style>\n\
          <h1>{title}</h1>\n<table>\n{rows}</table>\n\
-         <h2>Spheres</h2>\n<p>{shown}; lights at {lights}. Hatched: directions \
+         <h2>Spheres</h2>\n<p>{shown}; lights at {lights}. {azimuth}. Hatched: directions \
          that were not measured.</p>\n<img src=\"figures/sphere.png\" alt=\"lit spheres\">\n\
          <h2>Camera images</h2>\n<p>From steep to grazing incidence, each stretched to its own range.</p>\n\
          <img src=\"figures/frames.png\" alt=\"camera images\">\n{budget}{record}</html>\n",
         title = escape(&summary.sample),
+        azimuth = azimuth_in_words(Some(&summary.evaluation.azimuth.zero())),
         budget = budget_html(&summary.evaluation.budget),
         shown = match &summary.evaluation.against_reference {
             Some(against) => format!("Above as measured, below {}", escape(&against.reference)),

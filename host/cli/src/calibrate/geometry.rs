@@ -1,14 +1,16 @@
 //! `rcg calibrate geometry`
 
 use std::fmt::Write as _;
+use std::fs;
 use std::path::PathBuf;
 
 use rcg::base::progress::Progress as _;
 use rcg::calibrate::by_hand::VirtualBench;
-use rcg::calibrate::geometry::{ByHand, Request, Said, Views, calibrate, capture};
-use rcg::instrument::calibration::{AS_STATED, Geometry};
+use rcg::calibrate::geometry::{ByHand, Mask, Request, Said, Views, calibrate, capture};
+use rcg::instrument::calibration::{AS_STATED, Geometry, RIG};
 use rcg::instrument::rig::Rig;
 use rcg::store::Lock;
+use serde::Serialize;
 
 use super::hands::{HandArgs, Lines, is_stopped};
 use crate::Done;
@@ -22,6 +24,8 @@ const TILTS: [[f64; 2]; 4] = [[0.0, 0.0], [15.0, 0.0], [15.0, 120.0], [15.0, 240
 /// What a tilt is off by, degrees, k = 1: verniers of rotation and tilt stages are read to 5 minutes of arc, by hand to half of that,
 /// and what is mounted on them is straight to as much.
 const TILT_UNCERTAINTY_DEG: f64 = 0.05;
+/// What there is of a photometric calibration.
+const PHOTOMETRIC: [&str; 2] = ["photometry-views.json", "photometry.json"];
 /// Pixels a side of the camera's image.
 const IMAGE_SIZE: u32 = 256;
 
@@ -29,7 +33,7 @@ const IMAGE_SIZE: u32 = 256;
 ///
 /// The projector shows stripes; the camera sees them in the flat mirror, which stands at a few known tilts, and the edges of
 /// hole, rim and wire against the lit standard. Writes the calibrated rig (rig.toml), what was found with its covariance
-/// (geometry.json) and the residuals (geometry-residuals.png). Where the directory holds the captures already, they are
+/// (geometry.json), the residuals (geometry-residuals.png) and what the camera sees of the standard (geometry-standard.png). Where the directory holds the captures already, they are
 /// fitted again.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -52,6 +56,10 @@ pub(crate) struct Args {
     /// Pixels a side of the camera's image [default: as when captured, else 256]
     #[arg(long, value_name = "N", value_parser = image_size)]
     image_size: Option<u32>,
+    /// Picture (PNG, square) that is white where something is before the mirror, painted over geometry-standard.png: there nothing is
+    /// measured; it is kept as mask.png and holds from then on
+    #[arg(long, value_name = "FILE")]
+    mask: Option<PathBuf>,
     #[command(flatten)]
     hands: HandArgs,
     #[command(flatten)]
@@ -88,6 +96,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         tilts,
         tilt_uncertainty_deg: args.tilt_uncertainty_deg,
         image_size: args.image_size,
+        mask: args.mask.as_deref().map(Mask::read).transpose()?,
     };
     let request = || -> Result<Request, Failure> {
         Ok(Request {
@@ -115,12 +124,43 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     } else {
         let world = super::world(&args.conditions, &args.port)?;
         capture(&request()?, &args.out, &world, output)?;
-        said = Said::default();
+        said = Said {
+            mask: said.mask,
+            ..Said::default()
+        };
     }
+    let before = fs::read(args.out.join(RIG)).ok();
     let geometry =
         calibrate(&args.out, &said).map_err(|error| Failure::from(error).at(args.out.display()))?;
     session.note(&args.out)?;
-    output.print(&geometry, || text(&geometry))
+    let has_photometry = PHOTOMETRIC.iter().any(|name| args.out.join(name).exists());
+    let is_another = before.is_some_and(|before| fs::read(args.out.join(RIG)).ok() != Some(before));
+    let warning = (has_photometry && is_another).then(|| {
+        format!(
+            "{}: its photometric captures were lit as the geometry before had it, and nothing takes them with this one: fit the geometry as it was \
+             again, or capture both into another directory",
+            args.out.display()
+        )
+    });
+    let answer = Answer {
+        geometry: &geometry,
+        warning: warning.as_deref(),
+    };
+    output.print(&answer, || match &warning {
+        Some(warning) => format!("{}warning: {warning}\n", text(&geometry)),
+        None => text(&geometry),
+    })?;
+    output.warn(warning.as_slice());
+    Ok(())
+}
+
+/// What was found, and what is to be known of it.
+#[derive(Serialize)]
+struct Answer<'a> {
+    #[serde(flatten)]
+    geometry: &'a Geometry,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    warning: Option<&'a str>,
 }
 
 fn text(geometry: &Geometry) -> String {

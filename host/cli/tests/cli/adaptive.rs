@@ -26,6 +26,20 @@ fn a_budget_is_kept_and_the_plan_can_be_measured_again() {
     assert_eq!(summary["exposures"], 72 + 16);
     assert!(!out.join("adaptive.zarr").exists());
 
+    // What was said of it beforehand.
+    let planned = [&["plan", "--budget", "72", "--json"], &QUICK[..]].concat();
+    let planned = run(&planned, "").object();
+    assert_eq!(planned["exposures"], summary["exposures"]);
+    let frames = planned["disk_space"]["raw_bytes"].as_u64().unwrap();
+    assert_eq!(frames, (72 + 16_u64).next_multiple_of(16) * 24 * 24 * 3 * 2);
+    let written = ["plan", "--budget", "72", "--adaptive", "--out", text(&out)];
+    refuses(
+        &written,
+        "",
+        2,
+        &["--adaptive", "expected no --out", "has chosen them"],
+    );
+
     // The same directions, exposure time and sample: without noise the same bits.
     let again = scratch.path().join("again");
     let plan = out.join("plan.toml");

@@ -113,3 +113,54 @@ fn a_file_that_is_missing_or_a_folder_is_refused() {
         &[text(&missing), "expected", "found"],
     );
 }
+
+#[test]
+fn certificates_of_one_plate_make_one() {
+    let scratch = tempfile::tempdir().unwrap();
+    let example = fs::read_to_string(crate::commands::standard()).unwrap();
+    let file = |name: &str, from: &str, to: &str| {
+        let path = scratch.path().join(name);
+        let content = example.replace("EXAMPLE-2026-17", name).replace(from, to);
+        fs::write(&path, content).unwrap();
+        text(&path).to_owned()
+    };
+    let first = file("first.toml", "0.985", "0.985");
+    let second = file("second.toml", "0.985", "0.983");
+    let out = text(&scratch.path().join("mean.toml")).to_owned();
+    let mean = [
+        "standard",
+        &first,
+        &second,
+        "--out",
+        &out,
+        "--independent",
+        "--json",
+    ];
+    let mean = run(&mean, "").object();
+    let number = |pointer: &str| mean.pointer(pointer).unwrap().as_f64().unwrap();
+    assert!((number("/certificate/value/0") - 0.984).abs() < 1e-9, "{mean}");
+    assert!((number("/certificate/standard_uncertainty/0") - 0.0025 / 2_f64.sqrt()).abs() < 1e-9);
+    assert!((number("/birge_ratio") - 0.566).abs() < 1e-3);
+    run(&["standard", &out], "").done();
+
+    let other = file("other.toml", "EX-0001", "EX-0002");
+    let darker = file("darker.toml", "0.985", "0.945");
+    for (rest, parts) in [
+        (vec![&first, &other], ["other.toml", "serial"]),
+        (vec![&first, &darker], ["toml", "standard uncertainties off"]),
+        (vec![&first, &first], ["first.toml", "the same file"]),
+        (vec![&first], ["--out", "several certificates"]),
+    ] {
+        let arguments: Vec<&str> = ["standard", "--out", &out]
+            .into_iter()
+            .chain(rest.into_iter().map(String::as_str))
+            .collect();
+        refuses(&arguments, "", 2, &parts);
+    }
+    refuses(
+        &["standard", &first, &second],
+        "",
+        2,
+        &["--out", "a file for the mean"],
+    );
+}

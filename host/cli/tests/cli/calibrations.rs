@@ -114,6 +114,41 @@ fn the_standard_is_what_is_said_of_it(lab: &Lab) {
     }
 }
 
+/// A mask holds from then on, what was captured with the geometry before it is told, and without it all is as it was.
+fn what_is_painted_is_not_measured(lab: &Lab) {
+    let calibration = lab.at("calibration");
+    let folder = Path::new(&calibration);
+    let rig = || fs::read_to_string(folder.join("rig.toml")).unwrap();
+    let before = rig();
+    let standard = image::open(folder.join("geometry-standard.png")).unwrap();
+    let mask = lab.at("painted.png");
+    let is_white = |x: u32, y: u32| (20..30).contains(&x) && (25..32).contains(&y);
+    image::GrayImage::from_fn(standard.width(), standard.height(), |x, y| {
+        image::Luma([if is_white(x, y) { 255 } else { 0 }])
+    })
+    .save(&mask)
+    .unwrap();
+    let again = |rest: &[&str]| {
+        let told = run(&lab.calibrate("geometry", "64", rest), "").done().to_owned();
+        (rig(), told)
+    };
+    let (masked, told) = again(&["--mask", &mask]);
+    assert!(
+        masked.contains("mask 1") && !before.contains("mask 1"),
+        "{masked}"
+    );
+    assert!(told.contains("its photometric captures were lit"), "{told}");
+    let (kept, told) = again(&[]);
+    assert_eq!(kept, masked);
+    assert!(!told.contains("photometric"), "{told}");
+    fs::remove_file(folder.join("mask.png")).unwrap();
+    assert_eq!(again(&[]).0, before);
+    let truth = lab.at("truth.toml");
+    let none = lab.calibrate("geometry", "64", &["--mask", &truth]);
+    refuses(&none, "", 2, &["truth.toml", "expected a picture (PNG)"]);
+    assert_eq!(rig(), before);
+}
+
 #[test]
 fn a_calibrated_rig_measures_what_is_there_tilted_too() {
     let lab = Lab::new();
@@ -131,6 +166,7 @@ fn a_calibrated_rig_measures_what_is_there_tilted_too() {
         "rig.toml",
         "geometry.json",
         "geometry-residuals.png",
+        "geometry-standard.png",
         "photometry.json",
     ] {
         assert!(Path::new(&calibration).join(file).is_file(), "{file}");
@@ -148,6 +184,8 @@ fn a_calibrated_rig_measures_what_is_there_tilted_too() {
         refuses(&lab.calibrate(what, size, &[]), "", 2, &parts);
         fs::write(&views, content).unwrap();
     }
+
+    what_is_painted_is_not_measured(&lab);
 
     let median = |name: &str, rest: &[&str]| {
         let object = run(&lab.measure(name, "15", &[rest, &["--json"]].concat()), "").object();

@@ -103,11 +103,17 @@ fn a_measurement_is_rendered() {
     quick_measurement(&out);
     let picture = scratch.path().join("sphere.png");
     let brdf = out.join("brdf.zarr");
-    run(
+    let told = run(
         &["render", text(&brdf), "--out", text(&picture), "--size", "100"],
         "",
-    )
-    .done();
+    );
+    // Where φ = 0 lies stands in the file, too.
+    let zero = "on the sample, φ = 0 is +x of the sample holder";
+    assert!(told.done().contains(zero));
+    for picture in [&picture, &out.join("figures/sphere.png")] {
+        let bytes = fs::read(picture).unwrap();
+        assert!(bytes.windows(zero.len()).any(|window| window == zero.as_bytes()));
+    }
     assert_eq!(
         image::open(&picture).unwrap().into_rgb8().dimensions(),
         (100, 100)

@@ -30,7 +30,7 @@ use glam::DVec3;
 use crate::base::blame::Blame;
 use crate::hemisphere::direction::{from_angles, is_above_horizon};
 
-pub use certified::{Certified, Contribution, USUAL};
+pub use certified::{Certified, Contribution, Mean, USUAL, mean_of};
 pub use ggx::Ggx;
 pub use lambert::Lambert;
 pub use rgl::MeasuredRgl;

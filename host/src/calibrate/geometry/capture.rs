@@ -6,6 +6,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::by_hand::check_whole;
+use super::mask::Mask;
 use crate::base::progress::Progress;
 use crate::calibrate::by_hand::{Bench, VirtualBench, black_mirror};
 use crate::calibrate::{
@@ -72,6 +73,8 @@ pub struct Said {
     pub tilt_uncertainty_deg: Option<f64>,
     /// Pixels a side of the image.
     pub image_size: Option<u32>,
+    /// Where something is before the mirror.
+    pub mask: Option<Mask>,
 }
 
 impl Said {

@@ -29,8 +29,10 @@
 mod by_hand;
 mod capture;
 mod leftover;
+mod mask;
 mod mounts;
 mod orientation;
+mod outlines;
 mod parameters;
 mod picture;
 mod shadows;
@@ -47,6 +49,7 @@ use nalgebra::{DMatrix, DVector};
 
 pub use by_hand::ByHand;
 pub use capture::{Request, Said, Views, capture};
+pub use mask::Mask;
 use mounts::{Agreement, Mount};
 use orientation::{orientations, turned};
 use parameters::{Parameter, parameters};
@@ -65,6 +68,8 @@ use crate::store::whole_file::write_whole;
 
 /// Name of the picture of the residuals.
 pub const RESIDUALS: &str = "geometry-residuals.png";
+/// Name of the picture of the diffuse standard.
+pub const STANDARD: &str = "geometry-standard.png";
 /// Fewest matches.
 const FEWEST: usize = 500;
 /// Positions along each side of an image at which the uncertainty of its directions is found.
@@ -82,7 +87,15 @@ const SKETCHED: usize = 300;
 pub fn calibrate(dir: &Path, said: &Said) -> Result<Geometry, CalibrateError> {
     let (mut views, raw) = Views::read(dir)?;
     said.apply(&mut views)?;
-    let seen = Sightings::read(&views, &raw)?;
+    let mask = match &said.mask {
+        Some(mask) => Some(mask.clone()),
+        None => Mask::of(dir)?,
+    };
+    let mut seen = Sightings::read(&views, &raw)?;
+    picture::save_standard(&seen, &dir.join(STANDARD))?;
+    if let Some(mask) = &mask {
+        mask.apply(&mut seen);
+    }
     if seen.matches.len() < FEWEST {
         return Err(CalibrateError::Views {
             expected: format!("at least {FEWEST} camera pixels that see the projector in the flat mirror"),
@@ -117,6 +130,10 @@ pub fn calibrate(dir: &Path, said: &Said) -> Result<Geometry, CalibrateError> {
     })?;
     let found = found(&views, &stated, &seen, &unknowns, &mounts, &solution)?;
     placed?;
+    if let Some(mask) = &mask {
+        let hidden = mask.obstacles(&solution.rig, seen.width)?;
+        solution.rig.obstacles.extend(hidden);
+    }
     let hidden = hidden(&solution.rig, &seen);
     solution.rig.obstacles.extend(hidden);
     let rig = solution.rig.with_sensor_of(&views.rig)?;
@@ -126,6 +143,9 @@ pub fn calibrate(dir: &Path, said: &Said) -> Result<Geometry, CalibrateError> {
         ..found
     };
     super::check(&geometry)?;
+    if let Some(mask) = &said.mask {
+        mask.keep(dir)?;
+    }
     picture::save_panels(&views, &seen, &solution, &dir.join(RESIDUALS))?;
     file::write(&dir.join(GEOMETRY), &geometry)?;
     write_whole(&dir.join(RIG), rig.to_toml().as_bytes())?;

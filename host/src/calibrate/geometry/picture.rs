@@ -2,19 +2,36 @@
 
 use std::path::Path;
 
-use image::{Rgb, RgbImage};
+use image::{GrayImage, Luma, Rgb, RgbImage};
 
 use super::capture::Views;
 use super::sightings::Sightings;
 use super::solve::Solution;
 use crate::calibrate::CalibrateError;
 use crate::judge::chart::captioned;
-use crate::judge::render::save;
+use crate::judge::render::{save, srgb};
 
 /// Side of a panel, pixels.
 const PANEL_PX: u32 = 300;
 /// Half the side of a mark, pixels.
 const MARK_PX: i64 = 2;
+
+/// Draws the diffuse standard as the camera sees it, a pixel for each of its own: what is dark in it hides something, and a mask is painted
+/// over it.
+pub(super) fn save_standard(seen: &Sightings, path: &Path) -> Result<(), CalibrateError> {
+    let mut sorted = seen.standard.clone();
+    sorted.sort_by(f32::total_cmp);
+    let white = sorted
+        .get(sorted.len() * 99 / 100)
+        .copied()
+        .unwrap_or(0.0)
+        .max(1.0);
+    let width = seen.width as u32;
+    let picture = GrayImage::from_fn(width, seen.standard.len() as u32 / width.max(1), |x, y| {
+        Luma([srgb(seen.standard[(y * width + x) as usize] / white)])
+    });
+    Ok(save(&picture, path)?)
+}
 
 /// Draws the magnitude of each match's residual where the camera saw it, dark blue for nothing and yellow for four times
 /// the usual; of edge positions in the last panel.

@@ -14,6 +14,7 @@
 use glam::DVec2;
 use nalgebra::{DMatrix, DVector};
 
+use super::outlines::{around, connected, outlines};
 use super::sightings::Sightings;
 use crate::base::median::median;
 use crate::hemisphere::judged::is_judged;
@@ -44,7 +45,7 @@ const UNLIT: f64 = 0.5;
 const STEP_DEG: f64 = 0.25;
 const PARTS: usize = 8;
 /// Darkness of a strip against what is beside it, relative to what the wire must hide, from which on it is the wire.
-const WIRE: f64 = 0.5;
+const WIRE: f64 = 0.35;
 
 /// How much of the light of the diffuse standard each pixel has that should see it.
 pub(super) struct Shadows<'a> {
@@ -198,42 +199,20 @@ impl<'a> Shadows<'a> {
         let below = |limit: f64, sigmas: f64| limit.min(1.0 - sigmas * self.noise);
         let (dark, dim) = (below(DARK, NOISE), below(DIM, NOISE / 2.0));
         let is_below = |pixel: usize, limit: f64| self.shares[pixel].is_some_and(|share| share < limit);
-        let mut is_taken: Vec<bool> = vec![false; self.shares.len()];
-        let mut components: Vec<Vec<usize>> = Vec::new();
-        for pixel in 0..self.shares.len() {
-            if is_taken[pixel] || !is_below(pixel, dark) || !is_unknown(pixel) {
-                continue;
-            }
-            let (mut component, mut open) = (Vec::new(), vec![pixel]);
-            is_taken[pixel] = true;
-            while let Some(at) = open.pop() {
-                component.push(at);
-                for beside in self.around(at) {
-                    if !is_taken[beside] && is_below(beside, dim) && is_unknown(beside) {
-                        is_taken[beside] = true;
-                        open.push(beside);
-                    }
-                }
-            }
-            components.push(component);
-        }
+        let may_belong: Vec<bool> = (0..self.shares.len())
+            .map(|pixel| is_below(pixel, dim) && is_unknown(pixel))
+            .collect();
+        let mut components = connected(&may_belong, self.width);
+        components.retain(|component| component.iter().any(|pixel| is_below(*pixel, dark)));
         // Where it is dark towards the border, too, that may be beside the standard.
         let is_closed = |component: &Vec<usize>| {
-            let around = component.iter().flat_map(|pixel| self.around(*pixel));
+            let around = component
+                .iter()
+                .flat_map(|pixel| around(*pixel, self.width, self.shares.len()));
             around.into_iter().all(|beside| self.shares[beside].is_some())
         };
         components.retain(is_closed);
-        outlines(&components, self.width, self.camera)
-    }
-
-    fn around(&self, pixel: usize) -> impl Iterator<Item = usize> + use<> {
-        let (x, y, width) = (pixel % self.width, pixel / self.width, self.width);
-        let (right, bottom) = (
-            (x + 1).min(self.width - 1),
-            (y + 1).min(self.shares.len() / width - 1),
-        );
-        (y.saturating_sub(1)..=bottom)
-            .flat_map(move |y| (x.saturating_sub(1)..=right).map(move |x| y * width + x))
+        outlines("shadow", &components, self.width, self.camera)
     }
 }
 
@@ -281,93 +260,6 @@ fn field(light: &[(DVec2, f64)]) -> Option<Vec<f64>> {
             .map(|logarithm| usual * logarithm.exp())
             .collect(),
     )
-}
-
-/// Obstacles around pixels of an image `width` wide that the `camera` took, each list of which belongs together.
-fn outlines(components: &[Vec<usize>], width: usize, camera: &View) -> Vec<Obstacle> {
-    let mut all = Vec::new();
-    for (number, component) in components.iter().enumerate() {
-        let pixels: Vec<DVec2> = component
-            .iter()
-            .map(|pixel| pixel_centre(*pixel, width))
-            .collect();
-        for hull in hulls(pixels) {
-            let corners = hull.iter().filter_map(|at| camera.from_f1(at.x, at.y));
-            let outline_deg: Vec<[f64; 2]> = corners
-                .map(|w| [w.z.clamp(-1.0, 1.0).acos(), w.y.atan2(w.x)].map(f64::to_degrees))
-                .collect();
-            if outline_deg.len() >= 3 {
-                all.push(Obstacle {
-                    name: format!("shadow {}", number + 1),
-                    outline_deg,
-                });
-            }
-        }
-    }
-    all
-}
-
-/// Convex polygons around `pixels`, each with a pixel to spare, none of which is mostly empty.
-fn hulls(mut pixels: Vec<DVec2>) -> Vec<Vec<DVec2>> {
-    // A pixel reaches half a pixel from its centre.
-    const REACH_PX: f64 = 1.5;
-    let corners = [
-        DVec2::new(-1.0, -1.0),
-        DVec2::new(1.0, -1.0),
-        DVec2::ONE,
-        DVec2::new(-1.0, 1.0),
-    ];
-    let hull = convex(
-        pixels
-            .iter()
-            .flat_map(|at| corners.map(|corner| *at + REACH_PX * corner))
-            .collect(),
-    );
-    let (low, high) = (
-        pixels.iter().copied().reduce(DVec2::min).unwrap_or_default(),
-        pixels.iter().copied().reduce(DVec2::max).unwrap_or_default(),
-    );
-    let size = high - low + 2.0 * REACH_PX;
-    // What a straight strip of so many pixels needs.
-    let needed = pixels.len() as f64 + 2.0 * (size.x + size.y) * REACH_PX;
-    if area(&hull) <= 1.5 * needed || pixels.len() < 4 {
-        return vec![hull];
-    }
-    let across = if size.x > size.y { DVec2::X } else { DVec2::Y };
-    pixels.sort_by(|a, b| a.dot(across).total_cmp(&b.dot(across)));
-    let second = pixels.split_off(pixels.len() / 2);
-    let mut all = hulls(pixels);
-    all.extend(hulls(second));
-    all
-}
-
-/// The convex hull of `points`, counterclockwise where y points up (A. M. Andrew, *Another efficient algorithm for convex hulls in two
-/// dimensions*, 1979).
-fn convex(mut points: Vec<DVec2>) -> Vec<DVec2> {
-    points.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
-    points.dedup();
-    let chain = |points: &mut dyn Iterator<Item = &DVec2>| {
-        let mut chain: Vec<DVec2> = Vec::new();
-        for point in points {
-            while let [.., a, b] = chain[..] {
-                if (b - a).perp_dot(*point - a) > 0.0 {
-                    break;
-                }
-                chain.pop();
-            }
-            chain.push(*point);
-        }
-        chain.pop();
-        chain
-    };
-    let mut hull = chain(&mut points.iter());
-    hull.extend(chain(&mut points.iter().rev()));
-    hull
-}
-
-fn area(polygon: &[DVec2]) -> f64 {
-    let sides = polygon.iter().zip(polygon.iter().cycle().skip(1));
-    sides.map(|(a, b)| a.perp_dot(*b)).sum::<f64>().abs() / 2.0
 }
 
 fn centre(pixel: usize, width: usize) -> (f64, f64) {

@@ -9,11 +9,9 @@
 mod corrugated;
 mod sphere;
 
-use std::io::Cursor;
 use std::path::Path;
 
-use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ImageError, Rgb, RgbImage};
+use image::{ImageBuffer, Pixel, Rgb, RgbImage};
 use rayon::prelude::*;
 
 use crate::base::blame::Blame;
@@ -180,6 +178,16 @@ pub fn share_with_values(rows: &[Vec<Picture>]) -> Option<f64> {
     (all > 0).then(|| known as f64 / all as f64)
 }
 
+/// Where φ = 0 of the sample lies in the pictures: `zero` says where that is on the sample (as `Azimuth` does), if anybody knows.
+#[must_use]
+pub fn azimuth_in_words(zero: Option<&str>) -> String {
+    let shown = "φ = 0 of the sample points to the right: along a sphere's parallels, across a sheet's folds";
+    match zero {
+        Some(zero) => format!("{shown}; on the sample, {zero}"),
+        None => shown.to_owned(),
+    }
+}
+
 /// Why a picture cannot be saved.
 #[derive(Debug, thiserror::Error)]
 pub enum PictureError {
@@ -192,7 +200,7 @@ pub enum PictureError {
         /// The file.
         path: String,
         /// What is wrong.
-        source: ImageError,
+        source: std::io::Error,
     },
 }
 
@@ -206,22 +214,49 @@ impl Blame for PictureError {
 ///
 /// # Errors
 /// [`PictureError`].
-pub fn save<P>(image: &image::ImageBuffer<P, Vec<u8>>, path: &Path) -> Result<(), PictureError>
+pub fn save<P>(image: &ImageBuffer<P, Vec<u8>>, path: &Path) -> Result<(), PictureError>
 where
-    P: image::PixelWithColorType<Subpixel = u8>,
+    P: Pixel<Subpixel = u8>,
+{
+    save_described(image, path, None)
+}
+
+/// As [`save`], with what a person has to know of the picture in the file: an iTXt chunk `Description` (PNG, third edition, 11.3.3.4).
+///
+/// # Errors
+/// [`PictureError`].
+pub fn save_described<P>(
+    image: &ImageBuffer<P, Vec<u8>>,
+    path: &Path,
+    description: Option<&str>,
+) -> Result<(), PictureError>
+where
+    P: Pixel<Subpixel = u8>,
 {
     PICTURE.of(path)?;
     let fail = |source| PictureError::File {
         path: path.display().to_string(),
         source,
     };
-    let mut bytes = Cursor::new(Vec::new());
-    image
-        .write_with_encoder(PngEncoder::new_with_quality(
-            &mut bytes,
-            CompressionType::Fast,
-            FilterType::Up,
-        ))
-        .map_err(fail)?;
-    whole_file::write(path, bytes.get_ref()).map_err(|error| fail(ImageError::IoError(error)))
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, image.width(), image.height());
+    encoder.set_color(match P::CHANNEL_COUNT {
+        1 => png::ColorType::Grayscale,
+        2 => png::ColorType::GrayscaleAlpha,
+        3 => png::ColorType::Rgb,
+        _ => png::ColorType::Rgba,
+    });
+    encoder.set_compression(png::Compression::Fast);
+    encoder.set_filter(png::Filter::Up);
+    if let Some(description) = description {
+        encoder
+            .add_itxt_chunk("Description".to_owned(), description.to_owned())
+            .map_err(|error| fail(error.into()))?;
+    }
+    let mut writer = encoder.write_header().map_err(|error| fail(error.into()))?;
+    writer
+        .write_image_data(image.as_raw())
+        .map_err(|error| fail(error.into()))?;
+    writer.finish().map_err(|error| fail(error.into()))?;
+    whole_file::write(path, &bytes).map_err(fail)
 }

@@ -30,6 +30,7 @@ mod start;
 pub use crate::measure::goal::{Adapted, Goal, GoalError, Stop};
 pub use journal::AdaptiveError;
 pub use run::{Begun, begun, check_same, measure};
+pub use start::{at_most, in_batches};
 
 /// Captures that are chosen at a time. They are one run of the controller and one segment of the raw frames, or several
 /// where their frames are large.

@@ -9,7 +9,7 @@ use serde_json::{Map, json};
 use super::choose::{Outlook, Predicted, outlook};
 use super::journal::{AdaptiveError, Asked, Journal, Segments, differs};
 use super::predict::{Image, judged_cells, leave_one_out};
-use super::start::{beginning, grid, in_degrees, listed};
+use super::start::{beginning, grid, in_degrees, listed, patterns};
 use super::{BATCH, Goal, Stop};
 use crate::assemble::{FrameAssembler, certainly_lit};
 use crate::base::progress::Progress;
@@ -278,8 +278,6 @@ impl<'a> Loop<'a> {
         plan: &'a Plan,
         image_size: u32,
     ) -> Result<Self, AdaptiveError> {
-        // What divides a batch, as far as memory allows.
-        let most = (plan.segment / plan.brackets()).clamp(1, BATCH);
         Ok(Self {
             rig,
             applied,
@@ -288,7 +286,7 @@ impl<'a> Loop<'a> {
             maker: PatternMaker::new(View::projector(rig), plan.spot_deg, rig.projector.irradiance),
             is_clear: Box::new(certainly_lit(rig, applied, plan).map_err(MeasureError::from)?),
             disk: Disk::new(image_size as usize),
-            patterns: 1 << most.ilog2(),
+            patterns: patterns(plan),
         })
     }
 

@@ -7,10 +7,12 @@
 use glam::DVec3;
 
 use super::choose::outlook;
-use super::{AdaptiveError, BATCH, GoalError};
+use super::{AdaptiveError, BATCH, Goal, GoalError};
+use crate::capture::directory::MeasurementError;
 use crate::hemisphere::direction::{angle_between, to_degrees};
 use crate::hemisphere::incident::{DirectionList, Grid};
 use crate::instrument::rig::Rig;
+use crate::plan::{Directions, Plan, Request};
 
 /// Captures of the usual beginning.
 const FIRST: usize = 3 * BATCH;
@@ -30,6 +32,50 @@ pub(super) fn listed(grid: &Grid) -> Result<Grid, AdaptiveError> {
     let set = grid.build()?;
     let directions_deg = (0..set.len()).map(|index| set.angles_deg(index).into()).collect();
     Ok(Grid::List { directions_deg })
+}
+
+/// `request` with as many directions as `goal` allows, all in reach of `rig` (as loaded): what an adaptive measurement takes at most.
+///
+/// # Errors
+/// [`AdaptiveError`] for what no adaptive measurement is made of.
+pub fn at_most(rig: &Rig, request: &Request, goal: Goal) -> Result<Request, AdaptiveError> {
+    if !request.light.is_single() {
+        return Err(AdaptiveError::Light { found: request.light });
+    }
+    let scaled = request.rig(rig).map_err(MeasurementError::from)?;
+    let mut directions_deg = Vec::new();
+    for step_deg in [3.0, 1.0, 0.5] {
+        let directions =
+            Directions::new(&scaled, &Grid::EqualSolidAngle { step_deg }).map_err(MeasurementError::from)?;
+        directions_deg = directions
+            .measurable()
+            .take(goal.budget)
+            .map(|index| directions.grid.angles_deg(index).into())
+            .collect();
+        if directions_deg.len() == goal.budget {
+            break;
+        }
+    }
+    Ok(Request {
+        grid: Grid::List { directions_deg },
+        ..request.clone()
+    })
+}
+
+/// Patterns of a segment of what `plan` says: what divides a batch, as far as memory allows.
+pub(super) fn patterns(plan: &Plan) -> usize {
+    let most = (plan.segment / plan.brackets()).clamp(1, BATCH);
+    1 << most.ilog2()
+}
+
+/// `plan` as it is captured adaptively: black patterns first, and a segment for each batch or less.
+#[must_use]
+pub fn in_batches(plan: Plan) -> Plan {
+    Plan {
+        segment: patterns(&plan) * plan.brackets(),
+        black_first: true,
+        ..plan
+    }
 }
 
 /// Angles (θ, φ) of `w` in degrees, as lists have them.

@@ -7,6 +7,7 @@
 //! | `geometry` | under which light and towards which view its value is |
 //! | `shape` | how f goes with direction |
 //! | `bands` | what of a value by wavelength each channel may see |
+//! | `mean` | one certificate of several |
 //!
 //! A certificate states one number for each band, of one geometry, and hardly ever how f goes with direction. So f is that number
 //! times a shape, which is 1 everywhere (Lambert's law) where the certificate has none, scaled such that what was calibrated comes out
@@ -19,6 +20,7 @@
 
 mod bands;
 mod geometry;
+mod mean;
 mod read;
 mod shape;
 #[cfg(test)]
@@ -32,6 +34,8 @@ use glam::DVec3;
 use super::{Outgoing, Sample, SampleError, albedo, below_horizon};
 use crate::instrument::calibration::{Angular, Certificate, Standard};
 use crate::store::checksum::sum_of;
+
+pub use mean::{Mean, mean_of};
 
 use geometry::{Geometry, Quantity};
 use read::{AngularFile, CertificateFile};

@@ -343,3 +343,144 @@ fn the_example_is_a_certificate_and_each_of_its_alternatives_too() {
         "{all:?}"
     );
 }
+
+/// The mean of certificates of which each has this head, by number.
+fn mean(heads: &[&str], are_independent: bool) -> Result<(Mean, Certified), SampleError> {
+    let folder = tempfile::tempdir().unwrap();
+    let paths: Vec<_> = heads
+        .iter()
+        .enumerate()
+        .map(|(number, head)| {
+            let path = folder.path().join(format!("{number}.toml"));
+            let head = format!("serial = \"S1\"\n{head}");
+            std::fs::write(
+                &path,
+                file(&head, ANGULAR).replace("\"17\"", &format!("\"A-{number}\"")),
+            )
+            .unwrap();
+            path
+        })
+        .collect();
+    let mean = mean_of(&paths, are_independent)?;
+    let path = folder.path().join("mean.toml");
+    std::fs::write(&path, &mean.text).unwrap();
+    let certified = Certified::open(&path)?;
+    Ok((mean, certified))
+}
+
+#[test]
+fn certificates_of_one_plate_are_weighed_and_scatter_counts() {
+    let stating = |value: f64, u: f64| {
+        format!(
+            "quantity = \"reflectance\"\ngeometry = \"8:di\"\nvalue = {value}\nexpanded_uncertainty = {}\nk = 2.5",
+            2.5 * u
+        )
+    };
+    let known = |heads: &[&str], are_independent| {
+        let (mean, certified) = mean(heads, are_independent).unwrap();
+        let certificate = certified.standard().certificate.clone().unwrap();
+        assert!(
+            certificate.number.starts_with("mean of A-0"),
+            "{}",
+            certificate.number
+        );
+        assert_eq!(certificate.expires.unwrap().to_string(), "2027-02-17");
+        (
+            certificate.value[0],
+            certificate.standard_uncertainty[0],
+            mean.birge_ratio,
+        )
+    };
+    // Three that agree: 1/u² = 1, 1 and 4 of (0.002)⁻².
+    let agreeing = [
+        stating(0.980, 0.002),
+        stating(0.982, 0.002),
+        stating(0.981, 0.001),
+    ];
+    let agreeing: Vec<&str> = agreeing.iter().map(String::as_str).collect();
+    let (value, u, birge) = known(&agreeing, true);
+    assert!((value - 0.981).abs() < 1e-12 && birge < 1.0, "{value} {birge}");
+    assert!((u - 0.002 / 6_f64.sqrt()).abs() < 1e-12, "{u}");
+    assert!((known(&agreeing, false).1 - 0.001).abs() < 1e-12);
+    // Two that are 2.5 standard uncertainties of their difference apart.
+    let apart = [
+        stating(0.980, 0.002),
+        stating(0.980 + 0.005 * 2_f64.sqrt(), 0.002),
+    ];
+    let (_, u, birge) = known(&[&apart[0], &apart[1]], true);
+    assert!(
+        (birge - 2.5).abs() < 1e-9 && (u - 2.5 * 0.002 / 2_f64.sqrt()).abs() < 1e-12,
+        "{birge} {u}"
+    );
+    // Angular behaviour is that of all.
+    let (_, certified) = mean(&[&apart[0], &apart[1]], false).unwrap();
+    assert_eq!(
+        certified.standard().angular,
+        of(WHITE, ANGULAR).unwrap().standard().angular
+    );
+}
+
+#[test]
+fn spectra_and_channels_are_weighed_one_by_one() {
+    let rgb = |value: f64| {
+        format!(
+            "quantity = \"brdf\"\ngeometry = \"0/45\"\nvalue = [{value}, 0.3, 0.2]\nexpanded_uncertainty = 0.004\nk = 2"
+        )
+    };
+    let (_, certified) = mean(&[&rgb(0.301), &rgb(0.303)], true).unwrap();
+    let certificate = certified.standard().certificate.as_ref().unwrap();
+    for (found, expected) in certificate.value.iter().zip([0.302, 0.3, 0.2]) {
+        assert!((found - expected).abs() < 1e-12, "{found}");
+    }
+    let spectrum = |value: f64| {
+        format!(
+            "quantity = \"reflectance\"\ngeometry = \"8/h\"\nk = 2\nbands_nm = [[450, 600]]\nspectrum = [\n\
+             {{ wavelength_nm = 400, value = {value}, expanded_uncertainty = 0.004 }},\n\
+             {{ wavelength_nm = 700, value = {value}, expanded_uncertainty = 0.004 }},\n]"
+        )
+    };
+    let (mean, certified) = mean(&[&spectrum(0.950), &spectrum(0.952)], true).unwrap();
+    assert!(
+        (certified.standard().certificate.as_ref().unwrap().value[0] - 0.951).abs() < 1e-12,
+        "{}",
+        mean.text
+    );
+}
+
+#[test]
+fn certificates_that_are_no_basis_of_a_mean_are_refused_by_name() {
+    let other = |from: &str, to: &str| WHITE.replace(from, to);
+    for (heads, field) in [
+        (
+            [WHITE.to_owned(), WHITE.to_owned(), other("0.985", "0.955")],
+            "2.toml, value",
+        ),
+        (
+            [other("0.985", "0.955"), WHITE.to_owned(), WHITE.to_owned()],
+            "0.toml, value",
+        ),
+        (
+            [WHITE.to_owned(), WHITE.to_owned(), other("8/h", "10/h")],
+            "2.toml, geometry",
+        ),
+        (
+            [
+                WHITE.to_owned(),
+                other("value = 0.985", "value = [0.985, 0.985, 0.985]"),
+                WHITE.to_owned(),
+            ],
+            "1.toml, value",
+        ),
+    ] {
+        let heads: Vec<&str> = heads.iter().map(String::as_str).collect();
+        let error = mean(&heads, false).unwrap_err().to_string();
+        let (name, field) = field.split_once(", ").unwrap();
+        assert!(error.contains(name) && error.contains(field), "{error}");
+    }
+    assert!(
+        mean(&[WHITE], false)
+            .unwrap_err()
+            .to_string()
+            .contains("two or more")
+    );
+}
