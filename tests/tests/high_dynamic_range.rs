@@ -351,3 +351,19 @@ fn a_pilot_capture_proposes_what_the_sample_needs() {
     assert_eq!(given, [0.002, 0.02, 0.25]);
     assert_eq!("2,20,250".parse(), Ok(Brackets::TimesMs(vec![2.0, 20.0, 250.0])));
 }
+
+#[test]
+fn no_pixel_saturates_in_rows_of_a_code_towards_the_horizon_neither() {
+    // Velvet is brightest at grazing angles.
+    let rig = rig(16);
+    let coded = Request {
+        light: "multiplexed".parse().unwrap(),
+        ..request("1")
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let measurement = captured(folder.path(), &rig, coded, holding("velvet", false));
+    let brightest = exposures(&measurement).frames.into_iter().max();
+    let share = f64::from(brightest.unwrap()) / f64::from(rig.saturation_dn());
+    println!("brightest: {share:.3} of the range");
+    assert!((0.5..1.0).contains(&share), "{share}");
+}

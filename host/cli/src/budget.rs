@@ -74,6 +74,14 @@ fn of_pair(dir: &Path, pair: [(f64, f64); 2], output: &Output) -> Result<Vec<Bud
             dir.display()
         )));
     }
+    if budgets.iter().any(|budget| !budget.combined.is_finite()) {
+        return Err(Failure::input(format!(
+            "{}: expected a value that somebody knows how uncertain it is, found {} without a number: a frame saturated there, and nothing \
+             tells how much light that threw aside (a shorter --exposure-ms, or --brackets auto)",
+            dir.display(),
+            budgets[0].of
+        )));
+    }
     Ok(budgets)
 }
 

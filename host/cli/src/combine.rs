@@ -140,19 +140,7 @@ fn text(combined: &Combined) -> String {
         &["drift"]
     };
     for (name, drift) in names.iter().zip(&found.drift) {
-        let verdict = match drift.is_significant {
-            Some(true) => "significant",
-            Some(false) => "not significant",
-            None => "two values tell no drift from chance",
-        };
-        lines.push((
-            name,
-            format!(
-                "{:+.5} ± {:.5} % a day (k = 1), {verdict}",
-                100.0 * drift.per_day,
-                100.0 * drift.standard_uncertainty
-            ),
-        ));
+        lines.push((name, drift.to_string()));
     }
     let mut text = table(&lines);
     text.push_str("\nmeasurement, against the mean of all (k = 1, without what they have in common)\n");

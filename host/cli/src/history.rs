@@ -81,21 +81,9 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
 fn text(history: &History) -> String {
     let mut text = String::new();
     for (channel, lines) in history.lines.iter().enumerate() {
-        let drift = lines.drift.map_or_else(
-            || "none".to_owned(),
-            |drift| {
-                let verdict = match drift.is_significant {
-                    Some(true) => "significant",
-                    Some(false) => "not significant",
-                    None => "two values tell no drift from chance",
-                };
-                format!(
-                    "{:+.5} ± {:.5} % a day (k = 1), {verdict}",
-                    100.0 * drift.per_day,
-                    100.0 * drift.standard_uncertainty
-                )
-            },
-        );
+        let drift = lines
+            .drift
+            .map_or_else(|| "none".to_owned(), |drift| drift.to_string());
         writeln!(
             text,
             "{:6} mean {:.5}, standard deviation {:.3} % (noise {:.3} %), drift {drift}",

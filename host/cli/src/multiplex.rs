@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 
 use rcg::base::progress::Progress as _;
+use rcg::base::text::duration;
 use rcg::instrument::rig::Rig;
 use rcg::measure::Job;
-use rcg::measure::report::duration;
 use rcg::study::multiplex::choose::{Choice, Method, REGIONS, choose};
 use rcg::virtual_rig::setup::Setup;
 use serde_json::{Value, json};

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use rcg::assemble::dynamic_range;
+use rcg::base::text::duration;
 use rcg::instrument::rig::Rig;
 use rcg::measure::adaptive::{self, Goal};
-use rcg::measure::report::duration;
 use rcg::measure::{DiskSpace, Job, prepare};
 use rcg::plan::brackets::milliseconds;
 use rcg::plan::light::{Coding, Light};

@@ -9,6 +9,7 @@ use serde::Serialize;
 use super::budget::{budget_html, budget_line};
 use super::record::record_html;
 use crate::assemble::Assembled;
+use crate::base::text::duration;
 use crate::brdf::Brdf;
 use crate::brdf::reflectance::Reflectance;
 use crate::brdf::sample::Sample;
@@ -439,18 +440,6 @@ fn percent(share: f64) -> String {
 pub fn dynamic_range(ratio: Option<f64>) -> String {
     let ratio = or_none(ratio, |ratio| format!("{ratio:.0} : 1"));
     format!("{ratio}, from saturation to the noise without light")
-}
-
-/// A duration in s for people.
-#[must_use]
-pub fn duration(seconds: f64) -> String {
-    match seconds {
-        s if s < 1e-3 => format!("{:.1} µs", s * 1e6),
-        s if s < 1.0 => format!("{:.1} ms", s * 1e3),
-        s if s < 120.0 => format!("{s:.1} s"),
-        s if s < 7200.0 => format!("{:.1} min", s / 60.0),
-        s => format!("{:.1} h", s / 3600.0),
-    }
 }
 
 /// The page; `record` is its section on who measured.

@@ -39,7 +39,12 @@ pub fn auto_exposure_s(
     instrument: &mut Instrument,
 ) -> Result<f64, MeasurementError> {
     let patterns = patterns(rig, request, code)?;
-    Ok(TestExposures::take(rig, &patterns, instrument)?.auto_s(rig))
+    let tests = if code.is_some() {
+        TestExposures::take_whole(rig, &patterns, instrument)?
+    } else {
+        TestExposures::take(rig, &patterns, instrument)?
+    };
+    Ok(tests.auto_s(rig))
 }
 
 /// Lit pixels of some patterns that are spread over the grid of `request`, or of some patterns of its `code`.
@@ -115,8 +120,29 @@ impl TestExposures {
         patterns: &[Vec<u32>],
         instrument: &mut Instrument,
     ) -> Result<Self, MeasurementError> {
-        let range = rig.range_dn();
         let judged: Vec<bool> = judged(rig).collect();
+        Self::with(rig, patterns, (&judged, PILOT_CLIPPED), instrument)
+    }
+
+    /// As [`take`](Self::take), of rows of a code: there no pixel at all may clip. It would do so in most of the frames, and what is not
+    /// known of the light that it throws aside is in all directions of the block.
+    pub(crate) fn take_whole(
+        rig: &Rig,
+        patterns: &[Vec<u32>],
+        instrument: &mut Instrument,
+    ) -> Result<Self, MeasurementError> {
+        let all = vec![true; rig.frame_format().len()];
+        Self::with(rig, patterns, (&all, 0.0), instrument)
+    }
+
+    /// Of the values that are `judged`, this share may clip.
+    fn with(
+        rig: &Rig,
+        patterns: &[Vec<u32>],
+        (judged, clipped): (&[bool], f64),
+        instrument: &mut Instrument,
+    ) -> Result<Self, MeasurementError> {
+        let range = rig.range_dn();
         let mut exposure_s = rig
             .camera
             .exposure_s
@@ -132,14 +158,14 @@ impl TestExposures {
             )?;
             let mut dn: Vec<u16> = shots
                 .iter()
-                .flat_map(|shot| shot.dn.iter().zip(&judged))
+                .flat_map(|shot| shot.dn.iter().zip(judged))
                 .filter_map(|(dn, judged)| judged.then_some(*dn))
                 .collect();
             let mut is_too_bright = false;
             let longest_s = if dn.is_empty() {
                 exposure_s // nothing to go by
             } else {
-                let rank = ((dn.len() as f64 * (1.0 - PILOT_CLIPPED)) as usize).min(dn.len() - 1);
+                let rank = ((dn.len() as f64 * (1.0 - clipped)) as usize).min(dn.len() - 1);
                 let (_, bright, _) = dn.select_nth_unstable(rank);
                 is_too_bright = *bright >= rig.saturation_dn();
                 if is_too_bright && exposure_s > SHORTEST_EXPOSURE_S {

@@ -1,6 +1,10 @@
 //! How the brightness of repeats goes with time.
 
+use std::fmt;
+
 use serde::Serialize;
+
+use crate::base::text::duration;
 
 /// Seconds of a day.
 pub(crate) const DAY_S: f64 = 86_400.0;
@@ -20,6 +24,28 @@ pub struct Drift {
     /// Value of the line on the first day.
     #[serde(skip)]
     pub(crate) start: f64,
+    /// From the first to the last value.
+    #[serde(skip)]
+    span_days: f64,
+}
+
+impl fmt::Display for Drift {
+    /// A day, or over all the time that there was where that is less.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (times, over) = if self.span_days < 1.0 {
+            let all = duration(self.span_days * DAY_S);
+            (self.span_days, format!("over their {all}"))
+        } else {
+            (1.0, "a day".to_owned())
+        };
+        let verdict = match self.is_significant {
+            Some(true) => "significant",
+            Some(false) => "not significant",
+            None => "two values tell no drift from chance",
+        };
+        let [drift, sigma] = [self.per_day, self.standard_uncertainty].map(|per_day| 100.0 * times * per_day);
+        write!(f, "{drift:+.5} ± {sigma:.5} % {over} (k = 1), {verdict}")
+    }
 }
 
 impl Drift {
@@ -44,11 +70,13 @@ impl Drift {
         let standard_uncertainty = (residual.max(noise * noise) / spread).sqrt();
         let student = STUDENT.get(freedom.wrapping_sub(1)).copied().unwrap_or(MANY);
         let first = days.iter().copied().fold(f64::INFINITY, f64::min);
+        let last = days.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         Some(Self {
             per_day,
             standard_uncertainty,
             is_significant: (freedom > 0).then(|| per_day.abs() > student * standard_uncertainty),
             start: mean + per_day * (first - middle),
+            span_days: last - first,
         })
     }
 }
@@ -64,6 +92,15 @@ mod tests {
         assert!(
             (rising.per_day - 1e-3).abs() < 2e-5 && rising.is_significant == Some(true),
             "{rising:?}"
+        );
+        assert!(
+            rising.to_string().ends_with(" % a day (k = 1), significant"),
+            "{rising}"
+        );
+        let quick = Drift::of(&[0.0, 0.25], &[0.0, 0.01], 1e-4).unwrap();
+        assert_eq!(
+            quick.to_string(),
+            "+1.00000 ± 0.01414 % over their 6.0 h (k = 1), two values tell no drift from chance"
         );
         let chance = Drift::of(&days, &[0.001, -0.002, 0.002, 0.0], 1e-5).unwrap();
         assert_eq!(chance.is_significant, Some(false));

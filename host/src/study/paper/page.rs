@@ -3,7 +3,8 @@
 use std::fmt::Write as _;
 
 use super::{CLOTHS, PATTERN_STEP_DEG, RIGS};
-use crate::measure::report::{Summary, duration, escape};
+use crate::base::text::duration;
+use crate::measure::report::{Summary, escape};
 use crate::study::{COMPARED_IMAGE_SIZE, LIGHT_PHIS, LIGHT_THETAS, SPHERE_PX, Study};
 
 /// A figure and what is said of it.
