@@ -77,6 +77,13 @@ fn certified(args: &Args) -> Result<(Certified, Option<f64>), Failure> {
         ))),
         (files, Some(out)) => {
             to_write(out, CERTIFICATE)?;
+            let same = |file: &PathBuf| file.canonicalize().ok().zip(out.canonicalize().ok());
+            if files.iter().filter_map(same).any(|(file, out)| file == out) {
+                return Err(Failure::input(format!(
+                    "{}: expected another file than the certificates for their mean, found one of them",
+                    out.display()
+                )));
+            }
             let mean = mean_of(files, args.independent)?;
             write_whole(out, mean.text.as_bytes())?;
             Ok((Certified::open(out)?, Some(mean.birge_ratio)))

@@ -158,6 +158,13 @@ fn certificates_of_one_plate_make_one() {
         refuses(&arguments, "", 2, &parts);
     }
     refuses(
+        &["standard", &first, &second, "--out", &second],
+        "",
+        2,
+        &["second.toml", "another file"],
+    );
+    assert!(fs::read_to_string(&second).unwrap().contains("0.983"));
+    refuses(
         &["standard", &first, &second],
         "",
         2,

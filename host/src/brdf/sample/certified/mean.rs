@@ -82,11 +82,7 @@ impl Read {
     /// What has to be the same in all, by the name of its field.
     fn same(&self) -> [(&'static str, String); 6] {
         let file = &self.file;
-        let wavelengths = file
-            .spectrum
-            .iter()
-            .map(|line| line.wavelength_nm)
-            .collect::<Vec<_>>();
+        let wavelengths = file.spectrum.iter().map(|line| line.wavelength_nm);
         [
             ("serial", file.serial.clone().unwrap_or_else(|| "none".to_owned())),
             (
@@ -97,14 +93,13 @@ impl Read {
                 "value",
                 format!("{} of them", file.value.as_ref().map_or(0, |value| value.0.len())),
             ),
-            ("spectrum", format!("{wavelengths:?} nm")),
-            (
-                "bands_nm",
-                format!("{:?}", file.bands_nm.as_deref().unwrap_or_default()),
-            ),
+            ("spectrum", format!("{} nm", list(wavelengths))),
+            ("bands_nm", bands(file)),
             (
                 "angular",
-                file.angular.as_ref().map_or_else(|| "none".to_owned(), angular),
+                file.angular
+                    .as_ref()
+                    .map_or_else(|| "none".to_owned(), |stated| angular(stated).replace('\n', " ")),
             ),
         ]
     }
@@ -179,7 +174,9 @@ fn check(all: &[Read]) -> Result<(), SampleError> {
         if let Some(((field, expected), (_, found))) =
             first.same().into_iter().zip(other.same()).find(|(a, b)| a != b)
         {
+            let expected = crate::base::text::shown(&expected);
             let expected = format!("as in {}, {expected}", first.path.display());
+            let found = crate::base::text::shown(&found);
             return Err(content(&other.path, field, &expected, found));
         }
         if all.iter().filter(|one| one.sha256 == other.sha256).count() > 1 {
@@ -302,20 +299,17 @@ fn angular(stated: &AngularFile) -> String {
 /// The lines that hold values and uncertainties.
 fn values(file: &CertificateFile, means: &[Entry]) -> String {
     if file.spectrum.is_empty() {
-        let list = |of: usize| {
-            let numbers: Vec<String> = means.iter().map(|mean| mean[of].to_string()).collect();
-            if let [one] = &numbers[..] {
-                one.clone()
+        let all = |of: usize| {
+            let numbers = list(means.iter().map(|mean| mean[of]));
+            if means.len() == 1 {
+                numbers
             } else {
-                format!("[{}]", numbers.join(", "))
+                format!("[{numbers}]")
             }
         };
-        return format!("value = {}\nexpanded_uncertainty = {}", list(0), list(1));
+        return format!("value = {}\nexpanded_uncertainty = {}", all(0), all(1));
     }
-    let mut text = format!(
-        "bands_nm = {:?}\nspectrum = [\n",
-        file.bands_nm.as_deref().unwrap_or_default()
-    );
+    let mut text = format!("bands_nm = {}\nspectrum = [\n", bands(file));
     for (of, [value, u]) in file.spectrum.iter().zip(means) {
         let nm = of.wavelength_nm;
         writeln!(
@@ -325,4 +319,21 @@ fn values(file: &CertificateFile, means: &[Entry]) -> String {
         .expect("strings take everything");
     }
     text + "]"
+}
+
+/// Numbers as TOML has them in a list.
+fn list(numbers: impl Iterator<Item = f64>) -> String {
+    numbers
+        .map(|number| number.to_string())
+        .collect::<Vec<_>>()
+        .join(", ")
+}
+
+/// The wavelengths of `bands_nm`.
+fn bands(file: &CertificateFile) -> String {
+    let each = file.bands_nm.iter().flatten();
+    let each: Vec<String> = each
+        .map(|band| format!("[{}]", list(band.iter().copied())))
+        .collect();
+    format!("[{}]", each.join(", "))
 }
