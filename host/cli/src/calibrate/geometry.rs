@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use rcg::base::progress::Progress as _;
 use rcg::calibrate::by_hand::VirtualBench;
 use rcg::calibrate::geometry::{ByHand, Mask, Request, Said, Views, calibrate, capture};
+use rcg::calibrate::photometry;
 use rcg::instrument::calibration::{AS_STATED, Geometry, RIG};
 use rcg::instrument::rig::Rig;
 use rcg::store::Lock;
@@ -24,8 +25,6 @@ const TILTS: [[f64; 2]; 4] = [[0.0, 0.0], [15.0, 0.0], [15.0, 120.0], [15.0, 240
 /// What a tilt is off by, degrees, k = 1: verniers of rotation and tilt stages are read to 5 minutes of arc, by hand to half of that,
 /// and what is mounted on them is straight to as much.
 const TILT_UNCERTAINTY_DEG: f64 = 0.05;
-/// What there is of a photometric calibration.
-const PHOTOMETRIC: [&str; 2] = ["photometry-views.json", "photometry.json"];
 /// Pixels a side of the camera's image.
 const IMAGE_SIZE: u32 = 256;
 
@@ -33,8 +32,8 @@ const IMAGE_SIZE: u32 = 256;
 ///
 /// The projector shows stripes; the camera sees them in the flat mirror, which stands at a few known tilts, and the edges of
 /// hole, rim and wire against the lit standard. Writes the calibrated rig (rig.toml), what was found with its covariance
-/// (geometry.json), the residuals (geometry-residuals.png) and what the camera sees of the standard (geometry-standard.png). Where the directory holds the captures already, they are
-/// fitted again.
+/// (geometry.json), the residuals (geometry-residuals.png) and what the camera sees of the standard (geometry-standard.png).
+/// Where the directory holds the captures already, they are fitted again.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// The directory of the calibration
@@ -133,7 +132,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let geometry =
         calibrate(&args.out, &said).map_err(|error| Failure::from(error).at(args.out.display()))?;
     session.note(&args.out)?;
-    let has_photometry = PHOTOMETRIC.iter().any(|name| args.out.join(name).exists());
+    let has_photometry = photometry::Views::exist(&args.out);
     let is_another = before.is_some_and(|before| fs::read(args.out.join(RIG)).ok() != Some(before));
     let warning = (has_photometry && is_another).then(|| {
         format!(

@@ -155,11 +155,7 @@ impl Rates {
     ) -> Result<Self, MeasurementError> {
         let mut all = vec![Vec::new(); BLACK];
         all.extend(patterns(rig, request, code)?);
-        let tests = if code.is_some() {
-            TestExposures::take_whole(rig, &all, instrument)?
-        } else {
-            TestExposures::take(rig, &all, instrument)?
-        };
+        let tests = TestExposures::take_of(code, rig, &all, instrument)?;
         let judged: Vec<bool> = judged(rig).collect();
         let of = |shot: &crate::capture::Captured| {
             let judged = shot.dn.iter().zip(&judged).filter(|(_, judged)| **judged);

@@ -39,12 +39,7 @@ pub fn auto_exposure_s(
     instrument: &mut Instrument,
 ) -> Result<f64, MeasurementError> {
     let patterns = patterns(rig, request, code)?;
-    let tests = if code.is_some() {
-        TestExposures::take_whole(rig, &patterns, instrument)?
-    } else {
-        TestExposures::take(rig, &patterns, instrument)?
-    };
-    Ok(tests.auto_s(rig))
+    Ok(TestExposures::take_of(code, rig, &patterns, instrument)?.auto_s(rig))
 }
 
 /// Lit pixels of some patterns that are spread over the grid of `request`, or of some patterns of its `code`.
@@ -124,13 +119,17 @@ impl TestExposures {
         Self::with(rig, patterns, (&judged, PILOT_CLIPPED), instrument)
     }
 
-    /// As [`take`](Self::take), of rows of a code: there no pixel at all may clip. It would do so in most of the frames, and what is not
-    /// known of the light that it throws aside is in all directions of the block.
-    pub(crate) fn take_whole(
+    /// As [`take`](Self::take), of rows of a `code` if there is one: there no pixel at all may clip. It would do so in most of the frames, and
+    /// what is not known of the light that it throws aside is in all directions of the block.
+    pub(crate) fn take_of(
+        code: Option<Coding>,
         rig: &Rig,
         patterns: &[Vec<u32>],
         instrument: &mut Instrument,
     ) -> Result<Self, MeasurementError> {
+        if code.is_none() {
+            return Self::take(rig, patterns, instrument);
+        }
         let all = vec![true; rig.frame_format().len()];
         Self::with(rig, patterns, (&all, 0.0), instrument)
     }

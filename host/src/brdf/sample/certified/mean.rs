@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 
 use super::Certified;
 use super::geometry::Geometry;
-use super::read::{AngularFile, CertificateFile, content, parse};
+use super::read::{self, AngularFile, CertificateFile, content};
 use crate::brdf::sample::SampleError;
 
 /// Standard uncertainties by which a certificate may be off the mean of the others.
@@ -39,23 +39,14 @@ struct Read {
 
 impl Read {
     fn open(path: &Path) -> Result<Self, SampleError> {
+        let (file, sha256) = read::open(path)?;
         // It has to be right by itself.
-        let certified = Certified::open(path)?;
-        let sha256 = certified
-            .standard()
-            .certificate
-            .as_ref()
-            .map(|one| one.sha256.clone());
-        let unreadable = |cause: crate::base::text::TextError| SampleError::Unreadable {
-            path: path.to_owned(),
-            cause: cause.into(),
-        };
-        let file = parse(&crate::base::text::read(path).map_err(unreadable)?, path)?;
+        Certified::of(&file, path, sha256.clone())?;
         Ok(Self {
             geometry: file.geometry(path)?,
             path: path.to_owned(),
-            sha256: sha256.unwrap_or_default(),
             file,
+            sha256,
         })
     }
 

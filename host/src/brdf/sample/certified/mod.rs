@@ -33,7 +33,6 @@ use glam::DVec3;
 
 use super::{Outgoing, Sample, SampleError, albedo, below_horizon};
 use crate::instrument::calibration::{Angular, Certificate, Standard};
-use crate::store::checksum::sum_of;
 
 pub use mean::{Mean, mean_of};
 
@@ -71,13 +70,8 @@ impl Certified {
     /// # Errors
     /// [`SampleError::Unreadable`]; [`SampleError::File`] with the field, what was expected and what was found.
     pub fn open(path: &Path) -> Result<Self, SampleError> {
-        let unreadable = |cause: std::io::Error| SampleError::Unreadable {
-            path: path.to_owned(),
-            cause,
-        };
-        let text = crate::base::text::read(path).map_err(|error| unreadable(error.into()))?;
-        let sha256 = sum_of(path).map_err(unreadable)?;
-        Self::of(&read::parse(&text, path)?, path, sha256)
+        let (file, sha256) = read::open(path)?;
+        Self::of(&file, path, sha256)
     }
 
     fn of(file: &CertificateFile, path: &Path, sha256: String) -> Result<Self, SampleError> {

@@ -10,6 +10,7 @@ use super::geometry::{Geometry, LARGEST_DEG, Quantity};
 use crate::base::date::Date;
 use crate::brdf::sample::SampleError;
 use crate::instrument::rig::{RigError, explain};
+use crate::store::checksum::sum_of;
 
 /// Version of the format.
 const VERSION: u32 = 1;
@@ -131,8 +132,19 @@ pub(super) fn content(path: &Path, field: &str, expected: &str, found: impl Disp
     }
 }
 
+/// The certificate at `path`, and the SHA-256 of its file.
+pub(super) fn open(path: &Path) -> Result<(CertificateFile, String), SampleError> {
+    let unreadable = |cause: std::io::Error| SampleError::Unreadable {
+        path: path.to_owned(),
+        cause,
+    };
+    let text = crate::base::text::read(path).map_err(|error| unreadable(error.into()))?;
+    let sha256 = sum_of(path).map_err(unreadable)?;
+    Ok((parse(&text, path)?, sha256))
+}
+
 /// The file at `path`, which holds `text`.
-pub(super) fn parse(text: &str, path: &Path) -> Result<CertificateFile, SampleError> {
+fn parse(text: &str, path: &Path) -> Result<CertificateFile, SampleError> {
     let file: CertificateFile = toml::from_str(text).map_err(|error| match explain(text, path, &error) {
         RigError::Field {
             path,
