@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use rcg::base::file_format::{CHART, TABLE};
+use rcg::judge::chart::save_all;
 use rcg::judge::history::{History, Over};
 use rcg::store::whole_file::write_whole;
 use serde_json::json;
@@ -25,7 +26,7 @@ pub(crate) struct Args {
     /// What values are over: the mean of all, or the first in time
     #[arg(long, value_enum, default_value = "mean")]
     over: Reference,
-    /// Also write the chart (.svg, .png), of the channel that goes farthest
+    /// Also write the charts of all channels, one above the other (.svg, .png)
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Also write the table (.csv)
@@ -58,7 +59,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
     };
     let history = History::of(open(&args.measurements.iter().collect::<Vec<_>>())?, over)?;
     if let Some(out) = &args.out {
-        history.chart("Control chart").save(out)?;
+        save_all(&history.charts("Control chart"), out)?;
     }
     if let Some(csv) = &args.csv {
         write_whole(csv, history.csv().as_bytes())?;

@@ -6,9 +6,9 @@ use serde_json::{Map, Value, json};
 
 use super::{coordinates, interpolation_errors};
 use crate::brdf::budget::arrays_of;
-use crate::brdf::{Brdf, BrdfError, LINEAGE, STANDARDS};
+use crate::brdf::{Brdf, BrdfError, LINEAGE, MEASURED_AREA, STANDARDS};
 use crate::hemisphere::incident::IncidentSet;
-use crate::instrument::calibration::Standard;
+use crate::instrument::calibration::{MeasuredArea, Standard};
 use crate::instrument::optics::Unmeasurable;
 use crate::store::checksum::sum_of_tree;
 use crate::store::{BrdfLayout, BrdfWriter, StoreError};
@@ -65,15 +65,23 @@ pub(super) fn lineage_of(command: &str, inputs: &[&Brdf]) -> Result<Value, Store
     }))
 }
 
-/// The attribute of a file made from `all` that names their standards, each once; nothing if they name none.
-pub(super) fn standards_of(all: &[&Brdf]) -> Option<(String, Value)> {
+/// The attributes of a file made from `all` that name their standards, each once, and tell which area of the sample they measured; nothing
+/// of what they do not say.
+pub(super) fn measured_with(all: &[&Brdf]) -> Map<String, Value> {
+    let mut facts = Map::new();
     let mut standards: Vec<Standard> = Vec::new();
     for standard in all.iter().flat_map(|brdf| brdf.standards()) {
         if !standards.contains(&standard) {
             standards.push(standard);
         }
     }
-    (!standards.is_empty()).then(|| (STANDARDS.to_owned(), json!(standards)))
+    if !standards.is_empty() {
+        facts.insert(STANDARDS.to_owned(), json!(standards));
+    }
+    let areas: Option<Vec<MeasuredArea>> = all.iter().map(|brdf| brdf.measured_area()).collect();
+    let area = areas.and_then(|areas| MeasuredArea::of_all(&areas));
+    facts.insert(MEASURED_AREA.to_owned(), json!(area));
+    facts
 }
 
 /// Whether both paths lead to the same place, as far as that can be told.

@@ -18,11 +18,7 @@ pub fn unix_s(text: &str) -> Option<i64> {
 /// A day, written `2027-03-14` (ISO 8601); later days are greater.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
-pub struct Date {
-    year: u16,
-    month: u8,
-    day: u8,
-}
+pub struct Date(time::Date);
 
 /// What is no day.
 #[derive(Debug, thiserror::Error)]
@@ -33,26 +29,15 @@ impl Date {
     /// The day, in universal time, so many seconds after the beginning of 1970.
     #[must_use]
     pub fn of_unix_s(seconds: u64) -> Self {
-        // Years are counted from March on, so that the odd day is the last one, in eras of 400 years (146,097 days) that are all
-        // alike; 719,468 days lie between the first of March of year 0 and 1970.
-        let days = seconds / 86_400 + 719_468;
-        let (era, of_era) = (days / 146_097, days % 146_097);
-        let year_of_era = (of_era - of_era / 1_460 + of_era / 36_524 - of_era / 146_096) / 365;
-        let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-        let month = (5 * of_year + 2) / 153;
-        let day = of_year - (153 * month + 2) / 5 + 1;
-        let is_next = month >= 10;
-        Self {
-            year: (era * 400 + year_of_era + u64::from(is_next)) as u16,
-            month: (if is_next { month - 9 } else { month + 3 }) as u8,
-            day: day as u8,
-        }
+        let moment = OffsetDateTime::UNIX_EPOCH.saturating_add(time::Duration::seconds(seconds as i64));
+        Self(moment.date())
     }
 }
 
 impl Display for Date {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:04}-{:02}-{:02}", self.year, self.month, self.day)
+        let (year, month, day) = self.0.to_calendar_date();
+        write!(f, "{year:04}-{:02}-{day:02}", u8::from(month))
     }
 }
 
@@ -69,11 +54,9 @@ impl FromStr for Date {
         else {
             return Err(none());
         };
-        Ok(Self {
-            year: date.year,
-            month: date.month,
-            day: date.day,
-        })
+        let month = time::Month::try_from(date.month).map_err(|_| none())?;
+        let day = time::Date::from_calendar_date(date.year.into(), month, date.day);
+        day.map(Self).map_err(|_| none())
     }
 }
 

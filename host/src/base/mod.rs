@@ -7,4 +7,5 @@ pub mod file_format;
 pub(crate) mod linear_fit;
 pub(crate) mod median;
 pub mod progress;
+pub(crate) mod student;
 pub mod text;

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use serde_json::{Map, Value, json};
 
-use crate::assemble::like::{lineage_of, standards_of};
+use crate::assemble::like::{lineage_of, measured_with};
 use crate::brdf::{
     Azimuth, Brdf, BrdfError, CAUSES, COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, FIELD_UNCERTAINTY,
     LAMP_LIGHT, LINEAGE, evidence,
@@ -38,7 +38,7 @@ pub(super) fn of(all: &[&Brdf], found: &Repeats) -> Result<Map<String, Value>, B
             facts.insert(name.to_owned(), Value::Null);
         }
     }
-    facts.extend(standards_of(all));
+    facts.extend(measured_with(all));
     let stated =
         |of: &dyn Fn(&Brdf) -> Option<f64>| all.iter().map(|brdf| of(brdf)).collect::<Option<Vec<f64>>>();
     let mean = |amounts: &[f64], class: usize| mean_of(amounts, &found.origins.mean[class]);

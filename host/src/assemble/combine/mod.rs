@@ -11,7 +11,8 @@
 //! which part is how large is a mean over regions, though, and a sample in a lobe has less noise among its causes than its
 //! neighbours. So how repeats really scatter there bounds what averaging takes away: with the share q of σ² that is seen to
 //! scatter, no less than 1 − q·(1 − 1/n) of it is left of n repeats. Where they scatter by more than they state, the excess over n is
-//! added; it counts as one by directions, because it may be the same all over a region (`judge/repeats/scatter`).
+//! added; it counts as one by directions, because it may be the same all over a region (`judge/repeats/scatter`). The part of it by which
+//! whole regions differ from repeat to repeat grows by Student's factor for so few values (ISO/IEC Guide 98-3:2008, G.3).
 //!
 //! Time and names of files have no part in what is written.
 
@@ -27,6 +28,7 @@ use serde::Serialize;
 use super::like::{Own, finish, is_same_place, writer_like};
 use crate::base::blame::Blame;
 use crate::base::progress::Progress;
+use crate::base::student::quantile_95;
 use crate::brdf::budget::{BudgetSums, Shared};
 use crate::brdf::{BANDS_DEG, Brdf, BrdfError, CAUSES};
 use crate::instrument::optics::Unmeasurable;
@@ -293,7 +295,11 @@ impl Mean<'_> {
         if stated < least && stated > 0.0 {
             found = found.map(|one| one * least / stated);
         }
-        found[CLASSES] = excess * sample.variance / count;
+        // What is the same all over a region the repeats alone tell, and they are few: k = 2 shall hold 95 % of those too.
+        let level = self.found.level_variances[region][channel] * sample.mean * sample.mean;
+        let same = excess.min(level / sample.variance);
+        let few = (quantile_95(self.found.parts.len() - 1) / 2.0).powi(2);
+        found[CLASSES] = (excess + (few - 1.0) * same) * sample.variance / count;
         found
     }
 

@@ -275,3 +275,32 @@ fn pairs_that_only_some_have_are_the_mean_of_those() {
     let error = combine(&all, all[1].brdf.path(), false, &Silent).unwrap_err();
     assert!(matches!(error, CombineError::Itself { .. }), "{error}");
 }
+
+#[test]
+fn means_of_few_that_differ_as_a_whole_are_as_uncertain_as_few_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(7);
+    let offset = Normal::new(0.0, 0.1).unwrap();
+    for count in [2, 3] {
+        const DRAWS: usize = 40;
+        let held = (0..DRAWS)
+            .filter(|draw| {
+                let place = folder.path().join(format!("{count}-{draw}"));
+                std::fs::create_dir(&place).unwrap();
+                let made: Vec<Made> = (0..count)
+                    .map(|_| Made {
+                        offset: offset.sample(&mut random),
+                        ..USUAL
+                    })
+                    .collect();
+                let out = place.join("mean.zarr");
+                combine(&repeats(&place, &made), &out, true, &Silent).unwrap();
+                // The mean of all errors: that of the offsets.
+                let off = made.iter().map(|made| made.offset).sum::<f64>() / f64::from(count);
+                off.abs() < 2.0 * judged(&out)[0]
+            })
+            .count();
+        println!("{count}: {held} of {DRAWS}");
+        assert!(held >= 36, "{count}: {held} of {DRAWS}");
+    }
+}

@@ -27,7 +27,7 @@ use serde_json::json;
 use super::mean::merged_chunk;
 use super::union::Union;
 use super::{FillError, facts, finish, writer_like};
-use crate::assemble::like::standards_of;
+use crate::assemble::like::measured_with;
 use crate::base::linear_fit::least_squares;
 use crate::base::progress::Progress;
 use crate::brdf::{Brdf, COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, FIELD_UNCERTAINTY, UNCALIBRATED};
@@ -121,7 +121,7 @@ pub(super) fn merge(
         .flatten()
         .collect();
     facts.insert(UNCALIBRATED.to_owned(), json!(uncalibrated));
-    facts.extend(standards_of(&all));
+    facts.extend(measured_with(&all));
     // The others take their scale and their turn from the first.
     for name in [COMMON_UNCERTAINTY, FIELD_UNCERTAINTY, DIRECTION_UNCERTAINTY] {
         if let Some(stated) = base.attributes().get(name) {

@@ -116,6 +116,8 @@ pub fn calibrate(dir: &Path, said: &Said) -> Result<Geometry, CalibrateError> {
     let mut nominal = turned(&stated, orientations);
     // Views that determine nothing show no wire either.
     let placed = place_wire(&mut nominal, task);
+    // What cannot be seen has no edges.
+    let unseen = nominal.wire.take_if(|_| !matches!(placed, Ok(Wire::At(_))));
     let nominal = &nominal;
     let unknowns = parameters(nominal);
     let mut solution = solve(Task {
@@ -130,6 +132,7 @@ pub fn calibrate(dir: &Path, said: &Said) -> Result<Geometry, CalibrateError> {
     })?;
     let found = found(&views, &stated, &seen, &unknowns, &mounts, &solution)?;
     placed?;
+    solution.rig.wire = solution.rig.wire.or(unseen);
     if let Some(mask) = &mask {
         let hidden = mask.obstacles(&solution.rig, seen.width)?;
         solution.rig.obstacles.extend(hidden);
@@ -152,14 +155,14 @@ pub fn calibrate(dir: &Path, said: &Said) -> Result<Geometry, CalibrateError> {
     Ok(geometry)
 }
 
-/// Puts the wire of `nominal`, the images of which are turned as they should be, where the standard of `task` shows it.
+/// Puts the wire of `nominal`, the images of which are turned as they should be, where the standard of `task` shows it; says where.
 ///
 /// # Errors
 /// [`CalibrateError::Views`] if there is none.
-fn place_wire(nominal: &mut Rig, task: Task) -> Result<(), CalibrateError> {
+fn place_wire(nominal: &mut Rig, task: Task) -> Result<Wire, CalibrateError> {
     let bare = without_obstacles(nominal);
     let Some(wire) = &mut nominal.wire else {
-        return Ok(());
+        return Ok(Wire::OutOfSight);
     };
     let sketch = sketch(Task {
         nominal: &bare,
@@ -170,14 +173,14 @@ fn place_wire(nominal: &mut Rig, task: Task) -> Result<(), CalibrateError> {
     let near = sketch.map_or(bare, |sketch| sketch.rig);
     let camera = View::camera(&near);
     let Some(shadows) = Shadows::of(task.seen, &camera) else {
-        return Ok(());
+        return Ok(Wire::At(wire.azimuth_deg));
     };
     match shadows.wire(wire.half_width_deg, wire.azimuth_deg) {
         Wire::At(azimuth_deg) => {
             wire.azimuth_deg = azimuth_deg;
-            Ok(())
+            Ok(Wire::At(azimuth_deg))
         }
-        Wire::OutOfSight => Ok(()),
+        Wire::OutOfSight => Ok(Wire::OutOfSight),
         Wire::Missing => Err(CalibrateError::Views {
             expected: format!(
                 "a wire {:.2}° wide before the diffuse standard, as the rig file has it at {}°",

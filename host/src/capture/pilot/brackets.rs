@@ -10,7 +10,7 @@
 
 use std::fmt;
 
-use super::{judged, patterns};
+use super::{counting, judged, patterns};
 use crate::base::median::median;
 use crate::capture::directory::MeasurementError;
 use crate::capture::{Captured, Instrument, Tally};
@@ -88,7 +88,11 @@ pub fn propose(
     code: Option<Coding>,
     instrument: &mut Instrument,
 ) -> Result<Proposal, MeasurementError> {
-    let (black, lit) = test(rig, request, code, instrument)?;
+    let Rates {
+        black,
+        lit,
+        brightest,
+    } = Rates::take(rig, request, code, instrument)?;
     let black_e_per_s = median(black.clone()).unwrap_or(0.0);
     let camera = &rig.camera;
     let faintest = 1.0 / camera.exposure_s; // an electron in the default exposure: as good as nothing
@@ -112,7 +116,7 @@ pub fn propose(
             (needed_s(signal, all), signal, all)
         })
         .collect();
-    let brightest_e_per_s = all.iter().map(|(.., all)| *all).fold(faintest, f64::max);
+    let brightest_e_per_s = brightest.max(faintest);
     all.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
     let rank = (all.len() as f64 * DARKEST) as usize;
     let darkest = all.get(rank).copied();
@@ -142,57 +146,80 @@ pub fn propose(
     })
 }
 
-/// Takes the pilot capture: the rates in e⁻/s of every judged value, in black patterns, and in each of the others.
-fn test(
-    rig: &Rig,
-    request: &Request,
-    code: Option<Coding>,
-    instrument: &mut Instrument,
-) -> Result<(Vec<f64>, Vec<Vec<f64>>), MeasurementError> {
-    let lit = patterns(rig, request, code)?;
-    let tests_s: Vec<f64> = (0..TESTS)
-        .rev()
-        .map(|step| rig.camera.exposure_s / TEST_RATIO.powi(step))
-        .filter(|exposure_s| *exposure_s >= 1e-6)
-        .collect();
-    let timings = Timing::series(rig, &tests_s).map_err(PlanError::from)?;
-    let shots = instrument.take(
-        BLACK + lit.len(),
-        &timings,
-        |pattern, image| {
-            if let Some(pattern) = pattern.checked_sub(BLACK) {
-                image.light(&lit[pattern]);
-            }
-        },
-        &mut Tally::default(),
-        |_| {},
-    )?;
-    let judged: Vec<bool> = judged(rig).collect();
-    let mut rates: Vec<Vec<f64>> = shots
-        .chunks_exact(timings.len())
-        .map(|shots| rates(rig, shots, &tests_s, &judged))
-        .collect();
-    let lit = rates.split_off(BLACK);
-    let black = (0..rates[0].len())
-        .map(|at| rates.iter().map(|rates| rates[at]).sum::<f64>() / BLACK as f64)
-        .collect();
-    Ok((black, lit))
+/// What pixels gather, e⁻/s.
+struct Rates {
+    /// Every judged value in black patterns.
+    black: Vec<f64>,
+    /// Every judged value in each of the others.
+    lit: Vec<Vec<f64>>,
+    /// The brightest of all values that may not saturate.
+    brightest: f64,
 }
 
-/// Electrons per second of light in each `judged` value of the frames of one pattern, `shots` of `tests_s` seconds,
-/// ascending.
-fn rates(rig: &Rig, shots: &[Captured], tests_s: &[f64], judged: &[bool]) -> Vec<f64> {
-    let rate = |dn: u16, exposure_s: f64| rig.light_e_per_s(dn, exposure_s);
-    (0..judged.len())
-        .filter(|&at| judged[at])
-        .map(|at| {
-            let mut tried = shots.iter().zip(tests_s).rev();
-            let clear = tried.find(|(shot, _)| shot.dn[at] < rig.saturation_dn());
-            // What saturates even the shortest may be far brighter.
-            clear.map_or_else(
-                || TEST_RATIO * rate(rig.saturation_dn(), tests_s[0]),
-                |(shot, exposure_s)| rate(shot.dn[at], *exposure_s),
-            )
+impl Rates {
+    /// Takes the pilot capture.
+    fn take(
+        rig: &Rig,
+        request: &Request,
+        code: Option<Coding>,
+        instrument: &mut Instrument,
+    ) -> Result<Self, MeasurementError> {
+        let lit = patterns(rig, request, code)?;
+        let tests_s: Vec<f64> = (0..TESTS)
+            .rev()
+            .map(|step| rig.camera.exposure_s / TEST_RATIO.powi(step))
+            .filter(|exposure_s| *exposure_s >= 1e-6)
+            .collect();
+        let timings = Timing::series(rig, &tests_s).map_err(PlanError::from)?;
+        let shots = instrument.take(
+            BLACK + lit.len(),
+            &timings,
+            |pattern, image| {
+                if let Some(pattern) = pattern.checked_sub(BLACK) {
+                    image.light(&lit[pattern]);
+                }
+            },
+            &mut Tally::default(),
+            |_| {},
+        )?;
+        let judged: Vec<bool> = judged(rig).collect();
+        let (counting, _) = counting(rig, code);
+        let mut brightest = 0.0_f64;
+        let mut rates: Vec<Vec<f64>> = shots
+            .chunks_exact(timings.len())
+            .map(|shots| {
+                let all = (0..judged.len()).map(|at| rate(rig, shots, &tests_s, at));
+                let rated = all.enumerate().filter(|(at, _)| judged[*at] || counting[*at]);
+                rated
+                    .filter_map(|(at, rate)| {
+                        if counting[at] {
+                            brightest = brightest.max(rate);
+                        }
+                        judged[at].then_some(rate)
+                    })
+                    .collect()
+            })
+            .collect();
+        let lit = rates.split_off(BLACK);
+        let black = (0..rates[0].len())
+            .map(|at| rates.iter().map(|rates| rates[at]).sum::<f64>() / BLACK as f64)
+            .collect();
+        Ok(Self {
+            black,
+            lit,
+            brightest,
         })
-        .collect()
+    }
+}
+
+/// Electrons per second of light in a value `at` of the frames of one pattern, `shots` of `tests_s` seconds, ascending.
+fn rate(rig: &Rig, shots: &[Captured], tests_s: &[f64], at: usize) -> f64 {
+    let of = |dn: u16, exposure_s: f64| rig.light_e_per_s(dn, exposure_s);
+    let mut tried = shots.iter().zip(tests_s).rev();
+    let clear = tried.find(|(shot, _)| shot.dn[at] < rig.saturation_dn());
+    // What saturates even the shortest may be far brighter.
+    clear.map_or_else(
+        || TEST_RATIO * of(rig.saturation_dn(), tests_s[0]),
+        |(shot, exposure_s)| of(shot.dn[at], *exposure_s),
+    )
 }

@@ -115,32 +115,17 @@ impl TestExposures {
         patterns: &[Vec<u32>],
         instrument: &mut Instrument,
     ) -> Result<Self, MeasurementError> {
-        let judged: Vec<bool> = judged(rig).collect();
-        Self::with(rig, patterns, (&judged, PILOT_CLIPPED), instrument)
+        Self::take_of(None, rig, patterns, instrument)
     }
 
-    /// As [`take`](Self::take), of rows of a `code` if there is one: there no pixel at all may clip. It would do so in most of the frames, and
-    /// what is not known of the light that it throws aside is in all directions of the block.
+    /// As [`take`](Self::take), of rows of a `code` if there is one.
     pub(crate) fn take_of(
         code: Option<Coding>,
         rig: &Rig,
         patterns: &[Vec<u32>],
         instrument: &mut Instrument,
     ) -> Result<Self, MeasurementError> {
-        if code.is_none() {
-            return Self::take(rig, patterns, instrument);
-        }
-        let all = vec![true; rig.frame_format().len()];
-        Self::with(rig, patterns, (&all, 0.0), instrument)
-    }
-
-    /// Of the values that are `judged`, this share may clip.
-    fn with(
-        rig: &Rig,
-        patterns: &[Vec<u32>],
-        (judged, clipped): (&[bool], f64),
-        instrument: &mut Instrument,
-    ) -> Result<Self, MeasurementError> {
+        let (counting, clipped) = counting(rig, code);
         let range = rig.range_dn();
         let mut exposure_s = rig
             .camera
@@ -157,8 +142,8 @@ impl TestExposures {
             )?;
             let mut dn: Vec<u16> = shots
                 .iter()
-                .flat_map(|shot| shot.dn.iter().zip(judged))
-                .filter_map(|(dn, judged)| judged.then_some(*dn))
+                .flat_map(|shot| shot.dn.iter().zip(&counting))
+                .filter_map(|(dn, counts)| counts.then_some(*dn))
                 .collect();
             let mut is_too_bright = false;
             let longest_s = if dn.is_empty() {
@@ -181,6 +166,17 @@ impl TestExposures {
                 is_too_bright,
             });
         }
+    }
+}
+
+/// For each value of a frame of `rig`'s camera, whether exposures are chosen by it, and which share of those may clip: of single light those
+/// that are judged, of rows of a `code` all, and none may. It would do so in most of the frames, and what is not known of the light that
+/// it throws aside is in all directions of the block.
+fn counting(rig: &Rig, code: Option<Coding>) -> (Vec<bool>, f64) {
+    if code.is_some() {
+        (vec![true; rig.frame_format().len()], 0.0)
+    } else {
+        (judged(rig).collect(), PILOT_CLIPPED)
     }
 }
 

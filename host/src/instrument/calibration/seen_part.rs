@@ -16,6 +16,7 @@ use glam::{DVec2, DVec3};
 use nalgebra::{Matrix6, SymmetricEigen, Vector6};
 use serde::{Deserialize, Serialize};
 
+use crate::base::median::median;
 use crate::instrument::frame_format::pixel_centre;
 use crate::instrument::optics::{LitPatch, Patch, View};
 use crate::instrument::rig::Rig;
@@ -219,6 +220,19 @@ pub struct MeasuredArea {
     pub largest_mm2: f64,
     /// Relative standard uncertainty (k = 1) of them.
     pub relative_uncertainty: f64,
+}
+
+impl MeasuredArea {
+    /// Of measurements of one sample together: from the smallest to the largest, as uncertain as the most uncertain; `None` of none.
+    pub(crate) fn of_all(areas: &[Self]) -> Option<Self> {
+        let middle = median(areas.iter().map(|area| area.median_mm2).collect())?;
+        areas.iter().copied().reduce(|one, other| Self {
+            median_mm2: middle,
+            smallest_mm2: one.smallest_mm2.min(other.smallest_mm2),
+            largest_mm2: one.largest_mm2.max(other.largest_mm2),
+            relative_uncertainty: one.relative_uncertainty.max(other.relative_uncertainty),
+        })
+    }
 }
 
 impl std::fmt::Display for MeasuredArea {

@@ -12,6 +12,7 @@ mod font;
 use std::path::Path;
 
 use image::RgbImage;
+use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use crate::base::blame::Blame;
@@ -65,35 +66,62 @@ pub struct Chart {
     pub curves: Vec<Curve>,
 }
 
+/// Charts one above the other, as an SVG document.
+#[must_use]
+pub fn svg(charts: &[Chart]) -> String {
+    let mut document = String::new();
+    draw(charts, SVGBackend::with_string(&mut document, size(charts)))
+        .expect("invariant: a string takes everything");
+    document
+}
+
+/// Charts one above the other, as pixels.
+#[must_use]
+pub fn picture(charts: &[Chart]) -> RgbImage {
+    let (width, height) = size(charts);
+    let mut bytes = vec![0; width as usize * height as usize * 3];
+    draw(charts, BitMapBackend::with_buffer(&mut bytes, (width, height)))
+        .expect("invariant: memory takes everything");
+    RgbImage::from_raw(width, height, bytes).expect("invariant: three bytes a pixel")
+}
+
+/// Writes charts, one above the other: SVG or PNG, as the name of `path` ends.
+///
+/// # Errors
+/// [`ChartError`].
+pub fn save_all(charts: &[Chart], path: &Path) -> Result<(), ChartError> {
+    match CHART.of(path)? {
+        "svg" => write_whole(path, svg(charts).as_bytes())?,
+        _ => save(&picture(charts), path)?,
+    }
+    Ok(())
+}
+
+/// Pixels of charts one above the other.
+fn size(charts: &[Chart]) -> (u32, u32) {
+    (SIZE.0, SIZE.1 * charts.len() as u32)
+}
+
+fn draw<DB: DrawingBackend>(
+    charts: &[Chart],
+    backend: DB,
+) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
+    font::register();
+    let root = backend.into_drawing_area();
+    root.fill(&WHITE)?;
+    for (chart, area) in charts.iter().zip(root.split_evenly((charts.len(), 1))) {
+        chart.draw(&area, &root)?;
+    }
+    root.present()
+}
+
 impl Chart {
-    /// As an SVG document.
-    #[must_use]
-    pub fn svg(&self) -> String {
-        let mut document = String::new();
-        self.draw(SVGBackend::with_string(&mut document, SIZE))
-            .expect("invariant: a string takes everything");
-        document
-    }
-
-    /// As pixels.
-    #[must_use]
-    pub fn picture(&self) -> RgbImage {
-        let mut bytes = vec![0; SIZE.0 as usize * SIZE.1 as usize * 3];
-        self.draw(BitMapBackend::with_buffer(&mut bytes, SIZE))
-            .expect("invariant: memory takes everything");
-        RgbImage::from_raw(SIZE.0, SIZE.1, bytes).expect("invariant: three bytes a pixel")
-    }
-
     /// Writes the chart: SVG or PNG, as the name of `path` ends.
     ///
     /// # Errors
     /// [`ChartError`].
     pub fn save(&self, path: &Path) -> Result<(), ChartError> {
-        match CHART.of(path)? {
-            "svg" => write_whole(path, self.svg().as_bytes())?,
-            _ => save(&self.picture(), path)?,
-        }
-        Ok(())
+        save_all(std::slice::from_ref(self), path)
     }
 
     /// Writes the chart (SVG or PNG) or its `table` (CSV), as the name of `path` ends.
@@ -116,11 +144,13 @@ impl Chart {
         self.save(&dir.join(format!("{stem}.png")))
     }
 
-    fn draw<DB: DrawingBackend>(&self, backend: DB) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
-        font::register();
-        let root = backend.into_drawing_area();
-        root.fill(&WHITE)?;
-        let (plot, legend) = root.split_horizontally(SIZE.0 - LEGEND);
+    /// Draws the chart into an `area` of the whole picture.
+    fn draw<DB: DrawingBackend>(
+        &self,
+        area: &DrawingArea<DB, Shift>,
+        whole: &DrawingArea<DB, Shift>,
+    ) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
+        let (plot, legend) = area.split_horizontally(SIZE.0 - LEGEND);
         let mut chart = ChartBuilder::on(&plot)
             .caption(&self.title, ("sans-serif", 44))
             .margin(28)
@@ -152,7 +182,7 @@ impl Chart {
                 }
                 if self.marks {
                     for at in &run {
-                        root.draw(&mark(index, chart.backend_coord(at)))?;
+                        whole.draw(&mark(index, chart.backend_coord(at)))?;
                     }
                 }
             }
@@ -173,7 +203,7 @@ impl Chart {
             }
             legend.draw(&Text::new(curve.label.clone(), (92, y - 16), ("sans-serif", 34)))?;
         }
-        root.present()
+        Ok(())
     }
 }
 
@@ -244,11 +274,22 @@ mod tests {
 
     #[test]
     fn a_gap_is_not_drawn_across() {
-        let polylines = |chart: &Chart| chart.svg().matches("<polyline").count();
+        let polylines = |chart: &Chart| svg(std::slice::from_ref(chart)).matches("<polyline").count();
         let gap = polylines(&chart());
         let mut without = chart();
         without.curves[0].points.retain(|point| point.1.is_some());
         assert_eq!(gap, polylines(&without) + 1);
+    }
+
+    #[test]
+    fn charts_stand_one_above_the_other() {
+        let image = picture(&[chart(), chart()]);
+        assert_eq!(image.dimensions(), (SIZE.0, 2 * SIZE.1));
+        let half = image.as_raw().len() / 2;
+        assert!(
+            image.as_raw()[..half] == image.as_raw()[half..],
+            "the second is not as the first"
+        );
     }
 
     #[test]
@@ -258,7 +299,7 @@ mod tests {
                 title: title.to_owned(),
                 ..chart()
             };
-            let image = chart.picture();
+            let image = picture(&[chart]);
             assert_eq!(image.dimensions(), SIZE);
             // The caption's strip.
             image

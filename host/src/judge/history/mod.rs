@@ -236,34 +236,6 @@ impl History {
         !self.signals.is_empty()
     }
 
-    /// The channel that is shown: that with most signals, of several the one that goes farthest.
-    #[must_use]
-    pub fn shown(&self) -> usize {
-        let farthest = |channel: usize| {
-            let (lines, values) = (
-                &self.lines[channel],
-                self.points.iter().map(|point| point.values[channel]),
-            );
-            values
-                .map(|value| (value - lines.mean).abs() / lines.standard_deviation)
-                .fold(0.0, f64::max)
-        };
-        let count = |channel: usize| {
-            self.signals
-                .iter()
-                .filter(|signal| signal.channel == channel)
-                .count()
-        };
-        (0..self.lines.len())
-            .rev()
-            .max_by(|a, b| {
-                count(*a)
-                    .cmp(&count(*b))
-                    .then(farthest(*a).total_cmp(&farthest(*b)))
-            })
-            .unwrap_or(0)
-    }
-
     /// Name of a channel; of one that is alone, none.
     #[must_use]
     pub fn colour(&self, channel: usize) -> &'static str {

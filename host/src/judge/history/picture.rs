@@ -10,11 +10,15 @@ use crate::judge::chart::{Axis, Chart, Curve};
 const FAR: f64 = 5.0;
 
 impl History {
-    /// Value of each measurement with its expanded uncertainty (k = 2), and the lines, percent beside 1, of the channel that is
-    /// [`shown`](Self::shown).
+    /// A chart of each channel.
     #[must_use]
-    pub fn chart(&self, title: &str) -> Chart {
-        let channel = self.shown();
+    pub fn charts(&self, title: &str) -> Vec<Chart> {
+        let channels = 0..self.lines.len();
+        channels.map(|channel| self.chart(title, channel)).collect()
+    }
+
+    /// Value of each measurement with its expanded uncertainty (k = 2), and the lines, percent beside 1, of a `channel`.
+    fn chart(&self, title: &str, channel: usize) -> Chart {
         let lines = &self.lines[channel];
         let last = self.points.last().map_or(0.0, |point| point.days);
         let flat = |label: &str, of: [f64; 2]| Curve {

@@ -244,6 +244,26 @@ impl Departures {
             .collect()
     }
 
+    /// By channel of each region, and of all beyond them as of the whole: the relative variance of one repeat by how they differ as a whole
+    /// there; 0 of too few samples.
+    pub(crate) fn level_variances(&self) -> Vec<Vec<f64>> {
+        let of = |sums: &Sums| {
+            if sums.samples < ENOUGH || sums.weights <= 0.0 {
+                return 0.0;
+            }
+            let squares: f64 = sums
+                .levels
+                .iter()
+                .map(|level| (level / sums.weights).powi(2))
+                .sum();
+            squares / (sums.levels.len() - 1).max(1) as f64
+        };
+        let rows = self.regions.chunks(self.channels);
+        rows.chain([self.whole.as_slice()])
+            .map(|sums| sums.iter().map(of).collect())
+            .collect()
+    }
+
     /// Repeats that are none among those of `among`, the farthest first.
     pub(crate) fn outliers(&self, among: &[usize]) -> Vec<Outlier> {
         let (mut left, mut found) = (among.to_vec(), Vec::new());

@@ -4,13 +4,11 @@ use std::fmt;
 
 use serde::Serialize;
 
+use crate::base::student::quantile_95;
 use crate::base::text::duration;
 
 /// Seconds of a day.
 pub(crate) const DAY_S: f64 = 86_400.0;
-/// Quantiles of Student's distribution for 95 % to both sides, of one degree of freedom and more; farther on they are near 2.
-const STUDENT: [f64; 10] = [12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31, 2.26, 2.23];
-const MANY: f64 = 2.2;
 
 /// A straight line through values over time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -68,13 +66,13 @@ impl Drift {
         let freedom = days.len() - 2;
         let residual = if freedom > 0 { beside / freedom as f64 } else { 0.0 };
         let standard_uncertainty = (residual.max(noise * noise) / spread).sqrt();
-        let student = STUDENT.get(freedom.wrapping_sub(1)).copied().unwrap_or(MANY);
         let first = days.iter().copied().fold(f64::INFINITY, f64::min);
         let last = days.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         Some(Self {
             per_day,
             standard_uncertainty,
-            is_significant: (freedom > 0).then(|| per_day.abs() > student * standard_uncertainty),
+            is_significant: (freedom > 0)
+                .then(|| per_day.abs() > quantile_95(freedom) * standard_uncertainty),
             start: mean + per_day * (first - middle),
             span_days: last - first,
         })

@@ -183,6 +183,9 @@ pub struct Repeats {
     pub(crate) origins: Origins,
     #[serde(skip)]
     pub(crate) tallies: Tallies,
+    /// See [`Departures::level_variances`].
+    #[serde(skip)]
+    pub(crate) level_variances: Vec<Vec<f64>>,
 }
 
 impl Repeats {
@@ -207,6 +210,7 @@ impl Repeats {
             scatter: tallies.table(),
             outliers: departures.outliers(&numbers),
             warnings: Vec::new(),
+            level_variances: departures.level_variances(),
             parts,
             origins,
             tallies,

@@ -208,8 +208,10 @@ pub(crate) struct Room {
 const GROUPS: usize = 8;
 /// By how much more than found the lamp may change, as a variance.
 const UNSURE: f64 = 1.5;
-/// A saturated pixel holds at least so much of the light of all of them: what is divided by has to be more than nothing.
-const LEAST: f32 = 1e-12;
+/// What is divided by has to be more than nothing: far below the square of what one pixel throws on any other.
+const LEAST: f32 = 1e-30;
+/// Where what the lamp does leaves less than this share of what tells light beyond saturation, rounding leaves nothing of it.
+const TOLD: f32 = 1e-4;
 
 /// By how much the offset of a pixel of the sensor may be off after a while, electrons (k = 1): that of cameras wanders by 0.1 to 1 as
 /// their temperature changes.
@@ -390,7 +392,7 @@ impl Removal {
         let all = sums.iter().fold(Beyond::default(), |sum, one| sum.plus(one, 1.0));
         let least = Vec4::splat(LEAST);
         let (raw, xx) = all.solve();
-        let is_known = xx.cmpgt(least) & Vec4::splat(count).cmpgt(Vec4::splat(8.0));
+        let is_known = xx.cmpgt(least.max(all.xx * TOLD)) & Vec4::splat(count).cmpgt(Vec4::splat(8.0));
         let each = Vec4::select(is_known, raw.max(Vec4::ZERO), Vec4::ZERO);
         // By a jackknife over the groups.
         let squares = sums.iter().fold(Vec4::ZERO, |sum, group| {

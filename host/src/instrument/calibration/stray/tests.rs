@@ -118,6 +118,30 @@ fn light_beyond_saturation_is_told_by_what_is_dark() {
     assert!(room.doubt[0].x.is_infinite());
 }
 
+#[test]
+fn one_saturated_pixel_makes_no_image_worthless() {
+    let size = 48;
+    // So little that dark pixels hardly see it.
+    let found = found([0.0, 0.0, 0.0, 2e-4, 0.0, 0.0, 1e-4], None);
+    let removal = Removal::new(
+        &found,
+        (&LampFound::default(), 0),
+        (size, size),
+        left_quarter(size),
+    );
+    let mut shown = vec![Vec4::splat(200.0); size * size];
+    for pixel in left_quarter(size) {
+        // Noise of a digital number.
+        shown[pixel as usize] = Vec4::splat(if pixel % 2 == 0 { 1.0 } else { -1.0 });
+    }
+    shown[24 * size + 30] = Vec4::NAN;
+    let mut room = Room::default();
+    removal.find(&shown, &[0.0; PROJECTOR_TERMS], 0.1, 65_000.0, &mut room);
+    for (pixel, doubt) in room.doubt.iter().enumerate() {
+        assert!(doubt.x < 20.0, "{pixel}: {}", doubt.x);
+    }
+}
+
 /// Pixels a side of the images of a sample whose lamp is watched, and their exposure time, seconds.
 const SIZE: usize = 48;
 const EXPOSURE_S: f64 = 0.1;
