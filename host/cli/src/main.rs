@@ -15,10 +15,12 @@ mod combine;
 mod compare;
 mod controller;
 mod evaluate;
+mod export;
 mod failure;
 mod fill;
 mod fit;
 mod history;
+mod info;
 mod log;
 mod map;
 mod measure;
@@ -99,6 +101,8 @@ enum Command {
     /// Judge a BRDF by itself and against a known sample
     Evaluate(evaluate::Args),
     Compare(compare::Args),
+    Info(info::Args),
+    Export(export::Args),
     Fit(fit::Args),
     Combine(combine::Args),
     History(history::Args),
@@ -129,6 +133,8 @@ impl Command {
                 | Self::Budget(_)
                 | Self::Evaluate(_)
                 | Self::Compare(_)
+                | Self::Info(_)
+                | Self::Export(_)
                 | Self::Combine(_)
                 | Self::History(_)
                 | Self::Fill(_)
@@ -200,6 +206,8 @@ fn done(cli: &Cli, output: &Output) -> Done {
         Command::Value(args) => value::run(args, output),
         Command::Evaluate(args) => evaluate::run(args, output),
         Command::Compare(args) => compare::run(args, output),
+        Command::Info(args) => info::run(args, output),
+        Command::Export(args) => export::run(args, output),
         Command::Combine(args) => combine::run(args, output),
         Command::History(args) => history::run(args, output),
         Command::Fill(args) => fill::run(args, output),

@@ -6,8 +6,8 @@ use crate::assemble::resample::Resampling;
 use crate::brdf::budget::BudgetSums;
 use crate::brdf::interpolation::{BRANCHES, BranchErrors, REGIONS};
 use crate::brdf::{
-    Azimuth, DIRECTION_UNCERTAINTY, ERRORS, FIELD_UNCERTAINTY, LAMP_LIGHT, LINEAGE, MEASURED_AREA, STANDARDS,
-    UNCALIBRATED,
+    Azimuth, DIRECTION_UNCERTAINTY, ERRORS, FIELD_UNCERTAINTY, LAMP_LIGHT, LINEAGE, MEASURED_AREA,
+    MEASUREMENT, METHOD, SIMULATION, STANDARDS, UNCALIBRATED,
 };
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
@@ -190,6 +190,7 @@ pub(super) fn attributes(
         "incident_grid": incident,
         "incident_kind": plan.request.grid.kind(),
         "step_deg": plan.request.grid.step_deg(),
+        METHOD: if plan.virtual_rig.is_some() { SIMULATION } else { MEASUREMENT },
         "rig": rig.name,
         "spot_deg": plan.spot_deg,
         "exposure_s": plan.exposure_s,

@@ -24,6 +24,12 @@ pub const TRUTH: Formats = Formats(&["toml"]);
 pub struct Formats(&'static [&'static str]);
 
 impl Formats {
+    /// Those whose names end so, in small letters.
+    #[must_use]
+    pub const fn new(endings: &'static [&'static str]) -> Self {
+        Self(endings)
+    }
+
     /// The format that the name of `path` asks for, in small letters.
     ///
     /// # Errors

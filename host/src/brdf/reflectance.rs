@@ -21,6 +21,8 @@ pub enum Missing {
     Outgoing(Unmeasurable),
     /// The camera saturated there.
     Saturated,
+    /// A file of another program has none.
+    Unknown,
 }
 
 impl Missing {
@@ -43,6 +45,7 @@ impl std::fmt::Display for Missing {
         match self {
             Self::Incident(reason) | Self::Outgoing(reason) => reason.fmt(f),
             Self::Saturated => f.write_str("saturated"),
+            Self::Unknown => f.write_str("no value in the file"),
         }
     }
 }
@@ -74,7 +77,15 @@ impl Reflectance for Box<dyn Sample> {
 fn known_values(sample: &dyn Sample, pairs: &[(DVec3, DVec3)]) -> Vec<Value> {
     let value = |&(wi, wo): &(DVec3, DVec3)| {
         let missing = Missing::at_horizon(wi, wo);
-        missing.map_or_else(|| Ok(sample.f(wi, wo).map(|f| f as f32)), Err)
+        if let Some(missing) = missing {
+            return Err(missing);
+        }
+        let f = sample.f(wi, wo);
+        if f.iter().any(|f| f.is_nan()) {
+            Err(Missing::Unknown)
+        } else {
+            Ok(f.map(|f| f as f32))
+        }
     };
     pairs.par_iter().map(value).collect()
 }

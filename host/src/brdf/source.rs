@@ -16,6 +16,9 @@ impl Reflectance for Brdf {
     }
 }
 
+/// Name of the BRDF in the directory of a measurement.
+const MEASURED: &str = "brdf.zarr";
+
 /// Why there is no such source.
 #[derive(Debug, thiserror::Error)]
 pub enum SourceError {
@@ -45,13 +48,16 @@ pub enum Source {
 }
 
 impl Source {
-    /// Opens `spec`: a `brdf.zarr`, or a sample as in [`parse`].
+    /// Opens `spec`: a `brdf.zarr`, the directory of a measurement that has one, or a sample as in [`parse`].
     ///
     /// # Errors
     /// [`SourceError`].
     pub fn open(spec: &str) -> Result<Self, SourceError> {
         let path = Path::new(spec);
-        if path.is_dir() || path.extension().is_some_and(|extension| extension == "zarr") {
+        let own = path.join(MEASURED);
+        if own.is_dir() {
+            Ok(Self::Measured(Box::new(Brdf::open(&own)?)))
+        } else if path.is_dir() || path.extension().is_some_and(|extension| extension == "zarr") {
             Ok(Self::Measured(Box::new(Brdf::open(path)?)))
         } else {
             Ok(Self::Known(parse(spec)?))

@@ -207,7 +207,7 @@ fn metadata_of_an_array_that_make_no_sense_are_refused() {
 fn a_folder_or_name_of_another_kind_is_refused() {
     let scratch = tempfile::tempdir().unwrap();
     let brdf = measured(scratch.path());
-    refused(brdf.parent().unwrap(), &["rcg_format"]);
+    refused(scratch.path(), &["rcg_format"]);
     refused(&brdf.with_file_name("raw.zarr"), &["rcg_format", "raw"]);
     refused(&brdf.with_file_name("none.zarr"), &["found nothing"]);
 }

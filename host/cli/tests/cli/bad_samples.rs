@@ -88,11 +88,13 @@ fn values_that_make_no_material_are_refused() {
 }
 
 #[test]
-fn a_zemax_file_of_the_same_extension_is_told_apart() {
+fn a_zemax_file_of_the_same_extension_is_told_apart_and_no_lobe_is_guessed() {
     let zemax = "Source  Measured\nSymmetry  ASymmetrical4D\nSpectralContent  Monochrome\n\
                  ScatterType  BRDF\nSampleRotation  1\n0\nAngleOfIncidence  1\n0\nScatterAzimuth 1\n0\n\
                  ScatterRadial 1\n0\nMonochrome\nDataBegin\nTIS 0.1\n0.1\nDataEnd\n";
-    refused(zemax.as_bytes(), &["RGL tensor file", "Zemax text file"]);
+    refused(zemax.as_bytes(), &["ScatterAzimuth", "all around", "others"]);
+    let (half, _) = zemax.split_once("AngleOfIncidence").unwrap();
+    refused(half.as_bytes(), &["AngleOfIncidence", "a line AngleOfIncidence"]);
 }
 
 #[test]

@@ -133,7 +133,7 @@ impl Scene {
             "map" | "controller info" | "controller status" | "controller abort" => {
                 vec![String::new()]
             }
-            "value" => vec![brdf],
+            "value" | "info" => vec![brdf],
             "evaluate" => vec![format!("{brdf} --reference ward:brass")],
             "fit" => ["svg", "png"]
                 .map(|ending| {
@@ -146,6 +146,7 @@ impl Scene {
             "compare" => ["svg", "png", "csv"]
                 .map(|ending| format!("ward:brass {brdf} --out {}", file(&format!("c.{ending}"))))
                 .to_vec(),
+            "export" => exports(&brdf, &file),
             "fill" => vec![format!("{brdf} --out {}", file("whole.zarr"))],
             "combine" => vec![format!("{brdf} {repeated} --out {}", file("mean.zarr"))],
             "history" => vec![
@@ -195,6 +196,20 @@ impl Scene {
             })
             .collect()
     }
+}
+
+/// Words behind `rcg export`.
+fn exports(brdf: &str, file: &dyn Fn(&str) -> String) -> Vec<String> {
+    [("bsdf", "bsdf"), ("npy", "npy"), ("bird", "json"), ("csv", "csv")]
+        .map(|(to, ending)| {
+            let small = if to == "bsdf" {
+                "--resolution 8 --step 30 --zeros"
+            } else {
+                "--step 30"
+            };
+            format!("{brdf} --to {to} {small} --out {}", file(&format!("e.{ending}")))
+        })
+        .to_vec()
 }
 
 /// The example of a certificate.

@@ -29,6 +29,7 @@ mod calibrations;
 mod command;
 mod commands;
 mod directions;
+mod exports;
 mod faults_on_purpose;
 mod fits;
 mod grids;

@@ -16,8 +16,7 @@ mod satin;
 mod spec;
 mod surface;
 mod tensor_file;
-#[cfg(test)]
-mod tensor_writer;
+pub(crate) mod tensor_writer;
 mod turned;
 mod velvet;
 mod ward;
@@ -28,6 +27,7 @@ use std::path::{Path, PathBuf};
 use glam::DVec3;
 
 use crate::base::blame::Blame;
+use crate::brdf::format::{self, Format};
 use crate::hemisphere::direction::{from_angles, is_above_horizon};
 
 pub use certified::{Certified, Contribution, Mean, USUAL, mean_of};
@@ -122,7 +122,7 @@ impl Blame for SampleError {
 /// | `ggx`, `ggx:satin`, `ggx:plastic`, `ggx:f0=0.9,ax=0.1,ay=0.2,rd=0.05` | [`Ggx`] |
 /// | `velvet`, `velvet:pile`, `velvet:rd=0.03,rs=0.6,ax=0.7,ay=1.2` | [`Velvet`], anisotropic cloth |
 /// | `satin`, `satin:silk`, `satin:f0=0.3,along=0.14,across=0.6,weft=0.2,rd=0.12` | [`Satin`], anisotropic cloth |
-/// | a path | [`MeasuredRgl`], a `.bsdf` tensor file of the RGL material database |
+/// | a path | a measured file of another program, as its content says ([`crate::brdf::format`]) |
 /// | a path that ends in `.toml` | [`Certified`], a reflectance standard with its certificate |
 ///
 /// A preset may be followed by parameters that change it, as in `ward:brass,ax=0.1`; what is not given keeps the
@@ -168,15 +168,14 @@ fn unturned(spec: &str) -> Result<Box<dyn Sample>, SampleError> {
             if is_certificate(path) {
                 return Ok(Box::new(Certified::open(path)?));
             }
-            let named_bsdf = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("bsdf"));
             // A file that exists is judged by its content, whatever its name.
-            if named_bsdf || path.is_file() {
-                return Ok(Box::new(MeasuredRgl::open(path)?));
+            if Format::is_named(path) || path.is_file() {
+                return format::open(path);
             }
             Err(SampleError::Spec {
                 spec: spec.to_owned(),
                 field: "model".to_owned(),
-                expected: "lambert, ward, ggx, velvet, satin or the path of a .bsdf file or of a certificate (.toml)".to_owned(),
+                expected: "lambert, ward, ggx, velvet, satin or the path of a measured file (.bsdf, .binary, .ssdd, .xml, .brdf, .npy) or of a certificate (.toml)".to_owned(),
                 found: format!("'{model}'"),
             })
         }

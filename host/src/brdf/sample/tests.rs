@@ -192,11 +192,11 @@ fn a_wrong_specification_is_answered_with_one_sentence() {
     };
     wrong(
         "lambrt:0.5",
-        "sample 'lambrt:0.5', model: expected lambert, ward, ggx, velvet, satin or the path of a .bsdf file or of a certificate (.toml), found 'lambrt'",
+        "sample 'lambrt:0.5', model: expected lambert, ward, ggx, velvet, satin or the path of a measured file (.bsdf, .binary, .ssdd, .xml, .brdf, .npy) or of a certificate (.toml), found 'lambrt'",
     );
     wrong(
         "",
-        "sample '', model: expected lambert, ward, ggx, velvet, satin or the path of a .bsdf file or of a certificate (.toml), found ''",
+        "sample '', model: expected lambert, ward, ggx, velvet, satin or the path of a measured file (.bsdf, .binary, .ssdd, .xml, .brdf, .npy) or of a certificate (.toml), found ''",
     );
     wrong(
         "lambert:",

@@ -2,7 +2,8 @@
 //!
 //! # Design
 //! Of the light that leaves the sample, mirror and optics throw a share back onto it. A second standard of another
-//! reflectance shows how large it is: of the two, the brighter one gains more.
+//! reflectance shows how large it is: of the two, the brighter one gains more. Less than nothing does not return, however far off the
+//! standards are said to be what they are not: what is found is the mean of what is left of it by that.
 
 use super::rank_one::Seen;
 use crate::brdf::sample::{Sample, albedo};
@@ -62,7 +63,8 @@ pub(super) fn interreflection(
         });
     }
     if found.share >= -CERTAIN * doubt {
-        return Ok(found);
+        let share = at_least_nothing(found.share, doubt);
+        return Ok(Interreflection { share, ..found });
     }
     Err(CalibrateError::Views {
         expected: "a second standard that is as bright beside the first as both are said to be".to_owned(),
@@ -72,6 +74,29 @@ pub(super) fn interreflection(
         ),
         advice: "are both standards what they are said to be, and do they lie alike?",
     })
+}
+
+/// Places at which a density is summed, and standard deviations beyond which there is nothing of it.
+const STEPS: usize = 4_000;
+const FAR: f64 = 12.0;
+
+/// The mean of a quantity that was `found` with a standard uncertainty `sigma` and is not below 0: that of a normal distribution of which no
+/// more than the part from 0 on is left. Its own standard deviation is smaller than `sigma`.
+fn at_least_nothing(found: f64, sigma: f64) -> f64 {
+    if sigma <= 0.0 {
+        return found.max(0.0);
+    }
+    let from = -found / sigma;
+    let width = FAR / STEPS as f64;
+    let (mut weight, mut sum) = (0.0, 0.0);
+    for step in 0..STEPS {
+        // As a factor of the density where it is largest.
+        let z = from.max(-FAR / 2.0) + (step as f64 + 0.5) * width;
+        let density = (-0.5 * (z * z - from.max(0.0).powi(2))).exp();
+        weight += density;
+        sum += density * z;
+    }
+    sum / weight * sigma + found
 }
 
 /// Refuses standards so alike that their own uncertainty would pass for interreflection.
@@ -85,4 +110,26 @@ pub(super) fn check_apart(a: f64, b: f64) -> Result<(), CalibrateError> {
         found: format!("{a:.3} and {b:.3}"),
         advice: "give a darker --second-standard, or none to do without interreflection",
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_is_the_least_that_returns() {
+        // Far above 0 it stays; tables of the truncated normal distribution have the others.
+        for (found, sigma, expected) in [
+            (0.03, 0.005, 0.03),
+            (0.0, 1.0, 0.797_88),
+            (1.0, 1.0, 1.287_60),
+            (-1.0, 1.0, 0.525_14),
+            (-3.0, 1.0, 0.283_10),
+            (0.01, 0.0, 0.01),
+            (-0.01, 0.0, 0.0),
+        ] {
+            let mean = at_least_nothing(found, sigma);
+            assert!((mean - expected).abs() < 1e-4, "{found} {sigma}: {mean}");
+        }
+    }
 }

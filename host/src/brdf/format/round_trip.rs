@@ -1,0 +1,77 @@
+//! How far a file is from its source, as it is read back.
+
+use glam::DVec3;
+use rand::{RngExt as _, SeedableRng as _};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use serde::Serialize;
+
+use super::{ExportError, Exporting};
+use crate::base::median::median;
+use crate::brdf::sample::Sample;
+use crate::hemisphere::direction::from_degrees;
+
+/// Pairs of directions that are tried.
+const PAIRS: usize = 4_000;
+/// Their largest polar angle, degrees.
+const LAST_DEG: f64 = 75.0;
+/// Pairs count where f is this share of its median, or more.
+const FAINT: f64 = 0.01;
+
+/// Differences of luminance between a file that was written and its source, at random pairs of directions with θ ≤ 75° both ways where f is at
+/// least 1 % of its median.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct RoundTrip {
+    /// Pairs that both have and that count.
+    pub pairs: usize,
+    /// Median relative difference; `None` of no pair.
+    pub median: Option<f64>,
+    /// 99 % of the differences are below this.
+    pub below_99: Option<f64>,
+    /// The largest.
+    pub largest: Option<f64>,
+    /// Pairs that the source has and the file has not.
+    pub lost: usize,
+}
+
+/// Of the file that was read back as `file`.
+pub(super) fn of(exporting: &Exporting, file: &dyn Sample) -> Result<RoundTrip, ExportError> {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(17);
+    let lowest = LAST_DEG.to_radians().cos();
+    let mut draw = || {
+        let z: f64 = rng.random_range(lowest..1.0);
+        from_degrees(z.acos().to_degrees(), rng.random_range(0.0..360.0))
+    };
+    let pairs: Vec<(DVec3, DVec3)> = (0..PAIRS).map(|_| (draw(), draw())).collect();
+    let values = exporting.peek(&pairs)?;
+    let known: Vec<f64> = values.iter().flatten().map(|f| super::luminance(*f)).collect();
+    let faint = FAINT * median(known).unwrap_or(0.0);
+    let (mut differences, mut lost) = (Vec::new(), 0);
+    for ((wi, wo), value) in pairs.into_iter().zip(values) {
+        let Some(value) = value
+            .map(super::luminance)
+            .filter(|value| *value > 0.0 && *value >= faint)
+        else {
+            continue;
+        };
+        let read = super::luminance(file.f(wi, wo).map(|f| f as f32));
+        if read.is_finite() {
+            differences.push((read / value - 1.0).abs());
+        } else {
+            lost += 1;
+        }
+    }
+    differences.sort_unstable_by(f64::total_cmp);
+    let count = differences.len();
+    let at = |share: f64| {
+        differences
+            .get(((count as f64 * share) as usize).min(count.saturating_sub(1)))
+            .copied()
+    };
+    Ok(RoundTrip {
+        pairs: count,
+        median: at(0.5),
+        below_99: at(0.99),
+        largest: at(1.0),
+        lost,
+    })
+}

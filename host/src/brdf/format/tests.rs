@@ -1,0 +1,251 @@
+//! Laws of formats: what is written is read back as it was, and no file is trusted.
+
+use std::path::Path;
+
+use rand::{RngExt as _, SeedableRng as _};
+use rand_xoshiro::Xoshiro256PlusPlus;
+
+use super::*;
+use crate::base::progress::Silent;
+use crate::hemisphere::direction::from_degrees;
+
+fn about() -> About {
+    About {
+        name: "a <test> & more".to_owned(),
+        written: "2026-01-01T00:00:00Z".to_owned(),
+    }
+}
+
+fn written(spec: &str, to: Format, resolution: Resolution, out: &Path) -> Exported {
+    export(
+        &Source::open(spec).unwrap(),
+        &about(),
+        (to, resolution),
+        out,
+        &Silent,
+    )
+    .unwrap()
+}
+
+fn every(step_deg: f64) -> Resolution {
+    Resolution {
+        step_deg,
+        ..Resolution::default()
+    }
+}
+
+#[test]
+fn what_is_written_is_read_back_as_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let fine = Resolution {
+        step_deg: 7.5,
+        side: 64,
+        ..Resolution::default()
+    };
+    for (to, resolution, smooth, glossy) in [
+        (Format::Bsdf, fine, 4e-3, 2e-2),
+        (Format::Ssdd, every(7.5), 1e-3, 5e-2),
+        (Format::Npy, every(7.5), 1e-3, 5e-2),
+        (Format::Bird, every(15.0), 1e-3, 0.2),
+        (Format::Zemax, every(15.0), 1e-3, 0.1),
+        (Format::Klems, Resolution::default(), 1e-3, 0.2),
+    ] {
+        for (spec, most) in [("lambert:0.6,0.3,0.06", smooth), ("ggx:satin", glossy)] {
+            let out = folder.path().join(format!("{}.{}", to.name(), to.endings()[0]));
+            let exported = written(spec, to, resolution, &out);
+            assert_eq!(Format::of(&out).unwrap(), Some(to));
+            let trip = exported.round_trip.unwrap();
+            println!("{to:?} {spec}: {trip:?}, {} bytes", exported.bytes);
+            assert!(
+                trip.median.unwrap() < most && trip.lost == 0,
+                "{to:?} {spec}: {trip:?}"
+            );
+            assert!(exported.missing <= 0.0);
+        }
+    }
+}
+
+#[test]
+fn azimuths_of_light_and_view_are_where_they_were() {
+    // A lobe that is twice as wide along x as along y, turned: no mirror and no exchange of axes leaves it as it is.
+    let spec = "ward:rd=0.1,rs=0.3,ax=0.5,ay=0.25@25";
+    let Source::Known(truth) = Source::open(spec).unwrap() else {
+        panic!()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let fine = Resolution {
+        step_deg: 10.0,
+        side: 48,
+        ..Resolution::default()
+    };
+    for (to, most) in [
+        (Format::Bsdf, 0.03),
+        (Format::Ssdd, 0.05),
+        (Format::Npy, 0.05),
+        (Format::Bird, 0.05),
+        (Format::Zemax, 0.05),
+        (Format::Klems, 0.15),
+    ] {
+        let out = folder.path().join(format!("a.{}", to.endings()[0]));
+        written(spec, to, fine, &out);
+        let file = open(&out).unwrap();
+        for (theta_i, phi_i, theta_o, phi_o) in [
+            (30.0, 20.0, 40.0, 170.0),
+            (50.0, 100.0, 20.0, 300.0),
+            (20.0, 250.0, 45.0, 40.0),
+            (40.0, 330.0, 50.0, 130.0),
+        ] {
+            let (wi, wo) = (from_degrees(theta_i, phi_i), from_degrees(theta_o, phi_o));
+            let (read, expected) = (file.f(wi, wo)[1], truth.f(wi, wo)[1]);
+            assert!(
+                (read / expected - 1.0).abs() < most,
+                "{to:?} {phi_i} {phi_o}: {read} {expected}"
+            );
+        }
+    }
+}
+
+#[test]
+fn merl_averages_azimuths_and_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.binary");
+    let exported = written(
+        "ggx:metal,ax=0.2,ay=0.2",
+        Format::Merl,
+        Resolution::default(),
+        &out,
+    );
+    assert_eq!(exported.bytes, 12 + 3 * 8 * 90 * 90 * 180);
+    assert!(exported.averaged_azimuths.is_none_or(|averaged| averaged < 1e-3));
+    let trip = exported.round_trip.unwrap();
+    assert!(trip.median.unwrap() < 0.02, "{trip:?}");
+    let exported = written("ward:brass", Format::Merl, Resolution::default(), &out);
+    assert!(exported.averaged_azimuths.unwrap() > 0.1, "{exported:?}");
+    assert!(
+        exported
+            .warnings
+            .iter()
+            .any(|warning| warning.starts_with("isotropic: "))
+    );
+}
+
+#[test]
+fn gaps_are_told_as_the_format_can_or_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let holed = folder.path().join("holed.npy");
+    written("lambert", Format::Npy, every(15.0), &holed);
+    // Takes the values near the normal away.
+    let mut bytes = std::fs::read(&holed).unwrap();
+    let start = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
+    let record = 41;
+    let count = (bytes.len() - start) / record;
+    for number in 0..count {
+        let at = start + number * record;
+        let theta = f32::from_le_bytes(bytes[at + 8..at + 12].try_into().unwrap());
+        if theta < 20.0 {
+            bytes[at + 16..at + 28].copy_from_slice(&[f32::NAN.to_le_bytes(); 3].concat());
+        }
+    }
+    std::fs::write(&holed, &bytes).unwrap();
+    let spec = holed.to_str().unwrap();
+    let coarse = Resolution {
+        step_deg: 30.0,
+        side: 16,
+        ..Resolution::default()
+    };
+    for to in [Format::Bsdf, Format::Klems, Format::Zemax] {
+        let out = folder.path().join(format!("{}.{}", to.name(), to.endings()[0]));
+        let source = Source::open(spec).unwrap();
+        let error = export(&source, &about(), (to, coarse), &out, &Silent).unwrap_err();
+        assert!(
+            error.is_input() && error.to_string().contains("found none for"),
+            "{error}"
+        );
+        assert!(!out.exists(), "{to:?}");
+        let zeros = Resolution {
+            zeros: true,
+            ..coarse
+        };
+        let exported = export(&source, &about(), (to, zeros), &out, &Silent).unwrap();
+        assert!(
+            exported.missing > 0.01 && exported.warnings[0].contains("which are 0 there"),
+            "{exported:?}"
+        );
+    }
+    for to in [Format::Ssdd, Format::Npy, Format::Bird] {
+        let out = folder.path().join(format!("c.{}", to.endings()[0]));
+        written(spec, to, every(15.0), &out);
+        let again = Source::open(out.to_str().unwrap()).unwrap();
+        let ask = |theta_deg: f64| {
+            let pair = (from_degrees(40.0, 10.0), from_degrees(theta_deg, 100.0));
+            again.reflectance().values(&[pair]).unwrap().remove(0)
+        };
+        assert_eq!(
+            ask(5.0).unwrap_err().to_string(),
+            "no value in the file",
+            "{to:?}"
+        );
+        assert!(
+            (ask(50.0).unwrap()[0] * std::f32::consts::TAU - 1.0).abs() < 1e-3,
+            "{to:?}"
+        );
+    }
+}
+
+#[test]
+fn no_file_is_trusted() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(5);
+    let coarse = Resolution {
+        step_deg: 45.0,
+        side: 4,
+        ..Resolution::default()
+    };
+    for to in [
+        Format::Bsdf,
+        Format::Ssdd,
+        Format::Npy,
+        Format::Bird,
+        Format::Zemax,
+        Format::Klems,
+    ] {
+        let out = folder.path().join(format!("d.{}", to.endings()[0]));
+        written("lambert", to, coarse, &out);
+        let whole = std::fs::read(&out).unwrap();
+        // All cuts of the beginning, and some of the rest.
+        let cuts = (0..whole.len().min(400)).chain((400..whole.len()).step_by(whole.len() / 60 + 1));
+        for cut in cuts {
+            std::fs::write(&out, &whole[..cut]).unwrap();
+            if let Err(error) = open(&out) {
+                assert!(error.to_string().starts_with(out.to_str().unwrap()), "{error}");
+            } else {
+                // What ends a text may be missing.
+                assert!(
+                    cut + 20 > whole.len(),
+                    "{to:?}: {cut} of {} bytes are a file",
+                    whole.len()
+                );
+            }
+        }
+        for _ in 0..400 {
+            let mut bytes = whole.clone();
+            for _ in 0..rng.random_range(1..4) {
+                let at = rng.random_range(0..bytes.len().min(1200));
+                bytes[at] = rng.random();
+            }
+            std::fs::write(&out, &bytes).unwrap();
+            if let Ok(sample) = open(&out) {
+                sample.f(from_degrees(30.0, 10.0), from_degrees(50.0, 200.0));
+            }
+        }
+    }
+    let merl = folder.path().join("e.binary");
+    for bytes in [
+        &b"\x5a\0\0\0\x5a\0\0\0\xb4\0\0\0"[..],
+        b"\x5a\0\0\0\x5a\0\0\0\xb4\0\0\0\0\0\0\0",
+        b"\x10\0\0\0",
+    ] {
+        std::fs::write(&merl, bytes).unwrap();
+        assert!(open(&merl).is_err());
+    }
+}
