@@ -19,6 +19,7 @@ mod export;
 mod failure;
 mod fill;
 mod fit;
+mod groups;
 mod history;
 mod info;
 mod log;
@@ -35,6 +36,7 @@ mod reflectance;
 mod render;
 mod request;
 mod session;
+mod shell;
 mod standard;
 mod study;
 mod truth;
@@ -120,6 +122,8 @@ enum Command {
     Worlds(worlds::Args),
     /// Talk to the trigger box
     Controller(controller::Args),
+    Completions(shell::Completions),
+    Man(shell::Man),
 }
 
 impl Command {
@@ -147,6 +151,8 @@ impl Command {
                 | Self::Study(_)
                 | Self::Paper(_)
                 | Self::Worlds(_)
+                | Self::Completions(_)
+                | Self::Man(_)
         )
     }
 }
@@ -155,7 +161,7 @@ fn main() -> ExitCode {
     if let Some(sentence) = arguments::complaint(std::env::args_os().skip(1)) {
         return usage::refuse(&sentence);
     }
-    let parsed = with_negative_numbers(Cli::command()).try_get_matches();
+    let parsed = described().try_get_matches();
     let cli = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(error) => return usage::answer(&error),
@@ -224,7 +230,14 @@ fn done(cli: &Cli, output: &Output) -> Done {
         Command::Worlds(args) => worlds::run(args, output),
         Command::Paper(args) => paper::run(args, output),
         Command::Controller(args) => controller::run(args, rig, output),
+        Command::Completions(args) => shell::completions(args, described(), output),
+        Command::Man(args) => shell::man(args, described(), output),
     }
+}
+
+/// The command line that is understood.
+fn described() -> clap::Command {
+    groups::grouped(with_negative_numbers(Cli::command()))
 }
 
 /// `command` with options that take a negative number for their value, to say what is wrong with it, and not for an option

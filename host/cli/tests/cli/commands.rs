@@ -31,7 +31,7 @@ pub(crate) fn described() -> Vec<Described> {
         arguments.push("--help".to_owned());
         let outcome = run(&arguments, "");
         let help = outcome.done();
-        let below: Vec<&str> = section(help, "Commands:")
+        let below: Vec<&str> = commands(help)
             .filter_map(|line| line.strip_prefix("  ")?.split(' ').next())
             .filter(|name| !name.is_empty() && *name != "help")
             .collect();
@@ -52,9 +52,14 @@ pub(crate) fn described() -> Vec<Described> {
     found
 }
 
-fn section<'a>(help: &'a str, head: &str) -> impl Iterator<Item = &'a str> {
-    let lines = help.lines().skip_while(move |line| *line != head).skip(1);
-    lines.take_while(|line| !line.is_empty())
+/// Lines below the headings of commands.
+fn commands(help: &str) -> impl Iterator<Item = &str> {
+    let mut is_within = false;
+    help.lines().filter(move |line| {
+        let is_heading = line.starts_with("Commands") && line.ends_with(':');
+        is_within = is_heading || is_within && !line.is_empty();
+        is_within && !is_heading
+    })
 }
 
 fn valued(line: &str) -> Option<Valued> {
@@ -163,6 +168,8 @@ impl Scene {
                 .to_vec(),
             "multiplex" => vec!["--step 30 --image-size 8 --order 3".to_owned()],
             "standard" => vec![standard()],
+            "completions" => ["bash", "zsh", "fish"].map(str::to_owned).to_vec(),
+            "man" => vec![format!("--out {dir}")],
             "truth" => vec![format!("--out {}", file("truth.toml"))],
             "controller run" => ["csv", "jsonl"]
                 .map(|ending| format!("--steps 3 --records {}", file(&format!("r.{ending}"))))
