@@ -13,6 +13,7 @@
 use std::f64::consts::TAU;
 
 use glam::DVec3;
+use rand::RngExt;
 
 /// Directions whose cosine is at or below this count as at the horizon.
 ///
@@ -38,6 +39,12 @@ pub fn from_angles(theta_rad: f64, phi_rad: f64) -> DVec3 {
 #[must_use]
 pub fn from_degrees(theta_deg: f64, phi_deg: f64) -> DVec3 {
     from_angles(theta_deg.to_radians(), phi_deg.to_radians())
+}
+
+/// A unit vector that `rng` draws, evenly by solid angle, up to `theta_deg` degrees from the normal.
+pub(crate) fn drawn(rng: &mut impl RngExt, theta_deg: f64) -> DVec3 {
+    let z: f64 = rng.random_range(theta_deg.to_radians().cos()..1.0);
+    from_degrees(z.acos().to_degrees(), rng.random_range(0.0..360.0))
 }
 
 /// Polar angle θ ∈ [0, π] and azimuth φ ∈ [0, 2π) of the unit vector `w`, in radians; φ = 0 at the poles.

@@ -121,9 +121,13 @@ pub(super) fn open(path: &Path) -> Result<Tabulated, SampleError> {
         f,
         channel,
     } = Lists::read(path)?;
-    let [_, phi_i, _, phi_r] = &mut angles;
-    for deg in phi_i.iter_mut().chain(phi_r) {
-        *deg = deg.rem_euclid(360.0);
+    // A polar angle below 0 is one on the other side of the normal.
+    let [theta_i, phi_i, theta_r, phi_r] = &mut angles;
+    for (thetas, phis) in [(theta_i, phi_i), (theta_r, phi_r)] {
+        for (theta, phi) in thetas.iter_mut().zip(phis) {
+            let turn = if *theta < 0.0 { 180.0 } else { 0.0 };
+            (*theta, *phi) = (theta.abs(), (*phi + turn).rem_euclid(360.0));
+        }
     }
     let key = |deg: f64| (deg / SAME_DEG).round() as i64;
     let places: [BTreeMap<i64, usize>; 4] = std::array::from_fn(|axis| {

@@ -16,8 +16,8 @@
 //! | `rgb` | f32 \[P, T, 3, R, R\] | f·cosθo in sr⁻¹; the rows are v, the columns u |
 //! | `luminance` | f32 \[P, T, R, R\] | that of `rgb` (Rec. 709 weights), at least 10⁻⁶, by which renderers draw directions |
 //!
-//! The cosine is in it. Beyond the horizon the table goes on as f·cosθo with cosθo below 0, to −0.1, so that it passes through 0 where
-//! it should. A missing value is 0.
+//! The cosine is in it. Beyond the horizon the table is 0: renderers take no negative light, so that f just above the horizon, within
+//! an entry of it, comes out too large. A missing value is refused, or 0.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::io::{BufWriter, Write};
@@ -42,9 +42,8 @@ const ISOTROPIC_SIDE: usize = 192;
 const ISOTROPIC_THETAS: usize = 61;
 /// Largest side.
 const MOST_SIDE: usize = 1024;
-/// Cosines of directions of view at which f is taken at least, and that stand in the table at least.
+/// Cosine of directions of view at which f is taken at least.
 const LOWEST: f64 = 0.02;
-const BELOW: f64 = -0.1;
 /// Least luminance.
 const LEAST: f32 = 1e-6;
 /// The last polar angle at which f is asked for, radians: at 90° there is none.
@@ -141,15 +140,26 @@ impl Table {
         for first in (0..self.slices()).step_by(at_once) {
             let range = first..(first + at_once).min(self.slices());
             let asked: Vec<(DVec3, DVec3)> = range.clone().flat_map(|slice| self.pairs(slice)).collect();
-            // What is below the horizon has the f of a direction above it.
-            let pairs: Vec<_> = asked.iter().map(|(wi, wo)| (*wi, raised(*wo))).collect();
-            let values = exporting.values(&pairs)?;
-            for (slice, asked) in values.chunks(cells).zip(asked.chunks(cells)) {
-                let planes = planes(slice, asked);
+            let pairs: Vec<_> = asked
+                .iter()
+                .filter(|(_, wo)| wo.z > 0.0)
+                .map(|(wi, wo)| (*wi, raised(*wo)))
+                .collect();
+            let mut found = exporting.values(&pairs)?.into_iter();
+            let weighted: Vec<[f32; 3]> = asked
+                .iter()
+                .map(|(_, wo)| {
+                    let f = if wo.z > 0.0 { found.next().flatten() } else { None };
+                    f.map_or([0.0; 3], |f| f.map(|f| (f * wo.z as f32).max(0.0)))
+                })
+                .collect();
+            for slice in weighted.chunks(cells) {
+                let planes: Vec<f32> = (0..3)
+                    .flat_map(|channel| slice.iter().map(move |f| f[channel]))
+                    .collect();
                 file.write_all(&bytes(&planes))
                     .map_err(|error| exporting.failed(error))?;
-                let of = |cell: usize| [0, 1, 2].map(|channel| planes[channel * cells + cell]);
-                luminance.extend((0..cells).map(|cell| (super::luminance(of(cell)) as f32).max(LEAST)));
+                luminance.extend(slice.iter().map(|f| (super::luminance(*f) as f32).max(LEAST)));
             }
             exporting.progress.reach(range.end);
         }
@@ -202,25 +212,13 @@ fn grid(wi: DVec3, side: usize, is_relative: bool) -> impl Iterator<Item = (DVec
     })
 }
 
-/// `wo`, or if that is below the horizon or just above it the direction above that it is nearest to.
+/// `wo`, or if that is just above the horizon the direction of [`LOWEST`] cosine at its azimuth.
 fn raised(wo: DVec3) -> DVec3 {
     if wo.z >= LOWEST {
         return wo;
     }
     let across = wo.truncate().try_normalize().unwrap_or(glam::DVec2::X);
     (across * (1.0 - LOWEST * LOWEST).sqrt()).extend(LOWEST)
-}
-
-/// f·cosθo of a slice, [channel, v, u].
-fn planes(values: &[Option<[f32; 3]>], asked: &[(DVec3, DVec3)]) -> Vec<f32> {
-    let mut planes = Vec::with_capacity(3 * values.len());
-    for channel in 0..3 {
-        planes.extend(values.iter().zip(asked).map(|(value, (_, wo))| {
-            let cosine = wo.z.max(BELOW) as f32;
-            value.map_or(0.0, |f| f[channel] * cosine)
-        }));
-    }
-    planes
 }
 
 fn bytes(values: &[f32]) -> Vec<u8> {

@@ -12,7 +12,7 @@ use super::{Format, luminance};
 use crate::base::median::median;
 use crate::brdf::Source;
 use crate::brdf::sample::file_of;
-use crate::hemisphere::direction::{from_angles, from_degrees};
+use crate::hemisphere::direction::{drawn, from_angles, from_degrees};
 use crate::hemisphere::judged::RECIPROCAL_THETA_DEG;
 use crate::store::StoreError;
 
@@ -62,11 +62,7 @@ pub struct Info {
 /// [`StoreError`] if a file cannot be read.
 pub fn of(spec: &str, source: &Source) -> Result<Info, StoreError> {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(23);
-    let lowest = RECIPROCAL_THETA_DEG.to_radians().cos();
-    let mut draw = || {
-        let z: f64 = rng.random_range(lowest..1.0);
-        from_degrees(z.acos().to_degrees(), rng.random_range(0.0..360.0))
-    };
+    let mut draw = || drawn(&mut rng, RECIPROCAL_THETA_DEG);
     let mut pairs: Vec<(DVec3, DVec3)> = (0..PAIRS).map(|_| (draw(), draw())).collect();
     for pair in pairs.iter_mut().take(PAIRS / 2) {
         let wi = pair.0;
@@ -74,7 +70,7 @@ pub fn of(spec: &str, source: &Source) -> Result<Info, StoreError> {
         let lean_rad = 0.006 * 2_f64.powf(rng.random_range(0.0..7.0));
         let half = from_angles(lean_rad, rng.random_range(0.0..TAU));
         let wo = 2.0 * wi.dot(half) * half - wi;
-        if wo.z >= lowest {
+        if wo.z >= RECIPROCAL_THETA_DEG.to_radians().cos() {
             pair.1 = wo;
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! # Design
 //! One file per format, with its table of bytes or keys. Readers make a [`Sample`] of a file, for which all commands then serve; writers ask an
-//! [`Exporting`] for values and stream them. What a format cannot carry is told: missing values, uncertainty, provenance, azimuths that
+//! `Exporting` for values and stream them. What a format cannot carry is told: missing values, uncertainty, provenance, azimuths that
 //! were averaged away. An export is read back, and how far it is from its source is what [`export`] answers.
 //!
 //! | format | reads | writes | cosine in it | missing values | uncertainty | provenance |

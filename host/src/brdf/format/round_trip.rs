@@ -1,14 +1,14 @@
 //! How far a file is from its source, as it is read back.
 
 use glam::DVec3;
-use rand::{RngExt as _, SeedableRng as _};
+use rand::SeedableRng as _;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde::Serialize;
 
 use super::{ExportError, Exporting};
 use crate::base::median::median;
 use crate::brdf::sample::Sample;
-use crate::hemisphere::direction::from_degrees;
+use crate::hemisphere::direction::drawn;
 
 /// Pairs of directions that are tried.
 const PAIRS: usize = 4_000;
@@ -36,11 +36,7 @@ pub struct RoundTrip {
 /// Of the file that was read back as `file`.
 pub(super) fn of(exporting: &Exporting, file: &dyn Sample) -> Result<RoundTrip, ExportError> {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(17);
-    let lowest = LAST_DEG.to_radians().cos();
-    let mut draw = || {
-        let z: f64 = rng.random_range(lowest..1.0);
-        from_degrees(z.acos().to_degrees(), rng.random_range(0.0..360.0))
-    };
+    let mut draw = || drawn(&mut rng, LAST_DEG);
     let pairs: Vec<(DVec3, DVec3)> = (0..PAIRS).map(|_| (draw(), draw())).collect();
     let values = exporting.peek(&pairs)?;
     let known: Vec<f64> = values.iter().flatten().map(|f| super::luminance(*f)).collect();

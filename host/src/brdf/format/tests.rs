@@ -249,3 +249,43 @@ fn no_file_is_trusted() {
         assert!(open(&merl).is_err());
     }
 }
+
+#[test]
+fn angles_are_read_in_radians_and_on_either_side_of_the_normal() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("plane.brdf");
+    // f grows with the polar angle of view, negative ones lie at φ = 180°; azimuths are enough to interpolate between.
+    let (mut angles, mut f) = (vec![Vec::new(); 4], Vec::new());
+    for theta_i in [10.0_f64, 40.0] {
+        for phi_i in [0.0_f64, 60.0, 120.0, 180.0, 240.0, 300.0] {
+            for theta_r in [-50.0_f64, -20.0, 20.0, 50.0] {
+                for phi_r in [0.0_f64, 60.0, 120.0] {
+                    let all = [theta_i, phi_i, theta_r, phi_r];
+                    angles
+                        .iter_mut()
+                        .zip(all)
+                        .for_each(|(list, deg)| list.push(deg.to_radians()));
+                    f.push(0.1 + theta_r.abs() / 100.0);
+                }
+            }
+        }
+    }
+    let list = |values: &[f64]| serde_json::json!({ "unit": "rad", "values": values });
+    let mut data = serde_json::json!({ "BRDF": { "unit": "sr^-1", "values": f } });
+    for (name, list) in ["theta_i", "phi_i", "theta_r", "phi_r"]
+        .into_iter()
+        .zip(angles.iter().map(|one| list(one)))
+    {
+        data[name] = list;
+    }
+    let document = serde_json::json!({ "metadata": { "type": "BRDF" }, "data": data });
+    std::fs::write(&path, document.to_string()).unwrap();
+    let file = open(&path).unwrap();
+    for (theta_o, phi_o) in [(20.0, 30.0), (35.0, 200.0), (50.0, 310.0)] {
+        let read = file.f(from_degrees(25.0, 90.0), from_degrees(theta_o, phi_o))[0];
+        assert!(
+            (read - 0.1 - theta_o / 100.0).abs() < 1e-6,
+            "{theta_o} {phi_o}: {read}"
+        );
+    }
+}

@@ -5,13 +5,13 @@
 //! would be reciprocal to the bit. Every pair of directions is drawn by chance and counts once, not once each way.
 
 use glam::DVec3;
-use rand::{RngExt as _, SeedableRng as _};
+use rand::SeedableRng as _;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::base::median::median;
 use crate::brdf::Brdf;
 use crate::brdf::sample::Sample;
-use crate::hemisphere::direction::from_degrees;
+use crate::hemisphere::direction::drawn;
 use crate::hemisphere::judged::RECIPROCAL_THETA_DEG;
 use crate::store::StoreError;
 
@@ -36,11 +36,7 @@ pub(super) struct Reciprocity {
 /// [`StoreError`].
 pub(super) fn reciprocity(brdf: &Brdf, reference: Option<&dyn Sample>) -> Result<Reciprocity, StoreError> {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(0);
-    let lowest = RECIPROCAL_THETA_DEG.to_radians().cos();
-    let mut draw = || {
-        let z: f64 = rng.random_range(lowest..1.0);
-        from_degrees(z.acos().to_degrees(), rng.random_range(0.0..360.0))
-    };
+    let mut draw = || drawn(&mut rng, RECIPROCAL_THETA_DEG);
     let pairs: Vec<(DVec3, DVec3)> = (0..PAIRS).map(|_| (draw(), draw())).collect();
     let both: Vec<(DVec3, DVec3)> = pairs.iter().flat_map(|&(a, b)| [(a, b), (b, a)]).collect();
     // As it was captured: other interpolations use what is judged here.
