@@ -338,6 +338,7 @@ mod tests {
             by_standards: 0.0,
             own: 0.0,
             apart: 0.8,
+            narrowed: 1.0,
         };
         let mut returned = Returned::new(found, disk, 1);
         let is_seen = |cell: usize| disk.direction(cell).is_some_and(seen);

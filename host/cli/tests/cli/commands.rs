@@ -207,14 +207,14 @@ impl Scene {
 
 /// Words behind `rcg export`.
 fn exports(brdf: &str, file: &dyn Fn(&str) -> String) -> Vec<String> {
-    [("bsdf", "bsdf"), ("npy", "npy"), ("bird", "json"), ("csv", "csv")]
-        .map(|(to, ending)| {
+    ["bsdf", "npy", "ssdd", "csv"]
+        .map(|to| {
             let small = if to == "bsdf" {
                 "--resolution 8 --step 30 --zeros"
             } else {
                 "--step 30"
             };
-            format!("{brdf} --to {to} {small} --out {}", file(&format!("e.{ending}")))
+            format!("--to {to} {brdf} {small} --out {}", file(&format!("e.{to}")))
         })
         .to_vec()
 }

@@ -16,7 +16,6 @@ fn a_measurement_goes_out_in_every_format_and_comes_back() {
     run(&["fill", &measured, "--out", &whole], "").done();
     for (to, ending, options) in [
         ("bsdf", "bsdf", "--resolution 24 --step 15 --zeros"),
-        ("merl", "binary", ""),
         ("ssdd", "ssdd", "--step 30"),
         ("klems", "xml", "--zeros"),
         ("zemax", "bsdf", "--step 30 --zeros"),

@@ -18,6 +18,9 @@ fn begins(ending: &str) -> &'static [u8] {
         "csv" => b"",
         "jsonl" => b"{",
         "toml" => b"version",
+        "bsdf" => b"tensor_file",
+        "npy" => b"\x93NUMPY",
+        "ssdd" => b"VERSION",
         other => panic!("no command writes {other}"),
     }
 }
@@ -41,6 +44,12 @@ fn writers(scene: &Scene, out: &Path) -> Vec<(Use, usize, PathBuf)> {
     uses.filter_map(file).collect()
 }
 
+/// What has the same formats: words of a command, of exports with the format that they name.
+fn kind(used: &Use) -> &[String] {
+    let words = if used.arguments[0] == "export" { 3 } else { 2 };
+    &used.arguments[..words]
+}
+
 fn with(used: &Use, at: usize, path: &Path) -> Vec<String> {
     let mut arguments = used.arguments.clone();
     text(path).clone_into(&mut arguments[at]);
@@ -55,9 +64,7 @@ fn a_file_is_of_the_format_that_its_name_says_or_refused_before_any_work() {
     let writers = writers(&scene, &out);
     assert!(writers.len() >= 9, "{writers:?}");
     let endings_of = |used: &Use| -> Vec<String> {
-        let same = writers
-            .iter()
-            .filter(|(other, ..)| other.arguments[..2] == used.arguments[..2]);
+        let same = writers.iter().filter(|(other, ..)| kind(other) == kind(used));
         same.map(|(_, _, path)| path.extension().unwrap().to_str().unwrap().to_owned())
             .collect()
     };

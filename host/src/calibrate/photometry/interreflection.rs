@@ -50,6 +50,7 @@ pub(super) fn interreflection(
         by_standards: uncertainties[0].hypot(uncertainties[1]) / (a - b).abs(),
         own: a,
         apart: a - b,
+        narrowed: 1.0,
     };
     let doubt = found.standard_uncertainty.hypot(found.by_standards);
     if found.share > LARGEST + CLEAR * doubt {
@@ -63,8 +64,14 @@ pub(super) fn interreflection(
         });
     }
     if found.share >= -CERTAIN * doubt {
-        let share = at_least_nothing(found.share, doubt);
-        return Ok(Interreflection { share, ..found });
+        let (share, narrowed) = at_least_nothing(found.share, doubt);
+        return Ok(Interreflection {
+            share,
+            standard_uncertainty: narrowed * found.standard_uncertainty,
+            by_standards: narrowed * found.by_standards,
+            narrowed,
+            ..found
+        });
     }
     Err(CalibrateError::Views {
         expected: "a second standard that is as bright beside the first as both are said to be".to_owned(),
@@ -80,23 +87,28 @@ pub(super) fn interreflection(
 const STEPS: usize = 4_000;
 const FAR: f64 = 12.0;
 
-/// The mean of a quantity that was `found` with a standard uncertainty `sigma` and is not below 0: that of a normal distribution of which no
-/// more than the part from 0 on is left. Its own standard deviation is smaller than `sigma`.
-fn at_least_nothing(found: f64, sigma: f64) -> f64 {
+/// Mean of a quantity that was `found` with a standard uncertainty `sigma` and is not below 0, and its standard deviation over `sigma`: of a
+/// normal distribution no more than the part from 0 on is left.
+fn at_least_nothing(found: f64, sigma: f64) -> (f64, f64) {
     if sigma <= 0.0 {
-        return found.max(0.0);
+        return (found.max(0.0), 1.0);
     }
     let from = -found / sigma;
     let width = FAR / STEPS as f64;
-    let (mut weight, mut sum) = (0.0, 0.0);
+    let (mut weight, mut sum, mut squares) = (0.0, 0.0, 0.0);
     for step in 0..STEPS {
-        // As a factor of the density where it is largest.
         let z = from.max(-FAR / 2.0) + (step as f64 + 0.5) * width;
+        // As a factor of the density where it is largest.
         let density = (-0.5 * (z * z - from.max(0.0).powi(2))).exp();
         weight += density;
         sum += density * z;
+        squares += density * z * z;
     }
-    sum / weight * sigma + found
+    let mean = sum / weight;
+    (
+        mean * sigma + found,
+        (squares / weight - mean * mean).max(0.0).sqrt().min(1.0),
+    )
 }
 
 /// Refuses standards so alike that their own uncertainty would pass for interreflection.
@@ -119,17 +131,18 @@ mod tests {
     #[test]
     fn nothing_is_the_least_that_returns() {
         // Far above 0 it stays; tables of the truncated normal distribution have the others.
-        for (found, sigma, expected) in [
-            (0.03, 0.005, 0.03),
-            (0.0, 1.0, 0.797_88),
-            (1.0, 1.0, 1.287_60),
-            (-1.0, 1.0, 0.525_14),
-            (-3.0, 1.0, 0.283_10),
-            (0.01, 0.0, 0.01),
-            (-0.01, 0.0, 0.0),
+        for (found, sigma, expected, spread) in [
+            (0.03, 0.005, 0.03, 1.0),
+            (0.0, 1.0, 0.797_88, 0.602_81),
+            (1.0, 1.0, 1.287_60, 0.793_53),
+            (-1.0, 1.0, 0.525_14, 0.446_21),
+            (-3.0, 1.0, 0.283_10, 0.265_41),
+            (0.01, 0.0, 0.01, 1.0),
+            (-0.01, 0.0, 0.0, 1.0),
         ] {
-            let mean = at_least_nothing(found, sigma);
+            let (mean, narrowed) = at_least_nothing(found, sigma);
             assert!((mean - expected).abs() < 1e-4, "{found} {sigma}: {mean}");
+            assert!((narrowed - spread).abs() < 1e-3, "{found} {sigma}: {narrowed}");
         }
     }
 }

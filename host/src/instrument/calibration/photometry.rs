@@ -90,6 +90,14 @@ pub struct Interreflection {
     pub own: f64,
     /// By how much that is more than it would add to that of the second.
     pub apart: f64,
+    /// Its standard uncertainty over what it were if less than nothing could return; both above have it in them.
+    #[serde(default = "whole")]
+    pub narrowed: f64,
+}
+
+/// [`Interreflection::narrowed`] of files that do not say.
+const fn whole() -> f64 {
+    1.0
 }
 
 /// What the reflectances of two standards may be off by.
@@ -107,10 +115,10 @@ impl Interreflection {
     /// Of the standards a and b, of which the first is off by δ₁ and the second by δ₂, the share comes out wrong by
     /// (δ₁ − δ₂)/(a − b), and the sensitivity by δ₁ and by a times as much. So a Lambertian sample as dark as the second
     /// standard is as uncertain as that, and one as bright as the first as the first is; others show more of it. Where both may be
-    /// off together, that counts as far as it is worse.
+    /// off together, that counts as far as it is worse. A share that is not less than nothing follows less far.
     #[must_use]
     pub(crate) fn standards_variance(&self, standards: TwoStandards, f: f32, per_share: f32) -> f32 {
-        let by_second = (self.own as f32 * f - per_share) / self.apart as f32;
+        let by_second = (self.own as f32 * f - per_share) * (self.narrowed / self.apart) as f32;
         let [first, second] = standards.uncertainty.map(|relative| relative as f32);
         let (first, second) = (first * (f - by_second), second * by_second);
         let together = if standards.may_agree {
@@ -299,6 +307,7 @@ impl Photometry {
             all.push((within("by_standards"), back.by_standards, 0.0, 5.0));
             all.push((within("own"), back.own, 0.0, 2.0));
             all.push((within("apart"), back.apart.abs(), 0.1, 2.0));
+            all.push((within("narrowed"), back.narrowed, 0.0, 1.0));
         }
         all
     }

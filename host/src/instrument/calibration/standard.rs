@@ -252,6 +252,7 @@ mod tests {
             by_standards: 0.0,
             own: a,
             apart: a - b,
+            narrowed: 1.0,
         };
         let sensitivity = first / (1.0 + found.share * a);
         let measured = (f + share * per_share) / sensitivity - found.share * per_share;
