@@ -1,7 +1,7 @@
 //! The universal BRDF format of the European metrology projects `BiRD` and its forerunner (`.brdf`, `.json`): one JSON document.
 //!
-//! Lanevski et al., "Gonioreflectometric properties of metal surfaces", Color Research and Application 47, 1177 (2022), and the projects'
-//! schema. Checked here as read: the keys below are there, lists are equally long, angles in range.
+//! Lanevski et al., Color Research and Application 47, 1177 (2022), and the projects' schema. Checked here as read: the keys below are there,
+//! lists are equally long, angles in range.
 //!
 //! | key | content |
 //! |---|---|
