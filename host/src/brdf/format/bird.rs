@@ -1,4 +1,4 @@
-//! The universal BRDF format of the European metrology projects `BiRD` and its forerunner (`.brdf`, `.json`): one JSON document.
+//! The universal BRDF format of the European metrology projects 16NRM08 (`BiRD`) and 18SIB03 (`.brdf`, `.json`): one JSON document.
 //!
 //! Lanevski et al., Color Research and Application 47, 1177 (2022), and the projects' schema. Checked here as read: the keys below are there,
 //! lists are equally long, angles in range.
