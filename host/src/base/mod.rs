@@ -2,6 +2,7 @@
 //! names, linear fits, medians.
 
 pub mod blame;
+pub(crate) mod bracket;
 pub mod date;
 pub mod file_format;
 pub(crate) mod linear_fit;

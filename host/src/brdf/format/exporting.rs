@@ -95,8 +95,7 @@ impl<'a> Exporting<'a> {
 
     /// f in sr⁻¹ for pairs of unit vectors (incident, outgoing) in the order asked; `None` where there is no value.
     pub(super) fn values(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Option<[f32; 3]>>, ExportError> {
-        let values = self.source.reflectance().values(pairs)?;
-        let values = values.into_iter().map(Result::ok).collect::<Vec<_>>();
+        let values = self.peek(pairs)?;
         self.count(&values);
         Ok(values)
     }

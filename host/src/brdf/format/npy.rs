@@ -12,7 +12,7 @@
 use std::io::{BufWriter, Write as _};
 use std::path::Path;
 
-use super::table::{Axes, Tabulated};
+use super::table::{Axes, Tabulated, are_angles};
 use super::{ExportError, Exporting, Resolution, reading};
 use crate::base::text::shown;
 use crate::brdf::sample::SampleError;
@@ -80,9 +80,7 @@ pub(super) fn open(path: &Path) -> Result<Tabulated, SampleError> {
         ("theta_o_deg", &axes.theta_o, 90.0),
         ("phi_o_deg", &axes.phi_o, 360.0),
     ] {
-        let is_good =
-            axis.iter().all(|deg| (0.0..=last).contains(deg)) && axis.windows(2).all(|two| two[0] < two[1]);
-        if !is_good {
+        if !are_angles(axis, last) {
             return Err(wrong(
                 name,
                 &format!("ascending angles from 0 to {last}°"),

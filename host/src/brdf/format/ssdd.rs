@@ -19,7 +19,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::table::{Axes, BATCH, Tabulated};
+use super::table::{Axes, BATCH, Tabulated, are_angles};
 use super::{ExportError, Exporting, Resolution, reading};
 use crate::base::text::shown;
 use crate::brdf::sample::SampleError;
@@ -67,10 +67,7 @@ pub(super) fn open(path: &Path) -> Result<Tabulated, SampleError> {
         let text = line(key).ok_or_else(|| wrong(key, "a list of angles in degrees", "none"))?;
         let parsed: Result<Vec<f64>, _> = text.split_whitespace().map(str::parse).collect();
         let all = parsed.map_err(|_| wrong(key, "numbers of degrees", &shown(text)))?;
-        let is_good = !all.is_empty()
-            && all.windows(2).all(|two| two[0] < two[1])
-            && all.iter().all(|deg| (0.0..=last).contains(deg));
-        if is_good {
+        if are_angles(&all, last) {
             Ok(all)
         } else {
             Err(wrong(

@@ -4,6 +4,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::{ExportError, Exporting, Resolution};
+use crate::base::bracket::bracket;
 use crate::brdf::sample::{Outgoing, Sample};
 use crate::hemisphere::direction::{from_degrees, is_above_horizon, to_degrees};
 
@@ -140,13 +141,20 @@ impl Axes {
 }
 
 /// 0, `step`, 2·`step` … below `last`, and `last` itself if it `closes`.
-fn steps(last: f64, step: f64, closes: bool) -> Vec<f64> {
+pub(super) fn steps(last: f64, step: f64, closes: bool) -> Vec<f64> {
     let count = (last / step - 1e-9).ceil().max(1.0) as usize;
     let mut all: Vec<f64> = (0..count).map(|number| number as f64 * step).collect();
     if closes {
         all.push(last);
     }
     all
+}
+
+/// Whether these are angles of an axis: some, ascending, from 0 to `last`.
+pub(super) fn are_angles(all: &[f64], last: f64) -> bool {
+    !all.is_empty()
+        && all.windows(2).all(|two| two[0] < two[1])
+        && all.iter().all(|deg| (0.0..=last).contains(deg))
 }
 
 /// f of a table, linear in each of the four angles between its entries; NaN where less than half of the weight has a value.
@@ -238,27 +246,19 @@ impl Outgoing for Lit<'_> {
 }
 
 /// The two entries of ascending `values` around `value`, and their weights; clamped to the ends.
-pub(super) fn bracket(values: &[f64], value: f64) -> [(usize, f64); 2] {
-    let above = values.partition_point(|one| *one <= value);
-    if above == 0 {
-        return [(0, 1.0), (0, 0.0)];
-    }
-    let below = above - 1;
-    let Some(end) = values.get(above) else {
-        return [(below, 1.0), (below, 0.0)];
-    };
-    let t = (value - values[below]) / (end - values[below]);
-    [(below, 1.0 - t), (above, t)]
+fn entries(values: &[f64], value: f64) -> [(usize, f64); 2] {
+    let (below, [a, b]) = bracket(values, value);
+    [(below, a), ((below + 1).min(values.len() - 1), b)]
 }
 
-/// As [`bracket`], of polar angles: beyond the ends of a table nothing is known farther than to the next of its angles, and both weights are 0.
+/// As [`entries`], of polar angles: beyond the ends of a table nothing is known farther than to the next of its angles, and both weights are 0.
 pub(super) fn polar(values: &[f64], value: f64) -> [(usize, f64); 2] {
     let (first, last) = (values[0], values[values.len() - 1]);
     let (Some(second), Some(before)) = (values.get(1), values.len().checked_sub(2).map(|at| values[at]))
     else {
         let is_near = (value - first).abs() <= ALONE_DEG;
         return if is_near {
-            bracket(values, value)
+            entries(values, value)
         } else {
             [(0, 0.0); 2]
         };
@@ -266,10 +266,10 @@ pub(super) fn polar(values: &[f64], value: f64) -> [(usize, f64); 2] {
     if value < 2.0 * first - second || value > 2.0 * last - before {
         return [(0, 0.0); 2];
     }
-    bracket(values, value)
+    entries(values, value)
 }
 
-/// As [`bracket`], of azimuths in degrees: behind the last comes the first again, unless both are the same.
+/// As [`entries`], of azimuths in degrees: behind the last comes the first again, unless both are the same.
 pub(super) fn around(values: &[f64], value: f64) -> [(usize, f64); 2] {
     let (Some(first), Some(last)) = (values.first(), values.last()) else {
         return [(0, 1.0), (0, 0.0)];
@@ -280,7 +280,7 @@ pub(super) fn around(values: &[f64], value: f64) -> [(usize, f64); 2] {
         let t = (value - last) / gap;
         return [(values.len() - 1, 1.0 - t), (0, t)];
     }
-    bracket(values, value)
+    entries(values, value)
 }
 
 #[cfg(test)]

@@ -24,7 +24,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::table::{WIDEST_DEG, around, polar};
+use super::table::{WIDEST_DEG, are_angles, around, polar, steps};
 use super::{ExportError, Exporting, Resolution, luminance, reading};
 use crate::base::text::shown;
 use crate::brdf::sample::{Outgoing, Sample, SampleError};
@@ -102,10 +102,7 @@ impl<'a> Lines<'a> {
     fn angles(&mut self, field: &str, last: f64) -> Result<Vec<f64>, SampleError> {
         let count = self.value(field)?.parse().ok();
         let line = self.take();
-        let all = numbers(line)
-            .filter(|all| Some(all.len()) == count && !all.is_empty())
-            .filter(|all| all.windows(2).all(|two| two[0] < two[1]))
-            .filter(|all| all.iter().all(|deg| (0.0..=last).contains(deg)));
+        let all = numbers(line).filter(|all| Some(all.len()) == count && are_angles(all, last));
         let expected = format!("as many ascending angles as it says, from 0 to {last}°");
         all.ok_or_else(|| self.wrong(field, &expected, line))
     }
@@ -302,21 +299,13 @@ pub(super) fn write(exporting: &Exporting, resolution: Resolution) -> Result<(),
     } else {
         STEP_DEG
     };
-    let steps = |last: f64| -> Vec<f64> {
-        let count = (last / step_deg + 1e-9) as usize;
-        let mut all: Vec<f64> = (0..=count).map(|n| n as f64 * step_deg).collect();
-        if all.last().is_some_and(|end| *end < last - 1e-9) {
-            all.push(last);
-        }
-        all
-    };
-    let around = steps(360.0);
+    let around = steps(360.0, step_deg, true);
     let rotations = if exporting.is_isotropic() {
         vec![0.0]
     } else {
         around.clone()
     };
-    let incidences = steps(LAST_DEG);
+    let incidences = steps(LAST_DEG, step_deg, true);
     let count = rotations.len() * incidences.len() * around.len() * RADIAL_DEG.len();
     if count > MOST {
         let found = format!("{count}, which a wider step makes fewer");

@@ -42,6 +42,7 @@ use glam::{DMat2, DVec2, DVec3};
 use self::azimuth::Azimuth;
 use super::warp::{Density, Patch};
 use super::{Outgoing, Sample, Unlit, below_horizon};
+use crate::base::bracket::bracket;
 
 /// A material from a measured `.bsdf` file of the RGL material database, or one written in that format.
 pub struct MeasuredRgl {
@@ -155,22 +156,6 @@ impl MeasuredRgl {
         let ndf = facets.map_or(1.0, |Facets { ndf, .. }| ndf.patch(u, v).value(&ndf.values));
         let scale = incidence.scale * ndf / cos;
         rgb.map(|value| value.max(0.0) * scale)
-    }
-}
-
-/// The interval of ascending `values` that holds `value`, and the weights of its two ends; clamped to the ends.
-fn bracket(values: &[f64], value: f64) -> (usize, [f64; 2]) {
-    let above = values.partition_point(|v| *v <= value);
-    if above == 0 {
-        return (0, [1.0, 0.0]);
-    }
-    let below = above - 1;
-    match values.get(above) {
-        None => (below, [1.0, 0.0]),
-        Some(end) => {
-            let t = (value - values[below]) / (end - values[below]);
-            (below, [1.0 - t, t])
-        }
     }
 }
 
