@@ -301,19 +301,19 @@ impl Seen<'_> {
     /// Judges by `fields` what is wholly on the standard: more than the share `least` of the prediction, or 1 within noise and
     /// fields if there is none.
     pub(super) fn judge(&mut self, frames: &Frames, fields: &Fields, least: Option<f64>) {
-        let add = |share: &mut Share, place: usize, at: (usize, [f64; 2], DVec3)| {
-            let Some((p, irradiance)) = self.all_lit[place] else {
+        let intensity: Vec<f64> = self
+            .all_lit
+            .iter()
+            .map(|lit| lit.map_or(0.0, |([x, y], _)| fields.intensity.at(x, y)))
+            .collect();
+        let add = |share: &mut Share, place: usize, (index, throughput, wo): (usize, f64, DVec3)| {
+            let Some((_, irradiance)) = self.all_lit[place] else {
                 return;
             };
-            let (index, o, wo) = at;
             let f = frames
                 .standard
                 .f(lights::direction(self.stand.directions[place]), wo);
-            let scale = self.exposure_s
-                * self.lamp[0]
-                * irradiance
-                * fields.throughput.at(o[0], o[1])
-                * fields.intensity.at(p[0], p[1]);
+            let scale = self.exposure_s * self.lamp[0] * irradiance * throughput * intensity[place];
             let lit = self.share(place, index);
             for channel in 0..self.channels {
                 if let Some((signal, variance)) = Self::signal(frames, place, index * self.channels + channel)
@@ -331,8 +331,9 @@ impl Seen<'_> {
         let mut pixels = vec![true; self.judged.pixels.len()];
         for &(index, o, wo, _) in &self.all_pixels {
             let mut share = Share::default();
+            let throughput = fields.throughput.at(o[0], o[1]);
             for &place in &places {
-                add(&mut share, place, (index, o, wo));
+                add(&mut share, place, (index, throughput, wo));
             }
             let relative = fields
                 .throughput
@@ -340,11 +341,11 @@ impl Seen<'_> {
                 .hypot(fields.residual);
             pixels[index] = is_whole(share, relative);
         }
-        let whole: Vec<(usize, [f64; 2], DVec3)> = self
+        let whole: Vec<(usize, f64, DVec3)> = self
             .pixels
             .iter()
             .filter(|(index, ..)| pixels[*index])
-            .copied()
+            .map(|&(index, o, wo)| (index, fields.throughput.at(o[0], o[1]), wo))
             .collect();
         let every = (whole.len() / PIXELS).max(1);
         let lights: Vec<bool> = (0..self.all_lit.len())

@@ -218,16 +218,22 @@ fn last_step(found: &DVector<f64>, covariance: &DMatrix<f64>, channels: usize) -
 /// The rows of least squares that pairs make.
 struct Rows<'a> {
     seen: &'a Seen<'a>,
-    /// Place in the image of each pixel that takes part.
-    places: HashMap<u32, [f64; 2]>,
+    /// Terms of throughput of each pixel that takes part, and of light of each place that does.
+    throughput: HashMap<u32, [f64; TERMS]>,
+    intensity: Vec<Option<[f64; TERMS]>>,
 }
 
 impl<'a> Rows<'a> {
     fn of(seen: &'a Seen<'a>) -> Self {
-        let places = seen.pixels.iter().map(|(index, at, _)| (*index as u32, *at));
+        let throughput = seen
+            .pixels
+            .iter()
+            .map(|(index, [x, y], _)| (*index as u32, terms(*x, *y)));
+        let intensity = seen.lit.iter().map(|lit| lit.map(|([x, y], _)| terms(x, y)));
         Self {
             seen,
-            places: places.collect(),
+            throughput: throughput.collect(),
+            intensity: intensity.collect(),
         }
     }
 
@@ -252,10 +258,8 @@ impl<'a> Rows<'a> {
         let channels = self.seen.channels;
         let mut row = vec![0.0; unknowns];
         row[pair.channel as usize] = 1.0;
-        let [x, y] = *self.places.get(&pair.pixel)?;
-        row[channels..channels + TERMS].copy_from_slice(&terms(x, y));
-        let ([x, y], _) = self.seen.lit[pair.place as usize]?;
-        row[channels + TERMS..][..TERMS].copy_from_slice(&terms(x, y));
+        row[channels..channels + TERMS].copy_from_slice(self.throughput.get(&pair.pixel)?);
+        row[channels + TERMS..][..TERMS].copy_from_slice(self.intensity[pair.place as usize].as_ref()?);
         row[channels + 2 * TERMS..].copy_from_slice(&pair.area.slopes[..unknowns - channels - 2 * TERMS]);
         Some(row)
     }

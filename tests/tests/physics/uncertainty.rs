@@ -60,7 +60,7 @@ fn calibrated(nominal: &Rig, truth: &str, tilts: &[&str], dir: &Path) -> Calibra
         second_standard: Some("lambert:0.2".to_owned()),
         tilts: tilts.iter().map(|tilt| tilt.parse().unwrap()).collect(),
         exposure_s: None,
-        image_size: 64,
+        image_size: 48,
     };
     photometry::capture(&request, dir, &world(2), &Silent).unwrap();
     photometry::calibrate(
