@@ -140,6 +140,13 @@ fi
 step "tests and trials"
 tests
 
+step "page of a measurement, in a browser"
+if command -v npm >/dev/null && { command -v chromium >/dev/null || install_packages chromium; }; then
+    (cd tests/page && npm ci --no-audit --no-fund && npm test)
+else
+    echo "no npm or no chromium: the page is not opened"
+fi
+
 # Of each rig as many measurements, by the commands: none may be wrong in silence.
 rigs=4
 requests=2

@@ -8,6 +8,7 @@ use rcg::brdf::sample::Sample;
 use rcg::brdf::{Brdf, KnownBrdf};
 use rcg::judge::evaluate::{Evaluation, Repeatability, evaluate, repeatability};
 use rcg::measure::budget_text;
+use rcg::measure::report::PUBLISHED;
 
 use crate::Done;
 use crate::failure::Failure;
@@ -31,8 +32,10 @@ pub(crate) struct Args {
 }
 
 /// What others state, for comparison.
-const PUBLISHED: &str = "NIST five-axis goniospectrometer 0.5 % (k = 2), KRISS below 3 % (k = 2), a coaxial \
-                         projector-camera scanner within 5.5 %; reciprocity of published diffuse files 1.4-1.7 %";
+fn published() -> String {
+    let stated = PUBLISHED.map(|(who, uncertainty)| format!("{who} {uncertainty}"));
+    stated.join(", ") + "; reciprocity of published diffuse files 1.4-1.7 %"
+}
 
 /// What is printed.
 #[derive(serde::Serialize)]
@@ -80,7 +83,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
                 ),
             ));
         }
-        lines.push(("others state", PUBLISHED.to_owned()));
+        lines.push(("others state", published()));
         let mut text = table(&lines);
         if args.budget {
             text.push_str(&budget_text(&answer.evaluation.budget));
@@ -95,7 +98,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
 }
 
 /// What `brdf` is compared with: a known sample, or another measurement of it.
-fn reference(spec: &str, brdf: &Brdf) -> Result<Box<dyn Sample>, Failure> {
+pub(crate) fn reference(spec: &str, brdf: &Brdf) -> Result<Box<dyn Sample>, Failure> {
     Ok(match Source::open(spec)? {
         Source::Known(sample) => sample,
         Source::Measured(other) => Box::new(KnownBrdf::beside(&other, brdf)?),

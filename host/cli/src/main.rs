@@ -34,6 +34,7 @@ mod plan;
 mod plot;
 mod reflectance;
 mod render;
+mod report;
 mod request;
 mod session;
 mod shell;
@@ -114,6 +115,7 @@ enum Command {
     Budget(budget::Args),
     Render(render::Args),
     Plot(plot::Args),
+    Report(report::Args),
     Study(study::Args),
     Paper(paper::Args),
     Multiplex(multiplex::Args),
@@ -148,6 +150,7 @@ impl Command {
                 | Self::Standard(_)
                 | Self::Render(_)
                 | Self::Plot(_)
+                | Self::Report(_)
                 | Self::Study(_)
                 | Self::Paper(_)
                 | Self::Worlds(_)
@@ -223,6 +226,7 @@ fn done(cli: &Cli, output: &Output) -> Done {
         Command::Budget(args) => budget::run(args, output),
         Command::Render(args) => render::run(args, output),
         Command::Plot(args) => plot::run(args, output),
+        Command::Report(args) => report::run(args, output),
         Command::Study(args) => study::run(args, output),
         Command::Multiplex(args) => multiplex::run(args, rig, output),
         Command::Standard(args) => standard::run(args, output),

@@ -16,6 +16,8 @@ pub const TABLE: Formats = Formats(&["csv"]);
 pub const RECORDS: Formats = Formats(&["csv", "jsonl"]);
 /// Certificates of standards.
 pub const CERTIFICATE: Formats = Formats(&["toml"]);
+/// Pages for a browser.
+pub const PAGE: Formats = Formats(&["html"]);
 /// How a virtual rig really is.
 pub const TRUTH: Formats = Formats(&["toml"]);
 

@@ -7,7 +7,7 @@ mod disk_space;
 pub mod goal;
 pub mod gum;
 mod job;
-mod record;
+pub mod page;
 pub mod report;
 
 use std::path::Path;
@@ -64,13 +64,13 @@ pub enum MeasureError {
 impl Blame for MeasureError {
     fn is_input(&self) -> bool {
         match self {
-            Self::Measurement(error) | Self::Report(ReportError::Record(error)) => error.is_input(),
+            Self::Measurement(error) => error.is_input(),
             Self::Brdf(error) => error.is_input(),
             Self::Assemble(error) => error.is_input(),
             Self::Sample(error) => error.is_input(),
             Self::Calibration(error) => error.is_input(),
             Self::Setup(error) => error.is_input(),
-            Self::Report(_) => false,
+            Self::Report(error) => error.is_input(),
         }
     }
 }
@@ -185,11 +185,10 @@ pub fn conclude(
     elapsed.evaluate = (judged.saturating_sub(built)).as_secs_f64();
 
     let plan = &measurement.plan;
-    let held = plan.virtual_rig.as_ref().map(|spec| spec.sample.clone());
     let mut summary = Summary {
         out: measurement.dir().display().to_string(),
         rig: measurement.rig.name.clone(),
-        sample: plan.request.sample_name.clone().or(held).unwrap_or_default(),
+        sample: plan.sample().unwrap_or_default().to_owned(),
         sample_description: plan.request.sample_description.clone(),
         grid: plan.request.grid.to_string(),
         step_deg: plan.request.grid.step_deg(),

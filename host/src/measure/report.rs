@@ -1,14 +1,14 @@
-//! What a measurement came to, its figures, and the page that shows them.
+//! What a measurement came to, in words, and its figures.
 
-use std::fmt::Write as _;
 use std::fs;
 
 use image::{Rgb, RgbImage};
 use serde::Serialize;
 
-use super::budget::{budget_html, budget_line};
-use super::record::record_html;
+use super::budget::budget_line;
+use super::page::{self, Page};
 use crate::assemble::Assembled;
+use crate::base::blame::Blame;
 use crate::base::text::duration;
 use crate::brdf::Brdf;
 use crate::brdf::reflectance::Reflectance;
@@ -101,6 +101,23 @@ pub enum ReportError {
     Record(#[from] MeasurementError),
 }
 
+impl Blame for ReportError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Store(error) => error.is_input(),
+            Self::Record(error) => error.is_input(),
+            Self::Picture(_) | Self::File(_) => false,
+        }
+    }
+}
+
+/// What others state, for comparison: who, and the uncertainty.
+pub const PUBLISHED: [(&str, &str); 3] = [
+    ("NIST five-axis goniospectrometer", "0.5 % (k = 2)"),
+    ("KRISS", "below 3 % (k = 2)"),
+    ("a coaxial projector-camera scanner", "within 5.5 %"),
+];
+
 /// Draws `figures/`, with `reference` beside what was measured if there is one, and writes `report.html`.
 ///
 /// # Errors
@@ -113,15 +130,22 @@ pub fn report(
 ) -> Result<(), ReportError> {
     let figures = measurement.path("figures");
     fs::create_dir_all(&figures).map_err(|source| FileError::at(&figures, source))?;
+    let [spheres_png, frames_png] = ["sphere.png", "frames.png"].map(|name| figures.join(name));
     let azimuth = azimuth_in_words(Some(&brdf.azimuth().zero()));
-    save_described(
-        &spheres(brdf, reference)?,
-        &figures.join("sphere.png"),
-        Some(&azimuth),
+    save_described(&spheres(brdf, reference)?, &spheres_png, Some(&azimuth))?;
+    save(&frames(measurement)?, &frames_png)?;
+    let page = Page {
+        title: &summary.sample,
+        lines: lines(summary),
+        evaluation: &summary.evaluation,
+        pictures: Some([spheres_png.as_path(), frames_png.as_path()]),
+        capture: Some(page::Capture::of(measurement)?),
+        instrument_s: Some(summary.instrument_s),
+    };
+    write_whole(
+        &measurement.path("report.html"),
+        page.html(brdf, reference)?.as_bytes(),
     )?;
-    save(&frames(measurement)?, &figures.join("frames.png"))?;
-    let page = page(summary, &record_html(measurement)?);
-    write_whole(&measurement.path("report.html"), page.as_bytes())?;
     Ok(())
 }
 
@@ -440,42 +464,6 @@ fn percent(share: f64) -> String {
 pub fn dynamic_range(ratio: Option<f64>) -> String {
     let ratio = or_none(ratio, |ratio| format!("{ratio:.0} : 1"));
     format!("{ratio}, from saturation to the noise without light")
-}
-
-/// The page; `record` is its section on who measured.
-fn page(summary: &Summary, record: &str) -> String {
-    let mut rows = String::new();
-    let warnings = &summary.evaluation.warnings;
-    let warnings = warnings.iter().map(|sentence| ("warning", sentence.clone()));
-    for (what, figure) in lines(summary).into_iter().chain(warnings) {
-        writeln!(
-            rows,
-            "<tr><th>{}</th><td>{}</td></tr>",
-            escape(what),
-            escape(&figure)
-        )
-        .expect("strings take everything");
-    }
-    format!(
-        "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><title>RCG: {title}</title>\n\
-         <style>body{{font:16px/1.5 system-ui,sans-serif;max-width:60em;margin:2em auto;padding:0 1em}}\
-         th{{text-align:left;padding-right:2em;vertical-align:top;white-space:nowrap}}img{{max-width:100%}}</style>\n\
-         <h1>{title}</h1>\n<table>\n{rows}</table>\n\
-         <h2>Spheres</h2>\n<p>{shown}; lights at {lights}. {azimuth}. Hatched: directions \
-         that were not measured.</p>\n<img src=\"figures/sphere.png\" alt=\"lit spheres\">\n\
-         <h2>Camera images</h2>\n<p>From steep to grazing incidence, each stretched to its own range.</p>\n\
-         <img src=\"figures/frames.png\" alt=\"camera images\">\n{budget}{record}</html>\n",
-        title = escape(&summary.sample),
-        azimuth = azimuth_in_words(Some(&summary.evaluation.azimuth.zero())),
-        budget = budget_html(&summary.evaluation.budget),
-        shown = match &summary.evaluation.against_reference {
-            Some(against) => format!("Above as measured, below {}", escape(&against.reference)),
-            None => "As measured".to_owned(),
-        },
-        lights = LIGHTS_DEG
-            .map(|(theta, phi)| format!("({theta}°, {phi}°)"))
-            .join(", "),
-    )
 }
 
 /// Text as HTML.

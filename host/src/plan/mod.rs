@@ -237,6 +237,13 @@ impl Directions {
 }
 
 impl Plan {
+    /// What is measured: its name, or what stands in the virtual rig.
+    #[must_use]
+    pub fn sample(&self) -> Option<&str> {
+        let held = self.virtual_rig.as_ref().map(|held| held.sample.as_str());
+        self.request.sample_name.as_deref().or(held)
+    }
+
     /// A plan for `request` on `rig` with exposures of `exposure_s` seconds.
     ///
     /// # Errors

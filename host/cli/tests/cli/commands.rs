@@ -166,6 +166,7 @@ impl Scene {
             "plot" => ["svg", "png", "csv"]
                 .map(|ending| format!("lambert --azimuths 8 --out {}", file(&format!("a.{ending}"))))
                 .to_vec(),
+            "report" => vec![format!("{brdf} --out {}", file("a.html"))],
             "multiplex" => vec!["--step 30 --image-size 8 --order 3".to_owned()],
             "standard" => vec![standard()],
             "completions" => ["bash", "zsh", "fish"].map(str::to_owned).to_vec(),

@@ -15,6 +15,7 @@ fn begins(ending: &str) -> &'static [u8] {
     match ending {
         "png" => b"\x89PNG\r\n\x1a\n",
         "svg" => b"<svg",
+        "html" => b"<!doctype html>",
         "csv" => b"",
         "jsonl" => b"{",
         "toml" => b"version",

@@ -435,6 +435,14 @@ impl RawStore {
         self.seals.sum(self.segments())
     }
 
+    /// Reads the records of segment `index`, without its frames and whether they belong together.
+    ///
+    /// # Errors
+    /// As [`read_segment`](Self::read_segment).
+    pub fn read_records(&self, index: usize) -> Result<Vec<ExposureRecord>, StoreError> {
+        self.records.read(index)
+    }
+
     /// Reads segment `index`.
     ///
     /// # Errors

@@ -6,9 +6,10 @@ use std::path::Path;
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
-use super::report::escape;
+use super::embedded;
 use crate::capture::directory::{Measurement, MeasurementError};
 use crate::capture::session::{ATTACHMENTS, Attachment, CalibrationUsed, Record, Session, TriggerBoxFacts};
+use crate::measure::report::escape;
 use crate::store::checksum::{sum_of, sum_of_tree};
 use crate::store::whole_file::FileError;
 
@@ -167,9 +168,11 @@ fn attachments_html(measurement: &Measurement, record: &Record) -> String {
             .and_then(|ending| ending.to_str());
         let is_picture = ending.is_some_and(|ending| PICTURES.contains(&ending.to_lowercase().as_str()));
         if is_same && is_picture {
+            // Small ones go along with the page.
+            let source = embedded(&folder.join(&one.name)).unwrap_or(link);
             writeln!(
                 html,
-                "<img src=\"{link}\" alt=\"{}\">",
+                "<img src=\"{source}\" alt=\"{}\">",
                 escape(&one.name).replace('"', "&quot;")
             )
             .expect("strings take everything");
