@@ -46,6 +46,7 @@ mod usage;
 mod value;
 mod worlds;
 
+use std::io::Write as _;
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
@@ -130,6 +131,18 @@ enum Command {
 
 impl Command {
     /// Whether it takes the instrument from a file that it reads, or needs none.
+    /// What there is to say to who stopped it.
+    const fn goes_on(&self) -> &'static str {
+        match self {
+            Self::Measure(_) => "what was captured is kept: the same command with --resume goes on",
+            Self::Capture(_) => "what was captured is kept: the same command goes on",
+            Self::Calibrate(_) => {
+                "no view that was captured is lost: the same command goes on, or begins again"
+            }
+            _ => "files are whole, or as they were",
+        }
+    }
+
     const fn takes_no_rig(&self) -> bool {
         matches!(
             self,
@@ -169,7 +182,12 @@ fn main() -> ExitCode {
         Ok(cli) => cli,
         Err(error) => return usage::answer(&error),
     };
+    let goes_on = cli.command.goes_on();
+    let stops = ctrlc::set_handler(move || stop(goes_on));
     let output = Output::new(cli.json, cli.quiet, cli.verbose);
+    if let Err(error) = stops {
+        output.remark(&format!("Ctrl-C will end the command without a word: {error}"));
+    }
     output.log(&command_line());
     match done(&cli, &output) {
         Ok(()) => ExitCode::SUCCESS,
@@ -179,6 +197,13 @@ fn main() -> ExitCode {
             ExitCode::from(failure.exit_code())
         }
     }
+}
+
+/// Ends the command at Ctrl-C, with the exit code of shells for it: files are whole or as they were, however it ends.
+fn stop(goes_on: &str) {
+    // Beside a progress bar, and after the ^C that a terminal shows.
+    writeln!(std::io::stderr(), "\nrcg: stopped; {goes_on}").ok();
+    std::process::exit(130);
 }
 
 /// The command with its arguments, as the log has it.

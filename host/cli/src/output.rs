@@ -186,7 +186,9 @@ impl Progress for Output {
         if self.quiet {
             return;
         }
-        if !io::stderr().is_terminal() {
+        // Lines where a bar cannot be drawn over itself.
+        let is_dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
+        if is_dumb || !io::stderr().is_terminal() {
             // A reader of stderr that has gone is no reason to stop measuring.
             writeln!(io::stderr(), "{stage}: {total} {unit}").ok();
             return;

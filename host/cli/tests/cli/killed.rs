@@ -93,6 +93,41 @@ fn killed_during_capture_it_goes_on_to_the_same_bytes() {
 }
 
 #[test]
+#[cfg(unix)]
+fn ctrl_c_says_how_to_go_on_and_loses_nothing() {
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("out");
+    let child = rcg(&arguments(&out))
+        .arg("--resume")
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let began = Instant::now();
+    while !out.join("raw.zarr/frames").exists() {
+        assert!(began.elapsed() < NEVER, "nothing is captured");
+        thread::yield_now();
+    }
+    let signal = ["-s", "INT", &child.id().to_string()].map(str::to_owned);
+    assert!(
+        std::process::Command::new("kill")
+            .args(signal)
+            .status()
+            .unwrap()
+            .success()
+    );
+    let ended = child.wait_with_output().unwrap();
+    assert_eq!(ended.status.code(), Some(130), "{ended:?}");
+    let told = String::from_utf8(ended.stderr).unwrap();
+    assert!(
+        told.ends_with("rcg: stopped; what was captured is kept: the same command with --resume goes on\n"),
+        "{told}"
+    );
+    resumes(&out);
+}
+
+#[test]
 fn killed_between_a_segments_records_and_its_frames_it_goes_on_to_the_same_bytes() {
     // Records are written first: one more file of theirs than of frames is a segment in flight.
     let in_flight = |out: &Path| {
