@@ -19,7 +19,8 @@ use crate::output::{Output, table, to_write};
 /// of the sample) is told too.
 ///
 /// bsdf: RGL tensor file, for Mitsuba. merl: MERL's isotropic table. ssdd: dense table of libbsdf. klems: LBNL BSDF XML, for WINDOW and Radiance. zemax:
-/// tabular BSDF of `OpticStudio`. bird: universal BRDF of the European metrology projects (JSON). npy: records of NumPy. csv: a table of text.
+/// tabular BSDF of `OpticStudio`. bird: universal BRDF of the European metrology projects (JSON). npy: records of NumPy. csv: a table of text. exr: a
+/// picture of the hemisphere under one light.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// A brdf.zarr or the directory of a measurement, a measured file, or a model such as ward:brass
@@ -28,16 +29,17 @@ pub(crate) struct Args {
     /// The format
     #[arg(long, value_name = "FORMAT", value_parser = named())]
     to: Format,
-    /// The file to write; its name ends as the format's do (.bsdf, .binary, .ssdd, .xml, .brdf or .json, .npy, .csv)
+    /// The file to write; its name ends as the format's do (.bsdf, .binary, .ssdd, .xml, .brdf or .json, .npy, .csv, .exr)
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// Step of the table's angles, degrees, 0.5 to 45; without it that of the source where the format takes it (bsdf: 3 and 5)
     #[arg(long, value_name = "DEG", value_parser = step)]
     step: Option<f64>,
-    /// Points along each side of a .bsdf's table of half vectors, 2 to 1024 [default: 128; 192 of an isotropic sample]
+    /// Points along each side of a .bsdf's table of half vectors, 2 to 1024 [default: 128; 192 of an isotropic sample], or of an .exr
+    /// [default: 256, or as many as were measured]
     #[arg(long, value_name = "N")]
     resolution: Option<usize>,
-    /// Write one incident direction only, polar angle and azimuth in degrees (csv)
+    /// Write one incident direction only, polar angle and azimuth in degrees (csv; exr needs one)
     #[arg(long, value_name = "THETA,PHI", value_parser = direction)]
     slice: Option<[f64; 2]>,
     /// Write 0 where there is no value, in formats that have no missing ones; else that is refused
@@ -70,15 +72,25 @@ fn direction(text: &str) -> Result<[f64; 2], String> {
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
     to_write(&args.out, Formats::new(args.to.endings()))?;
-    if args.slice.is_some() && args.to != Format::Csv {
+    if args.slice.is_some() && !matches!(args.to, Format::Csv | Format::Exr) {
         return Err(Failure::input(format!(
-            "--slice: expected --to csv, found --to {}",
+            "--slice: expected --to csv or exr, found --to {}",
             args.to.name()
         )));
     }
-    if args.resolution.is_some() && args.to != Format::Bsdf {
+    if args.slice.is_none() && args.to == Format::Exr {
+        return Err(Failure::input(
+            "--slice: expected one incident direction as in --slice 30,0, because a picture has one light, found none",
+        ));
+    }
+    if args.step.is_some() && args.to == Format::Exr {
+        return Err(Failure::input(
+            "--step: expected --resolution for an exr, found degrees",
+        ));
+    }
+    if args.resolution.is_some() && !matches!(args.to, Format::Bsdf | Format::Exr) {
         return Err(Failure::input(format!(
-            "--resolution: expected --to bsdf, found --to {}",
+            "--resolution: expected --to bsdf or exr, found --to {}",
             args.to.name()
         )));
     }

@@ -208,12 +208,12 @@ impl Scene {
 
 /// Words behind `rcg export`.
 fn exports(brdf: &str, file: &dyn Fn(&str) -> String) -> Vec<String> {
-    ["bsdf", "npy", "ssdd", "csv"]
+    ["bsdf", "npy", "ssdd", "csv", "exr"]
         .map(|to| {
-            let small = if to == "bsdf" {
-                "--resolution 8 --step 30 --zeros"
-            } else {
-                "--step 30"
+            let small = match to {
+                "bsdf" => "--resolution 8 --step 30 --zeros",
+                "exr" => "--resolution 8 --slice 45,0",
+                _ => "--step 30",
             };
             format!("--to {to} {brdf} {small} --out {}", file(&format!("e.{to}")))
         })

@@ -73,7 +73,7 @@ fn a_measurement_goes_out_in_every_format_and_comes_back() {
 fn what_cannot_be_exported_is_refused_and_nothing_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| text(&folder.path().join(name)).to_owned();
-    let (bsdf, npy, csv) = (at("a.bsdf"), at("a.npy"), at("a.csv"));
+    let [bsdf, npy, csv, exr] = ["a.bsdf", "a.npy", "a.csv", "a.exr"].map(at);
     for (words, named) in [
         (
             vec!["--to", "bsdf", "--out", &npy],
@@ -91,6 +91,27 @@ fn what_cannot_be_exported_is_refused_and_nothing_is_written() {
         (
             vec!["--to", "csv", "--out", &csv, "--resolution", "8"],
             ["--resolution", "bsdf", "csv"],
+        ),
+        (
+            vec!["--to", "exr", "--out", &exr],
+            ["--slice", "one light", "--slice 30,0"],
+        ),
+        (
+            vec!["--to", "exr", "--out", &exr, "--slice", "30,0", "--step", "5"],
+            ["--step", "--resolution", "degrees"],
+        ),
+        (
+            vec![
+                "--to",
+                "exr",
+                "--out",
+                &exr,
+                "--slice",
+                "30,0",
+                "--resolution",
+                "5000",
+            ],
+            ["resolution", "2 to 1024", "found 5000"],
         ),
         (
             vec!["--to", "bsdf", "--out", &bsdf, "--resolution", "1"],

@@ -22,6 +22,7 @@ fn begins(ending: &str) -> &'static [u8] {
         "bsdf" => b"tensor_file",
         "npy" => b"\x93NUMPY",
         "ssdd" => b"VERSION",
+        "exr" => b"\x76\x2f\x31\x01",
         other => panic!("no command writes {other}"),
     }
 }
@@ -83,7 +84,7 @@ fn a_file_is_of_the_format_that_its_name_says_or_refused_before_any_work() {
         let all = endings_of(used);
         let before = files(&out);
         for wrong in [
-            "x.exr", "x.jpg", "x.jpeg", "x.tiff", "x.pdf", "x.txt", "x.json", "x", "png", ".png", "x.png.gz",
+            "x.bmp", "x.jpg", "x.jpeg", "x.tiff", "x.pdf", "x.txt", "x.json", "x", "png", ".png", "x.png.gz",
         ] {
             let path = out.join(wrong);
             let mut parts: Vec<String> = all.iter().map(|ending| format!(".{ending}")).collect();

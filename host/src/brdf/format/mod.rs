@@ -15,6 +15,7 @@
 //! | `bird` ([`bird`]) | yes | yes | no | left out | yes | yes |
 //! | `npy` ([`npy`]) | yes | yes | no | NaN | yes | yes |
 //! | `csv` ([`csv`]) | no | yes | no | left out | yes | yes |
+//! | `exr` ([`exr`]) | no | yes, one light | no | NaN | yes | yes |
 //!
 //! Directions in all of them are those of the sample frame, away from the surface; where a format counts otherwise its file says how.
 
@@ -22,6 +23,7 @@ pub mod bird;
 pub mod bsdf;
 pub mod csv;
 mod exporting;
+pub mod exr;
 pub mod info;
 pub mod klems;
 pub mod merl;
@@ -69,11 +71,13 @@ pub enum Format {
     Npy,
     /// A table of text.
     Csv,
+    /// A picture of the outgoing hemisphere.
+    Exr,
 }
 
 impl Format {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Bsdf,
         Self::Merl,
         Self::Ssdd,
@@ -82,6 +86,7 @@ impl Format {
         Self::Bird,
         Self::Npy,
         Self::Csv,
+        Self::Exr,
     ];
 
     /// Its name on the command line.
@@ -96,6 +101,7 @@ impl Format {
             Self::Bird => "bird",
             Self::Npy => "npy",
             Self::Csv => "csv",
+            Self::Exr => "exr",
         }
     }
 
@@ -110,6 +116,7 @@ impl Format {
             Self::Bird => &["brdf", "json"],
             Self::Npy => &["npy"],
             Self::Csv => &["csv"],
+            Self::Exr => &["exr"],
         }
     }
 
@@ -125,6 +132,7 @@ impl Format {
             Self::Bird => "BiRD universal BRDF",
             Self::Npy => "NumPy records",
             Self::Csv => "table of text",
+            Self::Exr => "OpenEXR picture of a hemisphere",
         }
     }
 
@@ -166,6 +174,8 @@ impl Format {
             Some(Self::Klems)
         } else if holds("Symmetry") && holds("ScatterType") || holds("\nSource\t") {
             Some(Self::Zemax)
+        } else if begins(b"\x76\x2f\x31\x01") {
+            Some(Self::Exr)
         } else if text.trim_start().starts_with('{') {
             Some(Self::Bird)
         } else {
@@ -190,12 +200,12 @@ pub fn open(path: &Path) -> Result<Box<dyn Sample>, SampleError> {
         Some(Format::Zemax) => Box::new(zemax::Zemax::open(path)?),
         Some(Format::Bird) => Box::new(bird::open(path)?),
         Some(Format::Npy) => Box::new(npy::open(path)?),
-        Some(Format::Csv) => {
+        Some(format @ (Format::Csv | Format::Exr)) => {
             return Err(reading::wrong(
                 path,
                 "format",
                 "one that is read (bsdf, merl, ssdd, klems, zemax, bird, npy)",
-                "a table of text, which is written only",
+                &format!("{}, which is written only", format.words()),
             ));
         }
         Some(Format::Bsdf) | None => Box::new(MeasuredRgl::open(path)?),
@@ -250,7 +260,8 @@ pub struct Resolution {
     pub step_deg: f64,
     /// Points along each side of a table over outgoing directions.
     pub side: usize,
-    /// The one incident direction that is written, polar angle and azimuth, degrees; `None` for all. Tables of text alone take it.
+    /// The one incident direction that is written, polar angle and azimuth, degrees; `None` for all. Tables of text take it, pictures need
+    /// it.
     pub incident_deg: Option<[f64; 2]>,
     /// Whether a format without missing values has 0 in their place, and is not refused.
     pub zeros: bool,
@@ -297,11 +308,12 @@ pub fn export(
         Format::Bird => bird::write(&exporting, resolution).map(|()| None),
         Format::Npy => npy::write(&exporting, resolution).map(|()| None),
         Format::Csv => csv::write(&exporting, resolution).map(|()| None),
+        Format::Exr => exr::write(&exporting, resolution).map(|()| None),
     }?;
     progress.end();
     let mut warnings = Vec::new();
     let round_trip = match to {
-        Format::Csv => None,
+        Format::Csv | Format::Exr => None,
         // What is written is there all the same.
         _ => match open(out) {
             Ok(file) => Some(round_trip::of(&exporting, file.as_ref())?),
@@ -337,7 +349,7 @@ impl Exported {
                     "which are 0 there, as if all light were absorbed; `rcg fill` models them"
                 }
                 Format::Merl => "which are -1 there",
-                Format::Ssdd | Format::Npy => "which are NaN there",
+                Format::Ssdd | Format::Npy | Format::Exr => "which are NaN there",
                 _ => "which are left out",
             };
             warnings.push(format!(

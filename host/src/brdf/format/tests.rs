@@ -130,6 +130,63 @@ fn merl_averages_azimuths_and_says_so() {
 }
 
 #[test]
+fn a_picture_has_the_hemisphere_as_one_looks_at_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.exr");
+    let lit = Resolution {
+        side: 40,
+        incident_deg: Some([50.0, 20.0]),
+        ..Resolution::default()
+    };
+    // Neither turned nor mirrored it would look the same.
+    let spec = "ward:rd=0.1,rs=0.3,ax=0.5,ay=0.25@25";
+    let exported = written(spec, Format::Exr, lit, &out);
+    assert!(exported.missing <= 0.0 && exported.round_trip.is_none());
+    assert_eq!(Format::of(&out).unwrap(), Some(Format::Exr));
+    assert!(
+        open(&out)
+            .err()
+            .unwrap()
+            .to_string()
+            .contains("OpenEXR picture of a hemisphere, which is written only")
+    );
+    let image = ::exr::prelude::read_first_flat_layer_from_file(&out).unwrap();
+    let attributes = &image.layer_data.attributes;
+    let named = ::exr::prelude::Text::new_or_panic("incidentPhiDeg");
+    assert_eq!(
+        attributes.other[&named],
+        ::exr::prelude::AttributeValue::F64(20.0)
+    );
+    let values = |name: &str| -> Vec<f32> {
+        let channels = &image.layer_data.channel_data.list;
+        let channel = channels
+            .iter()
+            .find(|channel| channel.name.to_string() == name)
+            .unwrap();
+        channel.sample_data.values_as_f32().collect()
+    };
+    let (Source::Known(truth), [g, origin]) = (Source::open(spec).unwrap(), ["G", "provenance"].map(values))
+    else {
+        panic!()
+    };
+    for (theta, phi) in [(45.0, 200.0), (50.0, 10.0), (20.0, 90.0), (70.0, 300.0)] {
+        // To the right and up, on a disk of radius 20 pixels.
+        let radius = 20.0 * std::f64::consts::SQRT_2 * f64::to_radians(theta / 2.0).sin();
+        let (x, y) = (
+            20.0 + radius * f64::to_radians(phi).cos(),
+            20.0 - radius * f64::to_radians(phi).sin(),
+        );
+        let at = y as usize * 40 + x as usize;
+        let expected = truth.f(from_degrees(50.0, 20.0), from_degrees(theta, phi))[1];
+        // The pixel's own direction is up to 3° off.
+        let error = f64::from(g[at]) / expected - 1.0;
+        assert!(error.abs() < 0.3, "{theta} {phi}: {} {expected}", g[at]);
+        assert!((origin[at] + 1.0).abs() < 1e-6);
+    }
+    assert!(g[0].is_nan() && origin[0].abs() < 1e-6);
+}
+
+#[test]
 fn gaps_are_told_as_the_format_can_or_refused() {
     let folder = tempfile::tempdir().unwrap();
     let holed = folder.path().join("holed.npy");
