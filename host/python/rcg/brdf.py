@@ -52,9 +52,9 @@ class Brdf:
     turns by 30°.
 
     Between the captured directions of a ``brdf.zarr`` ``interpolation`` decides: ``blended`` follows highlights (as `rcg value`),
-    ``half-vector`` keeps the half vector, ``direct`` is linear in all angles and ten times as fast, but cross-fades highlights between
-    images that are far apart. Its values are held in memory, 4 bytes each, unless ``in_memory`` is false. All methods may be called from several threads at a time; they let
-    other threads of Python run, and Ctrl-C ends them.
+    ``half-vector`` keeps the half vector, ``direct`` is linear in all angles and four times as fast, but cross-fades highlights between
+    images that are far apart. Its values are held in memory, 4 bytes each, unless ``in_memory`` is false. All methods may be called from
+    several threads at a time; they let other threads of Python run, and Ctrl-C ends them.
 
     Raises ``ValueError`` for a source that is none, ``OSError`` for a file that cannot be read.
 
@@ -63,7 +63,7 @@ class Brdf:
     array([[0.1592, 0.1592, 0.1592]])
     >>> Brdf("ward:gold")
     Traceback (most recent call last):
-    ValueError: sample 'ward:gold', preset: ...
+    ValueError: sample 'ward:gold', arguments: expected a leading preset (brass) or rd=, rs=, ax=, ay=, found 'gold'
     """
 
     def __init__(

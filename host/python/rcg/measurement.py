@@ -1,7 +1,6 @@
 """Measuring on the virtual rig."""
 
 import json
-import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from . import _rcg
 from .clock import host, now
+from .options import finite, whole
 
 _GRIDS = ("theta-phi", "equal-solid-angle")
 
@@ -83,27 +83,24 @@ def _asked(
     notes: Sequence[str] = (),
 ) -> str:
     """The options as the compiled part reads them."""
-    numbers = {"step_deg": step_deg, "exposure_s": exposure_s, "spot_deg": spot_deg}
-    for name, number in numbers.items():
-        if number is not None and not math.isfinite(number):
-            raise ValueError(f"{name}: expected a finite number, found {number}")
+    step_deg, exposure_s = finite("step_deg", step_deg), finite("exposure_s", exposure_s)
     if exposure_s is not None and brackets is not None:
         raise ValueError(f"exposure_s: expected none beside brackets, which say how long exposures are, found {exposure_s}")
     directions, grid = _grid(grid, step_deg)
     words = brackets if isinstance(brackets, (str, int, type(None))) else ",".join(map(str, brackets))
     request = {
         "grid": grid,
-        "image_size": image_size,
+        "image_size": whole("image_size", image_size, 0, 2**32 - 1),
         "exposure_s": exposure_s,
         "brackets": None if words is None else str(words),
         "light": light,
-        "spot_deg": spot_deg,
+        "spot_deg": finite("spot_deg", spot_deg),
         "tilt": None if tilt is None else ":".join(map(str, tilt)),
         "sample_name": sample_name,
         "sample_description": sample_description,
         "reference": _path(reference),
     }
-    virtual = {"sample": _path(sample), "truth": _path(truth), "noise": noise, "seed": seed}
+    virtual = {"sample": _path(sample), "truth": _path(truth), "noise": noise, "seed": whole("seed", seed, 0, 2**64 - 1)}
     asked = {
         "rig": _path(rig) or os.environ.get("RCG_RIG", "rcg-3"),
         "calibration": _path(calibration),

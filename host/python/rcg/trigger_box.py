@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _rcg
+from .options import whole
 
 RECORD = np.dtype(
     [
@@ -48,9 +49,10 @@ class TriggerBox:
     Raises ``ValueError`` if there is no such port, ``RuntimeError`` if what is there does not answer.
 
     >>> with TriggerBox("sim") as box:
-    ...     records = box.run(steps=3, exposures=[1e-3], period=10e-3)
-    >>> records["trigger_ticks"].astype(np.int64)
-    array([      0, 1250000, 2500000])
+    ...     records = box.run(steps=3, exposures=[1e-3], cam_at=2e-3, period=100e-3)
+    ...     milliseconds = records["trigger_ticks"] / box.info()["clock_hz"] * 1e3
+    >>> milliseconds
+    array([  2., 102., 202.])
     """
 
     def __init__(self, port: str = "auto", *, rig: str = "rcg-3") -> None:
@@ -98,7 +100,7 @@ class TriggerBox:
         Raises ``ValueError`` for what the box cannot make, ``RuntimeError`` for a run that ends with a fault.
         """
         schedule = {
-            "steps": steps,
+            "steps": whole("steps", steps, 1, 2**32 - 1),
             "exposures": [_span("exposures", time) for time in exposures],
             "period": _span("period", period),
             "cam_at": _span("cam_at", cam_at),

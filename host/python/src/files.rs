@@ -60,6 +60,13 @@ pub(crate) fn export(
     if incident_deg.is_some() && to != Format::Csv {
         return Err(Failure::input(format!("incident_deg: expected to=\"csv\", found {}", to.name())).into());
     }
+    let is_direction = |[theta, phi]: &[f64; 2]| (0.0..90.0).contains(theta) && (0.0..360.0).contains(phi);
+    if let Some([theta, phi]) = incident_deg.filter(|angles| !is_direction(angles)) {
+        let expected = "a polar angle below 90 and an azimuth below 360, degrees";
+        return Err(
+            Failure::input(format!("incident_deg: expected {expected}, found {theta}, {phi}")).into(),
+        );
+    }
     if resolution.is_some() && to != Format::Bsdf {
         return Err(Failure::input(format!("resolution: expected to=\"bsdf\", found {}", to.name())).into());
     }

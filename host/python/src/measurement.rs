@@ -5,8 +5,9 @@ use std::time::Instant;
 
 use pyo3::prelude::*;
 use rcg::base::progress::Progress;
+use rcg::base::text::shown;
 use rcg::capture::directory::Measurement;
-use rcg::capture::session::{CalibrationUsed, Opening, Said, Session};
+use rcg::capture::session::{CalibrationUsed, Opening, Said, Session, is_words};
 use rcg::hemisphere::incident::Grid;
 use rcg::instrument::calibration::Calibration;
 use rcg::instrument::rig::Rig;
@@ -64,6 +65,17 @@ impl Asked {
                 "spot_deg: expected a number of degrees from {least} to {most}, found {spot_deg}"
             )));
         }
+        for (name, words) in [
+            ("sample_name", &request.sample_name),
+            ("sample_description", &request.sample_description),
+        ] {
+            if let Some(words) = words.as_deref().filter(|words| !is_words(words)) {
+                return Err(Failure::input(format!(
+                    "{name}: expected some words on one line, of at most 1000 bytes, found {}",
+                    shown(words)
+                )));
+            }
+        }
         let virtual_rig: Virtual = over(before.1, &self.virtual_rig)?;
         Ok((request.located(), virtual_rig.located()))
     }
@@ -112,6 +124,10 @@ fn over<T: Serialize + DeserializeOwned>(before: &T, given: &Map<String, Value>)
     let mut all = serde_json::to_value(before).expect("invariant: it was read from such text");
     for (key, value) in given {
         all[key] = value.clone();
+        // One by one, so that a complaint has a name.
+        if let Err(error) = T::deserialize(&all) {
+            return Err(Failure::input(format!("{key}: {error}")));
+        }
     }
     serde_json::from_value(all).map_err(Failure::input)
 }
