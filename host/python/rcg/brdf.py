@@ -73,7 +73,7 @@ class Brdf:
         interpolation: Literal["blended", "half-vector", "direct"] = "blended",
         in_memory: bool = True,
     ) -> None:
-        self._source = os.fspath(source)
+        self._source = os.fsdecode(source)
         self._brdf = _rcg.Brdf(self._source, interpolation, in_memory)
 
     @property

@@ -40,6 +40,8 @@ def _numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
         array = np.asarray(values)
     except ValueError as error:
         raise ValueError(f"{name}: expected an array of numbers, found rows of different lengths") from error
+    if np.ma.is_masked(values):
+        raise ValueError(f"{name}: expected an array of numbers, found a masked one")
     if array.dtype.kind not in "iuf":
         raise ValueError(f"{name}: expected an array of numbers, found one of {array.dtype}")
     return array.astype(np.float64, copy=False)

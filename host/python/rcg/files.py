@@ -22,7 +22,7 @@ def info(source: Source) -> dict[str, Any]:
     >>> info("lambert:0.5")["turned"] < 1e-6
     True
     """
-    return json.loads(_rcg.info(os.fspath(source)))
+    return json.loads(_rcg.info(os.fsdecode(source)))
 
 
 def export(
@@ -53,7 +53,7 @@ def export(
         if not known:
             raise ValueError(f"{path}: expected a file name that ends as one of a known format, or `to`, found {path.name}")
         to = known[0]
-    written = _rcg.export(os.fspath(source), to, path, step_deg, resolution, incident_deg, zeros, now())
+    written = _rcg.export(os.fsdecode(source), to, path, step_deg, resolution, incident_deg, zeros, now())
     return json.loads(written)
 
 

@@ -121,7 +121,7 @@ def _grid(grid: Any, step_deg: float | None) -> tuple[str | None, dict[str, Any]
     if step_deg is not None:
         raise ValueError(f"step_deg: expected none with a list of directions, found {step_deg}")
     if isinstance(grid, (str, os.PathLike)):
-        return os.fspath(grid), None
+        return os.fsdecode(grid), None
     directions = np.asarray(grid, dtype=np.float64)
     if directions.ndim != 2 or directions.shape[1] != 2 or not np.isfinite(directions).all():
         raise ValueError(f"grid: expected finite angles θ, φ [N, 2] in degrees, found an array {list(directions.shape)}")
@@ -129,7 +129,7 @@ def _grid(grid: Any, step_deg: float | None) -> tuple[str | None, dict[str, Any]
 
 
 def _path(path: str | os.PathLike[str] | None) -> str | None:
-    return None if path is None else os.fspath(path)
+    return None if path is None else os.fsdecode(path)
 
 
 def _given(options: dict[str, Any]) -> dict[str, Any]:

@@ -2,10 +2,13 @@
 
 use std::error::Error;
 use std::io;
+use std::sync::Arc;
 
 use pyo3::PyErr;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use rcg::base::blame::Blame;
+use rcg::capture::device::DeviceError;
+use rcg::capture::link::LinkError;
 
 /// A failed call.
 pub(crate) struct Failure(PyErr);
@@ -22,7 +25,7 @@ impl Failure {
     }
 }
 
-impl<E: Blame> From<E> for Failure {
+impl<E: Blame + 'static> From<E> for Failure {
     /// `OSError` (of its kinds the one that fits) where the system is the cause, `ValueError` where the input is, else `RuntimeError`.
     fn from(error: E) -> Self {
         if let Some(kind) = io_kind(&error) {
@@ -43,13 +46,35 @@ impl From<Failure> for PyErr {
 }
 
 /// What the system said, where it is a cause of `error`.
-fn io_kind(error: &(impl Error + ?Sized)) -> Option<io::ErrorKind> {
-    let mut cause = error.source();
+fn io_kind(error: &(dyn Error + 'static)) -> Option<io::ErrorKind> {
+    let mut cause = Some(error);
     while let Some(one) = cause {
-        if let Some(io) = one.downcast_ref::<io::Error>() {
-            return Some(io.kind());
+        let shared = one.downcast_ref::<Arc<io::Error>>().map(|io| io.kind());
+        let own = one.downcast_ref::<io::Error>().map(io::Error::kind);
+        let link = one.downcast_ref::<LinkError>().and_then(link_kind);
+        // What is wrapped as it is shows no cause of its own.
+        let device = match one.downcast_ref::<DeviceError>() {
+            Some(DeviceError::Link(link)) => link_kind(link),
+            _ => None,
+        };
+        if let Some(kind) = own.or(shared).or(link).or(device) {
+            return Some(kind);
         }
         cause = one.source();
     }
     None
+}
+
+/// What the system said of a port.
+fn link_kind(link: &LinkError) -> Option<io::ErrorKind> {
+    Some(match link {
+        LinkError::NoSuchPort { .. }
+        | LinkError::NoTriggerBox { .. }
+        | LinkError::SeveralTriggerBoxes { .. } => return None,
+        LinkError::NotPermitted { .. } => io::ErrorKind::PermissionDenied,
+        LinkError::Busy { .. } => io::ErrorKind::ResourceBusy,
+        LinkError::Disconnected { .. } => io::ErrorKind::BrokenPipe,
+        LinkError::Unusable { .. } => io::ErrorKind::Other,
+        LinkError::Io { source, .. } => source.kind(),
+    })
 }

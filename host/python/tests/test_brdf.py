@@ -92,6 +92,7 @@ def test_reasons_are_those_of_the_library():
         ("abc", r"^wi: expected an array of numbers, found one of <U3$"),
         ([None, 0, 1], r"^wi: expected an array of numbers, found one of object$"),
         (np.array([0, 0, 1j]), r"^wi: expected an array of numbers, found one of complex128$"),
+        (np.ma.masked_array([0.0, 0, 1], mask=[1, 0, 0]), r"^wi: expected an array of numbers, found a masked one$"),
         ([True, False, True], r"^wi: expected an array of numbers, found one of bool$"),
         ([[0, 0, 1]] * 7, r"^wi, wo: expected shapes that broadcast, found \[7, 3\] and \[4, 3\]$"),
         ([0, 0, 2], r"^wi\[0\]: expected a unit vector, found \(0, 0, 2\), whose length is 2$"),
@@ -122,6 +123,13 @@ def test_sources_that_are_none_are_refused_in_one_sentence(source, kind, sentenc
     with pytest.raises(kind, match=sentence) as caught:
         rcg.Brdf(source)
     assert "\n" not in str(caught.value)
+
+
+def test_a_path_may_be_text_bytes_or_a_path(cloth):
+    for path in (str(cloth), bytes(cloth), cloth):
+        assert rcg.Brdf(path).channels == 3
+    with pytest.raises(TypeError):
+        rcg.Brdf(5)
 
 
 def test_a_file_that_was_cut_is_refused(tmp_path):

@@ -84,6 +84,12 @@ def test_what_is_there_is_not_overwritten(cloth):
         rcg.measure(cloth, **SMALL)
 
 
+def test_what_the_system_refuses_is_an_error_of_the_system(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(OSError, match="file"):
+        rcg.measure(tmp_path / "file" / "m", **SMALL)
+
+
 def test_ctrl_c_ends_a_measurement_that_can_go_on(tmp_path):
     options = {"rig": "rcg-2", "step_deg": 3, "image_size": 48}
     out = tmp_path / "m"

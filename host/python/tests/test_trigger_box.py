@@ -87,6 +87,8 @@ def test_threads_take_turns(box):
 def test_ports_that_are_none_and_boxes_that_were_closed_are_told():
     with pytest.raises(ValueError, match="nowhere: expected a serial port"):
         rcg.TriggerBox("nowhere")
+    with pytest.raises(OSError, match="port /dev/null: cannot be opened"):
+        rcg.TriggerBox("/dev/null")
     box = rcg.TriggerBox("sim")
     box.close()
     box.close()
