@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 class Brdf:
+    """Directions come and answers go one after the other, [pair, axis] and [pair, channel]."""
+
     def __init__(self, spec: str, interpolation: str, in_memory: bool) -> None: ...
     @property
     def channels(self) -> int: ...

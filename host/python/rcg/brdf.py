@@ -1,6 +1,7 @@
 """Values of a BRDF at arrays of directions."""
 
 import os
+from collections.abc import Callable
 from enum import IntEnum
 from typing import Literal
 
@@ -85,18 +86,18 @@ class Brdf:
         """f in 1/sr, without the cosine; NaN where there is no value.
 
         ``wi`` and ``wo`` are unit vectors [..., 3] (incident, outgoing), both away from the surface, that broadcast to a common shape;
-        the answer is [..., channels]. Numbers of any type and layout serve; those that are float64 are not copied as a whole.
+        the answer is [..., channels]. Numbers of any type and layout serve; float64 in C order is not copied as a whole.
 
         Raises ``ValueError`` for other shapes and for what is no unit vector (to 1e-5).
         """
-        return self._answer(self._brdf.eval, wi, wo)
+        return self._answer(self._brdf.eval, self.channels, wi, wo)
 
     def sigma(self, wi: ArrayLike, wo: ArrayLike) -> NDArray[np.float64]:
         """Standard uncertainty (k = 1) of f in 1/sr, interpolation between captured directions included; NaN where there is no value.
 
         Takes and answers as :meth:`eval`. Raises ``ValueError`` too where the source states none: it is no ``brdf.zarr``.
         """
-        return self._answer(self._brdf.sigma, wi, wo)
+        return self._answer(self._brdf.sigma, self.channels, wi, wo)
 
     def reason(self, wi: ArrayLike, wo: ArrayLike) -> NDArray[np.uint8]:
         """Codes of :class:`Reason`, why there is no value; 0 where there is one.
@@ -107,18 +108,17 @@ class Brdf:
         >>> [Reason(code).words for code in brdf.reason([0, 0, 1], [[0, 0, 1], [1, 0, 0]])]
         ['none', 'below horizon']
         """
-        return self._answer(self._brdf.reason, wi, wo)[..., 0]
+        return self._answer(self._brdf.reason, 1, wi, wo)[..., 0]
 
-    def _answer(self, ask, wi: ArrayLike, wo: ArrayLike) -> NDArray:
+    def _answer(self, ask: Callable[..., NDArray], columns: int, wi: ArrayLike, wo: ArrayLike) -> NDArray:
         wi, wo = vectors("wi", wi), vectors("wo", wo)
         try:
             shape = np.broadcast_shapes(wi.shape, wo.shape)
         except ValueError as error:
             found = f"{list(wi.shape)} and {list(wo.shape)}"
             raise ValueError(f"wi, wo: expected shapes that broadcast, found {found}") from error
-        flat = [np.broadcast_to(w, shape).reshape(-1, 3) for w in (wi, wo)]
-        answer = ask(*flat)
-        return answer.reshape(*shape[:-1], answer.shape[-1])
+        flat = [np.ascontiguousarray(np.broadcast_to(w, shape)).reshape(-1) for w in (wi, wo)]
+        return ask(*flat).reshape(*shape[:-1], columns)
 
     def __repr__(self) -> str:
         return f"rcg.Brdf({self._source!r})"

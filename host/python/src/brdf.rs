@@ -1,8 +1,7 @@
 //! Values of a BRDF at arrays of directions.
 
 use glam::DVec3;
-use numpy::ndarray::{Array2, ArrayView2};
-use numpy::{IntoPyArray as _, PyArray2, PyReadonlyArray2};
+use numpy::{IntoPyArray as _, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 use rcg::brdf::Stated;
@@ -82,15 +81,15 @@ impl Brdf {
         self.measured().map_or(3, rcg::brdf::Brdf::channels)
     }
 
-    /// f, [pair, channel].
+    /// f, [pair, channel], one after the other; directions are too, [pair, axis].
     fn eval<'py>(
         &self,
         py: Python<'py>,
-        wi: PyReadonlyArray2<'py, f64>,
-        wo: PyReadonlyArray2<'py, f64>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        wi: PyReadonlyArray1<'py, f64>,
+        wo: PyReadonlyArray1<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let shape = self.channels();
-        answered(py, [wi.as_array(), wo.as_array()], shape, |pairs, out| {
+        answered(py, [&wi, &wo], shape, |pairs, out| {
             if let Values::Held(held) = &self.values {
                 let rows = out.par_chunks_exact_mut(shape).zip(pairs);
                 rows.for_each(|(row, &(wi, wo))| write(row, held.value(wi, wo).ok()));
@@ -102,19 +101,19 @@ impl Brdf {
         })
     }
 
-    /// Standard uncertainties of f, [pair, channel].
+    /// Standard uncertainties of f, as [`eval`](Self::eval).
     fn sigma<'py>(
         &self,
         py: Python<'py>,
-        wi: PyReadonlyArray2<'py, f64>,
-        wo: PyReadonlyArray2<'py, f64>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        wi: PyReadonlyArray1<'py, f64>,
+        wo: PyReadonlyArray1<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let Some(brdf) = self.measured() else {
             let expected = "expected a brdf.zarr, which states how uncertain it is";
             return Err(Failure::input(format!("sigma: {expected}, found {}", self.spec)).into());
         };
         let shape = brdf.channels();
-        answered(py, [wi.as_array(), wo.as_array()], shape, |pairs, out| {
+        answered(py, [&wi, &wo], shape, |pairs, out| {
             let rows = out.chunks_exact_mut(shape).zip(brdf.stated(pairs)?);
             let sigma = |stated: Stated| stated.sigma;
             rows.for_each(|(row, stated)| write(row, stated.ok().map(sigma)));
@@ -122,14 +121,14 @@ impl Brdf {
         })
     }
 
-    /// Codes of why there is no value, 0 where there is one, [pair, 1].
+    /// Codes of why there is no value, 0 where there is one, [pair].
     fn reason<'py>(
         &self,
         py: Python<'py>,
-        wi: PyReadonlyArray2<'py, f64>,
-        wo: PyReadonlyArray2<'py, f64>,
-    ) -> PyResult<Bound<'py, PyArray2<u8>>> {
-        answered(py, [wi.as_array(), wo.as_array()], 1, |pairs, out| {
+        wi: PyReadonlyArray1<'py, f64>,
+        wo: PyReadonlyArray1<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray1<u8>>> {
+        answered(py, [&wi, &wo], 1, |pairs, out| {
             for (out, value) in out.iter_mut().zip(self.values.of(pairs)?) {
                 *out = value.err().map_or(0, code);
             }
@@ -174,52 +173,50 @@ fn write(row: &mut [f64], value: Option<[f32; 3]>) {
     }
 }
 
-/// What `answer` writes for the pairs of the rows of `views` (incident, outgoing), [pair, `columns`]; without Python's lock, batch by
-/// batch, so that signals are heard.
+/// What `answer` writes for the pairs of `directions` (incident, outgoing), [pair, `columns`]; without Python's lock, batch by batch, so
+/// that signals are heard.
 fn answered<'py, T: numpy::Element + Default + Copy>(
     py: Python<'py>,
-    views: [ArrayView2<'_, f64>; 2],
+    directions: [&PyReadonlyArray1<'py, f64>; 2],
     columns: usize,
     answer: impl Fn(&[Pair], &mut [T]) -> Result<(), Failure> + Send + Sync,
-) -> PyResult<Bound<'py, PyArray2<T>>> {
-    let rows = views[0].nrows();
-    let mut all = vec![T::default(); rows * columns];
+) -> PyResult<Bound<'py, PyArray1<T>>> {
+    let [wi, wo] = [directions[0].as_slice()?, directions[1].as_slice()?].map(triples);
+    let mut all = vec![T::default(); wi.len() * columns];
     for (batch, out) in all.chunks_mut(BATCH * columns).enumerate() {
+        let first = batch * BATCH;
+        let rows = first..first + out.len() / columns;
         // With the lock: nobody writes to the arrays meanwhile.
-        let pairs = pairs(&views, batch * BATCH, out.len() / columns)?;
+        let pairs = pairs(&wi[rows.clone()], &wo[rows], first)?;
         py.detach(|| answer(&pairs, out))?;
         py.check_signals()?;
     }
-    let table = Array2::from_shape_vec((rows, columns), all).expect("invariant: so many were made");
-    Ok(table.into_pyarray(py))
+    Ok(all.into_pyarray(py))
 }
 
-/// `count` pairs from the row `first` on.
-fn pairs(views: &[ArrayView2<'_, f64>; 2], first: usize, count: usize) -> Result<Vec<Pair>, Failure> {
-    let direction =
-        |view: &ArrayView2<'_, f64>, row: usize| DVec3::from_array([0, 1, 2].map(|axis| view[[row, axis]]));
-    let [wi, wo] = views;
-    let pairs: Vec<Pair> = (first..first + count)
-        .into_par_iter()
-        .map(|row| (direction(wi, row), direction(wo, row)))
+/// Numbers as vectors.
+fn triples(numbers: &[f64]) -> &[[f64; 3]] {
+    numbers.as_chunks().0
+}
+
+/// The pairs of `wi` and `wo`, the first of which is the one of this number.
+fn pairs(wi: &[[f64; 3]], wo: &[[f64; 3]], first: usize) -> Result<Vec<Pair>, Failure> {
+    let both = wi.par_iter().zip(wo);
+    let pairs: Vec<Pair> = both
+        .map(|(wi, wo)| (DVec3::from_array(*wi), DVec3::from_array(*wo)))
         .collect();
     let is_unit = |w: DVec3| (w.length() - 1.0).abs() <= UNIT;
     let bad = pairs
         .par_iter()
         .position_first(|&(wi, wo)| !is_unit(wi) || !is_unit(wo));
-    match bad {
-        None => Ok(pairs),
-        Some(place) => {
-            let (wi, wo) = pairs[place];
-            let (name, w) = if is_unit(wi) { ("wo", wo) } else { ("wi", wi) };
-            let row = first + place;
-            Err(Failure::input(format!(
-                "{name}[{row}]: expected a unit vector, found ({}, {}, {}), whose length is {}",
-                w.x,
-                w.y,
-                w.z,
-                w.length()
-            )))
-        }
-    }
+    let Some(place) = bad else {
+        return Ok(pairs);
+    };
+    let (wi, wo) = pairs[place];
+    let (name, w) = if is_unit(wi) { ("wo", wo) } else { ("wi", wi) };
+    let (row, length) = (first + place, w.length());
+    Err(Failure::input(format!(
+        "{name}[{row}]: expected a unit vector, found ({}, {}, {}), whose length is {length}",
+        w.x, w.y, w.z
+    )))
 }
