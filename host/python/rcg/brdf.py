@@ -53,7 +53,7 @@ class Brdf:
     turns by 30°.
 
     Between the captured directions of a ``brdf.zarr`` ``interpolation`` decides: ``blended`` follows highlights (as `rcg value`),
-    ``half-vector`` keeps the half vector, ``direct`` is linear in all angles and four times as fast, but cross-fades highlights between
+    ``half-vector`` keeps the half vector, ``direct`` is linear in all angles and five times as fast, but cross-fades highlights between
     images that are far apart. Its values are held in memory, 4 bytes each, unless ``in_memory`` is false. All methods may be called from
     several threads at a time; they let other threads of Python run, and Ctrl-C ends them.
 
