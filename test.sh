@@ -147,6 +147,25 @@ else
     echo "no npm or no chromium: the page is not opened"
 fi
 
+step "Python package"
+venv=host/python/.venv
+if ! python3 -c 'import ensurepip, venv' 2>/dev/null; then
+    echo "no python3-venv: the Python package is skipped"
+elif ! { [ -x $venv/bin/pip ] || python3 -m venv $venv; } ||
+    ! $venv/bin/pip install --quiet --disable-pip-version-check -r host/python/requirements.txt; then
+    echo "what its tests need cannot be installed: the Python package is skipped"
+else
+    # With the features of the tests: maturin would build the library a second time.
+    cargo build --workspace --all-features --lib
+    cp target/debug/lib_rcg.so host/python/rcg/_rcg.abi3.so
+    (cd host/python && .venv/bin/python -m pytest --quiet --durations=5)
+    if [ "$kind" = full ]; then
+        # The wheel that users build.
+        $venv/bin/pip install --quiet --no-deps --no-build-isolation --upgrade --target target/wheel ./host/python
+        PYTHONPATH=target/wheel $venv/bin/python -P -c 'import rcg; print(rcg.__file__, rcg.info("satin")["format"])'
+    fi
+fi
+
 # Of each rig as many measurements, by the commands: none may be wrong in silence.
 rigs=4
 requests=2

@@ -86,7 +86,9 @@ fn every_room_imports_from_those_before_it_only() {
 fn no_message_is_made_with_the_format_of_debugging() {
     let command = sources("cli/src");
     assert!(command.len() > 20, "{}", command.len());
-    for (name, source) in library().into_iter().chain(command) {
+    let python = sources("python/src");
+    assert!(python.len() > 5, "{}", python.len());
+    for (name, source) in library().into_iter().chain(command).chain(python) {
         for (index, line) in source.lines().enumerate() {
             let is_debug = |(at, _)| {
                 let inside = line[..at].rsplit('{').next().unwrap();

@@ -9,7 +9,7 @@ use crate::units::StepId;
 
 /// State of the controller's sequencer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub enum State {
     /// No complete schedule is loaded.
     #[default]
@@ -32,7 +32,7 @@ pub enum State {
 
 /// The requests that change the state, as named in [`Fault::Refused`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub enum Command {
     /// [`crate::Request::Load`].
     Load,
@@ -50,7 +50,7 @@ pub enum Command {
 
 /// Why a request was not carried out, or why a run ended by itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub enum Fault {
     /// The request belongs to a session that another [`crate::Request::Hello`] has replaced.
     StaleSession,

@@ -35,7 +35,7 @@ const _: () = assert!(MAX_FRAME > (crate::RECORDS_PER_EVENT * 42 + 16 + 4) * 255
 
 /// Why a frame was dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub enum FrameError {
     /// Longer than [`MAX_FRAME`].
     TooLong,

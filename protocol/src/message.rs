@@ -20,7 +20,7 @@ pub type RunId = u32;
 
 /// A frame from the host.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct ToDevice {
     /// Session that [`Request::Hello`] opened; ignored for `Hello` itself.
     pub session: SessionId,
@@ -32,7 +32,7 @@ pub struct ToDevice {
 
 /// What the host asks. Variants are appended, never reordered.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 #[allow(clippy::large_enum_variant)] // lives on the stack for the length of one frame; there is no heap to box into
 pub enum Request {
     /// Opens a session and closes the one before it. Frozen for all versions. Answered by [`Reply::Identity`].
@@ -71,7 +71,7 @@ pub enum Request {
 
 /// A frame from the controller.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 #[allow(clippy::large_enum_variant)] // as `Request`
 pub enum ToHost {
     /// The answer to a request.
@@ -82,7 +82,7 @@ pub enum ToHost {
 
 /// The answer to a request.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct Response {
     /// Session of the request (for `Hello`: 0).
     pub session: SessionId,
@@ -94,7 +94,7 @@ pub struct Response {
 
 /// What a request was answered with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub enum Reply {
     /// Who answers. Frozen for all versions.
     Identity(Identity),
@@ -118,7 +118,7 @@ pub enum Reply {
 
 /// Who answers. Frozen for all versions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct Identity {
     /// [`crate::PROTOCOL_VERSION`] of the controller.
     pub protocol: u16,
@@ -132,7 +132,7 @@ pub struct Identity {
 
 /// What the controller is and can do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct Info {
     /// Firmware version: major, minor, patch.
     pub firmware: (u8, u8, u8),
@@ -152,7 +152,7 @@ pub struct Info {
 
 /// How things stand on the controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct Status {
     /// State of the sequencer.
     pub state: State,
@@ -170,7 +170,7 @@ pub struct Status {
 
 /// What the controller counted since boot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct Counters {
     /// Frames that were accepted.
     pub frames: u32,
@@ -190,7 +190,7 @@ pub struct Counters {
 
 /// What happens unasked.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 #[allow(clippy::large_enum_variant)] // as `Request`
 pub enum Event {
     /// The first step begins.
@@ -239,7 +239,7 @@ pub enum Event {
 
 /// What happened at one step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct StepRecord {
     /// The step.
     pub step: StepId,
@@ -253,7 +253,7 @@ pub struct StepRecord {
 
 /// One pulse of the STROBE line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct Strobe {
     /// Leading edge after the trigger.
     pub delay: Ticks,
@@ -263,7 +263,7 @@ pub struct Strobe {
 
 /// Flags of a [`StepRecord`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct StepFlags(pub u8);
 
 impl StepFlags {

@@ -13,7 +13,7 @@ pub const RECORDS_PER_EVENT: usize = 8;
 
 /// The lines between the controller and the instrument.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub enum Line {
     /// Output: the projector shows its next pattern.
     Proj,
@@ -27,7 +27,7 @@ pub enum Line {
 
 /// Logical level of a line: `Active` is high unless [`Polarity`] says otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub enum Level {
     /// The resting level.
     Inactive,
@@ -37,7 +37,7 @@ pub enum Level {
 
 /// One pulse of one line within a step. A width of zero means no pulse.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct Pulse {
     /// Ticks from the start of the step to the leading edge.
     pub at: Ticks,
@@ -70,7 +70,7 @@ impl Pulse {
 
 /// One step: usually one pattern shown and one exposure taken.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct Step {
     /// Pulse on [`Line::Proj`].
     pub proj: Pulse,
@@ -82,7 +82,7 @@ pub struct Step {
 
 /// Which lines rest high and pulse low, and which input edge counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 #[allow(clippy::struct_excessive_bools)] // four independent lines, one bit each
 pub struct Polarity {
     /// PROJ rests high and pulses low.
@@ -97,7 +97,7 @@ pub struct Polarity {
 
 /// How long the schedule is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub enum Extent {
     /// `steps` steps are loaded once and played `cycles` times.
     Table {
@@ -112,7 +112,7 @@ pub enum Extent {
 
 /// When the first step begins.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub enum Start {
     /// As soon as [`crate::Request::Start`] is handled.
     AtOnce,
@@ -122,7 +122,7 @@ pub enum Start {
 
 /// What begins each further step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub enum Pace {
     /// The end of the step before it.
     FreeRunning,
@@ -132,7 +132,7 @@ pub enum Pace {
 
 /// Everything about a schedule but its steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
 #[repr(C)] // ends with a whole word: what follows it in a `Request` is moved word by word then, and not shifted
 pub struct Program {
     /// Table or stream.

@@ -1,6 +1,6 @@
 //! `rcg export`
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use rcg::base::file_format::Formats;
@@ -92,16 +92,6 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         return Err(Failure::input(format!(
             "--resolution: expected --to bsdf or exr, found --to {}",
             args.to.name()
-        )));
-    }
-    let is_source = |out: &Path| {
-        out.canonicalize()
-            .is_ok_and(|out| Path::new(&args.brdf).canonicalize().is_ok_and(|path| path == out))
-    };
-    if is_source(&args.out) {
-        return Err(Failure::input(format!(
-            "{}: expected another file than the one that is read",
-            args.out.display()
         )));
     }
     let source = Source::open(&args.brdf)?;

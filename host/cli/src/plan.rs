@@ -2,18 +2,16 @@
 
 use std::path::PathBuf;
 
-use rcg::assemble::dynamic_range;
 use rcg::base::text::duration;
 use rcg::instrument::rig::Rig;
 use rcg::measure::adaptive::{self, Goal};
-use rcg::measure::{DiskSpace, Job, prepare};
+use rcg::measure::{Forecast, Job, prepare};
+use rcg::plan::Plan;
 use rcg::plan::brackets::milliseconds;
 use rcg::plan::light::{Coding, Light};
-use rcg::plan::predicted_time::PredictedTime;
 use rcg::plan::schedule::Bound;
-use rcg::plan::{Directions, Plan, PlanError};
 use rcg::virtual_rig::setup::Setup;
-use serde_json::{Value, json};
+use serde_json::json;
 
 use crate::Done;
 use crate::adaptive::AdaptiveArgs;
@@ -74,48 +72,27 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         let (job, measurement) = prepare(out, &rig, request, &setup, output)?;
         output.log_into(measurement.dir());
         job.plan
-    } else if !request.brackets.is_one() {
-        Job::new(&rig, request, &setup, output)?.plan
     } else {
-        let exposure_s = request.exposure_s.unwrap_or(rig.camera.exposure_s);
-        Job::with_times(&rig, request, &[exposure_s], &setup, output)?.plan
+        Job::planned(&rig, request, &setup, output)?.plan
     };
     if goal.is_some() {
         plan = adaptive::in_batches(plan);
     }
     let rig = plan.request.rig(&rig)?;
-    let directions = Directions::new(&rig, &plan.request.grid).map_err(PlanError::from)?;
-    let pace = PredictedTime::new(&plan, &directions, &rig);
-    let space = DiskSpace::of(&plan, &directions, &rig);
-    let mut value = json!({
-        "disk_space": space,
-        "rig": rig.name,
-        "exposures": plan.len(),
-        "directions": plan.direction_count,
-        "grid": plan.request.grid.kind(),
-        "grid_directions": directions.grid.len(),
-        "exposure_s": plan.exposure_s,
-        "exposures_s": plan.exposures_s(),
-        "dynamic_range": dynamic_range(&rig, &plan.exposures_s()),
-        "bound_by": plan.timing.bound(&rig),
-        "segment_exposures": plan.segment,
-        "light": plan.code.map_or(Light::Single, Coding::light),
-        "adaptive": goal,
-        "out": args.out,
-    });
-    if let (Some(value), Ok(Value::Object(pace))) = (value.as_object_mut(), serde_json::to_value(&pace)) {
-        value.extend(pace);
-    }
+    let forecast = Forecast::of(&plan, &rig)?;
+    let mut value = json!(forecast);
+    value["adaptive"] = json!(goal);
+    value["out"] = json!(args.out);
     output.print(&value, || {
-        let mut lines = lines(&plan, &directions, &pace, &rig);
+        let mut lines = lines(&plan, &forecast);
         if let Some(goal) = goal {
             lines[0].1 = adaptive_directions(&plan, goal);
             lines.retain(|(name, _)| *name != "whole grid");
         }
         let on_disk = format!(
             "{} of frames, {} of BRDF",
-            bytes(space.raw_bytes),
-            bytes(space.brdf_bytes)
+            bytes(forecast.disk_space.raw_bytes),
+            bytes(forecast.disk_space.brdf_bytes)
         );
         lines.push(("disk space", on_disk));
         table(&lines)
@@ -139,20 +116,14 @@ fn bytes(count: usize) -> String {
     }
 }
 
-fn lines(
-    plan: &Plan,
-    directions: &Directions,
-    pace: &PredictedTime,
-    rig: &Rig,
-) -> Vec<(&'static str, String)> {
+fn lines(plan: &Plan, forecast: &Forecast) -> Vec<(&'static str, String)> {
+    let pace = &forecast.time;
     let mut lines = vec![
         (
             "incident directions",
             format!(
                 "{} ({}), {} in reach",
-                directions.grid.len(),
-                plan.request.grid,
-                plan.direction_count
+                forecast.grid_directions, plan.request.grid, plan.direction_count
             ),
         ),
         (
@@ -160,7 +131,7 @@ fn lines(
             format!(
                 "{} of {} ms every {}, {:.0} per second",
                 plan.len(),
-                milliseconds(&plan.exposures_s()),
+                milliseconds(&forecast.exposures_s),
                 duration(pace.period_s),
                 pace.rate_hz
             ),
@@ -168,14 +139,14 @@ fn lines(
         ("light", light(plan)),
         (
             "dynamic range",
-            rcg::measure::report::dynamic_range(dynamic_range(rig, &plan.exposures_s())),
+            rcg::measure::report::dynamic_range(forecast.dynamic_range),
         ),
         (
             "time",
             format!(
                 "{} on {}: {} with light, {} with black patterns",
                 duration(pace.instrument_s),
-                rig.name,
+                forecast.rig,
                 duration(pace.lit_s),
                 duration(pace.black_s)
             ),
@@ -192,7 +163,7 @@ fn lines(
             ),
         ),
     ];
-    let what = match plan.timing.bound(rig) {
+    let what = match forecast.bound_by {
         Bound::Camera => "settling, exposing and reading out",
         Bound::Projector => "the projector's pattern rate",
     };

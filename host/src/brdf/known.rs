@@ -2,25 +2,19 @@
 
 use glam::{DVec3, Vec3};
 
+use super::images::Images;
 use super::{Brdf, BrdfError, evidence};
-use crate::brdf::interpolation::{Cells, Image};
+use crate::brdf::interpolation::Cells;
 use crate::brdf::sample::{Outgoing, Sample};
 use crate::hemisphere::direction::is_above_horizon;
 use crate::hemisphere::incident::{IncidentSet, Neighbours};
-
-/// Memory that a file may take as a whole, in bytes.
-const MOST_BYTES: usize = 8_000_000_000;
 
 /// All values of a file in memory, interpolated in all four angles; NaN where the file has none.
 #[derive(Debug)]
 pub struct KnownBrdf {
     set: IncidentSet,
     cells: Cells,
-    channels: usize,
-    /// f in sr⁻¹, [incident, cell, channel].
-    f: Vec<f32>,
-    /// Codes of provenance, [incident, cell].
-    provenance: Vec<u8>,
+    images: Images,
 }
 
 impl KnownBrdf {
@@ -38,32 +32,10 @@ impl KnownBrdf {
     /// # Errors
     /// [`BrdfError`] if it cannot be read or does not fit into memory.
     pub fn read(brdf: &Brdf) -> Result<Self, BrdfError> {
-        let (cells, channels) = (brdf.disk.len(), brdf.channels());
-        let samples = brdf.grid.len() * cells;
-        let bytes = samples * (4 * channels + 1);
-        if bytes > MOST_BYTES {
-            return Err(BrdfError::Content {
-                path: brdf.path.display().to_string(),
-                field: "f",
-                expected: format!("at most {:.0} GB for a reference", MOST_BYTES as f64 * 1e-9),
-                found: format!("{:.0} GB", bytes as f64 * 1e-9),
-            });
-        }
-        let mut f = vec![f32::NAN; samples * channels];
-        let mut provenance = vec![0; samples];
-        for chunk in 0..brdf.chunks() {
-            if let Some(rows) = brdf.chunk(chunk)? {
-                let first = brdf.chunk_range(chunk).start * cells;
-                provenance[first..][..rows.provenance.len()].copy_from_slice(&rows.provenance);
-                f[first * channels..][..rows.f.len()].copy_from_slice(&rows.f);
-            }
-        }
         Ok(Self {
             set: brdf.grid.clone(),
             cells: brdf.cells.clone(),
-            channels,
-            f,
-            provenance,
+            images: Images::read(brdf)?,
         })
     }
 }
@@ -92,18 +64,12 @@ impl Outgoing for Lit<'_> {
         let Some(neighbours) = self.neighbours.as_ref().filter(|_| is_above_horizon(wo)) else {
             return [0.0; 3];
         };
-        let cells = self.known.cells.disk.len();
         let (mut sum, mut found) = (Vec3::ZERO, 0.0);
         for &(row, weight) in neighbours {
             if weight <= 0.0 {
                 continue;
             }
-            let image = Image {
-                f: &self.known.f[row * cells * self.known.channels..][..cells * self.known.channels],
-                provenance: Some(&self.known.provenance[row * cells..][..cells]),
-                channels: self.known.channels,
-            };
-            let read = self.known.cells.read(image, wo);
+            let read = self.known.cells.read(self.known.images.of(row), wo);
             sum += weight as f32 * read.value;
             found += weight as f32 * read.weight;
         }

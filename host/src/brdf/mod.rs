@@ -27,12 +27,15 @@ mod azimuth;
 pub(crate) mod budget;
 pub mod cause;
 pub(crate) mod evidence;
+mod held;
+mod images;
 mod known;
 mod source;
 mod values;
 
 pub use azimuth::Azimuth;
 pub use budget::{BANDS_DEG, CAUSES, RegionBudget};
+pub use held::HeldBrdf;
 pub use known::KnownBrdf;
 pub use source::{Source, SourceError};
 pub use values::Stated;

@@ -168,7 +168,7 @@ impl Brdf {
     }
 
     /// Why there is no value; `saturated` is the weight of the samples that saturated.
-    fn missing(&self, wi: DVec3, wo: DVec3, saturated: f64) -> Missing {
+    pub(super) fn missing(&self, wi: DVec3, wo: DVec3, saturated: f64) -> Missing {
         if !is_above_horizon(wi) {
             return Missing::Incident(Unmeasurable::BelowHorizon);
         }

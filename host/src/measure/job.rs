@@ -134,6 +134,24 @@ impl Job {
         Ok(job)
     }
 
+    /// The job that shows what it would take to measure `request`: as [`new`](Self::new), but a single exposure that `request` leaves open has
+    /// the rig's own time, and nothing is captured for it.
+    ///
+    /// # Errors
+    /// [`MeasureError`].
+    pub fn planned(
+        rig: &Rig,
+        request: Request,
+        setup: &Setup,
+        progress: &dyn Progress,
+    ) -> Result<Self, MeasureError> {
+        if !request.brackets.is_one() {
+            return Self::new(rig, request, setup, progress);
+        }
+        let exposure_s = request.exposure_s.unwrap_or(rig.camera.exposure_s);
+        Self::with_times(rig, request, &[exposure_s], setup, progress)
+    }
+
     /// The rest of the job of a `measurement` that was begun, with the `trigger_box` that drives its virtual rig, or the
     /// simulated one.
     ///

@@ -4,6 +4,7 @@ pub mod adaptive;
 pub mod again;
 mod budget;
 mod disk_space;
+mod forecast;
 pub mod goal;
 pub mod gum;
 mod job;
@@ -33,6 +34,7 @@ use crate::virtual_rig::setup::{Setup, SetupError};
 
 pub use budget::{budget_line, budget_text};
 pub use disk_space::DiskSpace;
+pub use forecast::Forecast;
 pub use job::{Job, Reference};
 
 /// Why a measurement failed.

@@ -298,6 +298,19 @@ pub fn export(
     out: &Path,
     progress: &dyn Progress,
 ) -> Result<Exported, ExportError> {
+    let is_same = |out: std::path::PathBuf| {
+        Path::new(&about.name)
+            .canonicalize()
+            .is_ok_and(|from| from == out)
+    };
+    if out.canonicalize().is_ok_and(is_same) {
+        return Err(ExportError::Content {
+            path: out.display().to_string(),
+            field: "out",
+            expected: "another file than the one that is read".to_owned(),
+            found: "the same".to_owned(),
+        });
+    }
     let exporting = Exporting::new(source, about, out, progress);
     let averaged_azimuths = match to {
         Format::Bsdf => bsdf::write(&exporting, resolution).map(|()| None),

@@ -32,9 +32,17 @@ enum Kind {
 #[derive(Clone, Copy)]
 pub(crate) struct Image<'a> {
     pub(crate) f: &'a [f32],
-    /// Codes of [`Provenance`] per cell; `None` if every cell has a value.
+    /// Codes of [`Provenance`] per cell; `None` if what has no value is NaN.
     pub(crate) provenance: Option<&'a [u8]>,
     pub(crate) channels: usize,
+}
+
+/// Where images are read: the cells around a direction, each with its weight, 0 of those that never have a value, and its cosθo.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Place {
+    cells: [(usize, f32, f32); 4],
+    /// One over the weight of what lies above the horizon.
+    rest: f32,
 }
 
 /// What was read between cells.
@@ -77,44 +85,28 @@ impl Cells {
         self.disk.neighbours(inwards.extend((1.0 - sin * sin).sqrt()))
     }
 
-    /// Reads `image` at `wo`.
-    pub(crate) fn read(&self, image: Image, wo: DVec3) -> Read {
-        let mut read = Read::default();
-        let Some(around) = self.around(wo) else {
-            return read;
-        };
-        let (mut cosines, mut beyond) = (0.0, 0.0);
-        for (cell, weight) in around {
+    /// Where images are read for `wo`; nowhere below the horizon.
+    pub(crate) fn place(&self, wo: DVec3) -> Option<Place> {
+        let mut beyond = 0.0;
+        let cells = self.around(wo)?.map(|(cell, weight)| {
             let weight = weight as f32;
-            let cosine = match self.kinds[cell] {
+            match self.kinds[cell] {
                 Kind::Beyond => {
                     beyond += weight;
-                    continue;
+                    (cell, 0.0, 0.0)
                 }
-                Kind::Seen(cosine) if weight > 0.0 => cosine,
-                _ => continue,
-            };
-            if image
-                .provenance
-                .is_some_and(|codes| codes[cell] == Provenance::Missing.code())
-            {
-                read.saturated += weight;
-                continue;
+                Kind::Seen(cosine) => (cell, weight, cosine),
+                Kind::Blind => (cell, 0.0, 0.0),
             }
-            if let Some(codes) = image.provenance {
-                read.weakest = read.weakest.max(codes[cell]);
-            }
-            read.weight += weight;
-            cosines += weight * cosine;
-            read.value += weight * cosine * image.at(cell);
-        }
-        if cosines > 0.0 {
-            let rest = 1.0 / (1.0 - beyond).max(1e-6);
-            read.value *= rest * read.weight / cosines;
-            read.weight *= rest;
-            read.saturated *= rest;
-        }
-        read
+        });
+        let rest = 1.0 / (1.0 - beyond).max(1e-6);
+        Some(Place { cells, rest })
+    }
+
+    /// Reads `image` at `wo`.
+    pub(crate) fn read(&self, image: Image, wo: DVec3) -> Read {
+        self.place(wo)
+            .map_or_else(Read::default, |place| place.read(image))
     }
 
     /// What linear interpolation between the cells of `image` is off by at `wo`, in sr⁻¹: along each axis t·(1 − t)/2 of the second
@@ -139,6 +131,40 @@ impl Cells {
         };
         let part = t * (1.0 - t);
         part.x as f32 * along(DVec2::X) + part.y as f32 * along(DVec2::Y)
+    }
+}
+
+impl Place {
+    /// Reads `image` there.
+    pub(crate) fn read(&self, image: Image) -> Read {
+        let mut read = Read::default();
+        let mut cosines = 0.0;
+        for &(cell, weight, cosine) in &self.cells {
+            if weight <= 0.0 {
+                continue;
+            }
+            let f = image.at(cell);
+            let is_missing = match image.provenance {
+                Some(codes) => codes[cell] == Provenance::Missing.code(),
+                None => f.x.is_nan(),
+            };
+            if is_missing {
+                read.saturated += weight;
+                continue;
+            }
+            if let Some(codes) = image.provenance {
+                read.weakest = read.weakest.max(codes[cell]);
+            }
+            read.weight += weight;
+            cosines += weight * cosine;
+            read.value += weight * cosine * f;
+        }
+        if cosines > 0.0 {
+            read.value *= self.rest * read.weight / cosines;
+            read.weight *= self.rest;
+            read.saturated *= self.rest;
+        }
+        read
     }
 }
 

@@ -81,6 +81,20 @@ impl Lookup {
         }
     }
 
+    /// The query for the pair (`wi`, `wo`), both above the horizon, answered from images that are all in memory; `set` has the incident
+    /// directions twice, the second time one by one.
+    pub(crate) fn of(
+        (set, directions): (&IncidentSet, &[DVec3]),
+        cells: &Cells,
+        blend: &Blend,
+        pair: (DVec3, DVec3),
+        image: ImageOf,
+    ) -> Self {
+        let mut lookup = Self::new(set, blend, pair, false);
+        lookup.gather(cells, directions, &(0..directions.len()), image);
+        lookup
+    }
+
     /// The images that it needs.
     fn rows(&self) -> impl Iterator<Item = usize> + '_ {
         self.rows

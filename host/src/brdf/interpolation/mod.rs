@@ -56,6 +56,12 @@ impl Interpolation {
     /// All of them.
     pub const ALL: [Self; 3] = [Self::Direct, Self::HalfVector, Self::Blended];
 
+    /// That of this name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|one| one.name() == name)
+    }
+
     /// Its name on the command line and in files.
     #[must_use]
     pub const fn name(self) -> &'static str {

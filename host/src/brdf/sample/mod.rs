@@ -91,6 +91,7 @@ pub enum SampleError {
         /// The file.
         path: PathBuf,
         /// What the operating system said.
+        #[source]
         cause: std::io::Error,
     },
     /// A measured file was read but its content is wrong.

@@ -24,6 +24,8 @@ pub struct Rings {
     step_deg: f64,
     /// Index of the first direction of each ring, and after the last one.
     starts: Vec<usize>,
+    /// Tangent and cosine of half the angle of a side, of each ring: look-ups by the million ask for them.
+    half_sides: Vec<[f64; 2]>,
     /// Azimuth on the rings of the +x of the frame in which directions are, degrees.
     azimuth_deg: f64,
 }
@@ -63,6 +65,9 @@ impl Rings {
         }
         let rings = rings.round() as usize;
         let step_deg = 90.0 / rings as f64;
+        let half = |ring: usize| PI / count((ring as f64 + 0.5) * step_deg, rings) as f64;
+        let half_sides = (0..rings).map(|ring| [half(ring).tan(), half(ring).cos()]);
+        let half_sides = half_sides.collect();
         let mut starts = vec![0];
         for ring in 0..rings {
             starts.push(starts[ring] + count((ring as f64 + 0.5) * step_deg, rings));
@@ -70,6 +75,7 @@ impl Rings {
         Ok(Self {
             step_deg,
             starts,
+            half_sides,
             azimuth_deg: 0.0,
         })
     }
@@ -175,11 +181,12 @@ impl Rings {
         // Angles from the middle of the side, at whose distance from the pole the radius is least.
         let half = PI / count as f64;
         let angle = (2.0 * (place - low) - 1.0) * half;
-        let t = 0.5 + 0.5 * angle.tan() / half.tan();
+        let [half_tan, half_cos] = self.half_sides[ring];
+        let t = 0.5 + 0.5 * angle.tan() / half_tan;
         let index = |sector: usize| self.starts[ring] + sector % count;
         Crossing {
             ends: [(index(low as usize), 1.0 - t), (index(low as usize + 1), t)],
-            radius_rad: (ring as f64 + 0.5) * self.step_deg.to_radians() * half.cos() / angle.cos(),
+            radius_rad: (ring as f64 + 0.5) * self.step_deg.to_radians() * half_cos / angle.cos(),
         }
     }
 
