@@ -77,6 +77,7 @@ impl Study {
             points
         };
         let curves = curves.into_iter().map(|value| Curve {
+            band: Vec::new(),
             label: format!("{value}"),
             points: points(value),
         });
@@ -95,6 +96,7 @@ impl Study {
                 .collect();
             points.sort_by(|a, b| a.0.total_cmp(&b.0));
             Curve {
+                band: Vec::new(),
                 label: method.name().to_owned(),
                 points,
             }

@@ -3,7 +3,7 @@
 use std::fs;
 
 use crate::answers::number;
-use crate::command::{run, text};
+use crate::command::{refuses, run, text};
 
 #[test]
 #[ignore = "long: ./test.sh full runs it"]
@@ -123,6 +123,48 @@ fn a_plot_has_a_curve_for_each_incident_direction() {
         run(&["plot", "satin", "--out", text(&out)], "").done();
         assert!(fs::metadata(out).unwrap().len() > 1000);
     }
+}
+
+#[test]
+fn several_brdfs_stand_in_one_plot_of_the_plane_of_incidence() {
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("m");
+    crate::command::quick_measurement(&out);
+    let table = scratch.path().join("plane.csv");
+    let plane = ["--in-plane", "--incident", "45,0", "--log", "--out", text(&table)];
+    let sources = ["plot", text(&out), "ward:brass"];
+    let answer = run(&[&sources[..], &plane, &["--json"]].concat(), "").object();
+    assert_eq!(answer["in_plane"], true);
+    let content = fs::read_to_string(&table).unwrap();
+    assert_eq!(content.lines().count(), 1 + 2 * 357);
+    assert!(content.starts_with("source,theta_i_deg,"), "{content}");
+    // θr = 30° on the mirror's side, as `value` has it.
+    let row = content
+        .lines()
+        .find(|row| row.starts_with("\"ward:brass\",45,0,30,180,"))
+        .unwrap();
+    let value = run(&["value", "ward:brass"], "45 0 30 180\n");
+    assert_eq!(row.split(',').nth(5), value.done().split_whitespace().next());
+    assert!(row.ends_with(",,,,"), "a model states no uncertainty: {row}");
+    let measured = content
+        .lines()
+        .find(|row| row.contains("/m\",45,0,60,180,"))
+        .unwrap();
+    assert!(measured.ends_with(",measured"), "{measured}");
+    refuses(
+        &[&sources[..], &plane, &["--theta-r", "20"]].concat(),
+        "",
+        2,
+        &["--theta-r", "--in-plane"],
+    );
+    let picture = scratch.path().join("plane.svg");
+    run(
+        &[&sources[..], &["--in-plane", "--out", text(&picture)]].concat(),
+        "",
+    )
+    .done();
+    // What is uncertain is shaded.
+    assert!(fs::read_to_string(&picture).unwrap().contains("<polygon"));
 }
 
 #[test]

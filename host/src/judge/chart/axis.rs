@@ -54,6 +54,34 @@ impl Axis {
         }
     }
 
+    /// A logarithmic axis of whole decades that covers all finite `values` above 0 but those that lie more than `most` decades below the
+    /// largest.
+    #[must_use]
+    pub fn decades(label: &str, values: impl Iterator<Item = f64> + Clone, most: i32) -> Self {
+        let exponents = values
+            .filter(|value| value.is_finite() && *value > 0.0)
+            .map(f64::log10);
+        let high = exponents.clone().fold(f64::NEG_INFINITY, f64::max);
+        let low = exponents.fold(f64::INFINITY, f64::min);
+        let (low, high) = if high.is_finite() {
+            (low, high)
+        } else {
+            (-1.0, 0.0)
+        };
+        let last = (high.ceil() as i32).max(low.floor() as i32 + 1);
+        let first = (low.floor() as i32).max(last - most);
+        Self {
+            label: label.to_owned(),
+            ticks: (first..=last).map(|exponent| 10_f64.powi(exponent)).collect(),
+            scale: Scale::Logarithmic,
+        }
+    }
+
+    /// `value`, or the end of the axis beyond which it lies.
+    pub(super) fn inside(&self, value: f64) -> f64 {
+        value.clamp(self.ticks[0], self.ticks[self.ticks.len() - 1])
+    }
+
     fn place(&self, value: f64) -> f64 {
         match self.scale {
             Scale::Linear => value,
@@ -97,6 +125,21 @@ impl ValueFormatter<f64> for Axis {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn decades_cover_what_can_be_shown() {
+        let ticks = |values: &[f64]| Axis::decades("y", values.iter().copied(), 4).ticks;
+        let about = |found: Vec<f64>, expected: &[f64]| {
+            assert_eq!(found.len(), expected.len(), "{found:?}");
+            for (found, expected) in found.iter().zip(expected) {
+                assert!((found / expected - 1.0).abs() < 1e-12, "{found}");
+            }
+        };
+        about(ticks(&[0.03, 2.0, -1.0, 0.0, f64::NAN]), &[0.01, 0.1, 1.0, 10.0]);
+        about(ticks(&[1e-9, 2.0]), &[1e-3, 0.01, 0.1, 1.0, 10.0]);
+        about(ticks(&[]), &[0.1, 1.0]);
+        about(ticks(&[1.0]), &[1.0, 10.0]);
+    }
 
     #[test]
     fn ticks_are_round_and_cover_the_values() {

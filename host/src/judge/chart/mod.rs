@@ -37,6 +37,8 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
 ];
+/// How much of its colour a band behind a curve has.
+const SHADE: f64 = 0.2;
 /// Dash and gap in pixels of curves without marks; the first is solid.
 const DASHES: [(u32, u32); 4] = [(1, 0), (28, 12), (6, 10), (48, 8)];
 
@@ -47,6 +49,8 @@ pub struct Curve {
     pub label: String,
     /// (x, y) in the units of the axes.
     pub points: Vec<(f64, Option<f64>)>,
+    /// What is shaded behind it: x, and from which y to which; `None` is a gap.
+    pub band: Vec<(f64, Option<[f64; 2]>)>,
 }
 
 /// A chart.
@@ -171,6 +175,16 @@ impl Chart {
             .y_labels(self.y.ticks.len())
             .draw()?;
         for (index, curve) in self.curves.iter().enumerate() {
+            let colour = COLOURS[index % COLOURS.len()].mix(SHADE);
+            for run in curve.band.split(|place| place.1.is_none()) {
+                let run: Vec<(f64, [f64; 2])> = run.iter().filter_map(|&(x, y)| Some((x, y?))).collect();
+                let above = run.iter().map(|&(x, [_, high])| (x, self.y.inside(high)));
+                let below = run.iter().rev().map(|&(x, [low, _])| (x, self.y.inside(low)));
+                let outline: Vec<(f64, f64)> = above.chain(below).collect();
+                chart.draw_series(std::iter::once(Polygon::new(outline, colour)))?;
+            }
+        }
+        for (index, curve) in self.curves.iter().enumerate() {
             let (colour, (dash, gap)) = (COLOURS[index % COLOURS.len()], DASHES[index % DASHES.len()]);
             for run in curve.points.split(|point| point.1.is_none()) {
                 let run: Vec<(f64, f64)> = run.iter().filter_map(|&(x, y)| Some((x, y?))).collect();
@@ -260,6 +274,7 @@ mod tests {
             legend: "curve".to_owned(),
             marks: false,
             curves: vec![Curve {
+                band: Vec::new(),
                 label: "a".to_owned(),
                 points: vec![
                     (1.0, Some(0.1)),

@@ -12,6 +12,7 @@ impl Compared {
     pub fn chart(&self, title: &str) -> Chart {
         let channels = self.overall.len();
         let curve = |label: String, of: &dyn Fn(&RegionAgreement) -> Option<f64>| Curve {
+            band: Vec::new(),
             label,
             points: self
                 .regions

@@ -240,6 +240,7 @@ impl Fit {
     /// The residuals as a chart.
     fn chart(&self, name: &str) -> Chart {
         let curve = |label: &str, of: fn(&Residual) -> f64| Curve {
+            band: Vec::new(),
             label: label.to_owned(),
             points: self
                 .residuals

@@ -22,6 +22,7 @@ impl History {
         let lines = &self.lines[channel];
         let last = self.points.last().map_or(0.0, |point| point.days);
         let flat = |label: &str, of: [f64; 2]| Curve {
+            band: Vec::new(),
             label: label.to_owned(),
             // One curve of two lines, with a gap between.
             points: of
@@ -51,6 +52,7 @@ impl History {
         if let Some(drift) = lines.drift {
             let ends = [0.0, last].map(|days| (days, Some(100.0 * (drift.start + drift.per_day * days))));
             curves.push(Curve {
+                band: Vec::new(),
                 label: "drift".to_owned(),
                 points: ends.to_vec(),
             });
@@ -87,6 +89,7 @@ impl History {
             percents.map(move |value| (days, value)).collect::<Vec<_>>()
         };
         Curve {
+            band: Vec::new(),
             label: label.to_owned(),
             points: self.points.iter().flat_map(at).collect(),
         }

@@ -105,6 +105,7 @@ impl Timing {
             legend: String::new(),
             marks: false,
             curves: vec![Curve {
+                band: Vec::new(),
                 label: "all exposures".to_owned(),
                 points,
             }],

@@ -26,7 +26,7 @@ use crate::instrument::rig::{Rig, RigError};
 use crate::judge::chart::{ChartError, captioned};
 use crate::judge::quantity::Quantity;
 use crate::judge::render::{automatic_exposure, corrugated, save, sheet, sphere};
-use crate::judge::scan::{AzimuthScan, INCIDENT_DEG, THETA_R_DEG};
+use crate::judge::scan::{self, Along, INCIDENT_DEG, Scan, THETA_R_DEG};
 use crate::measure::report::Summary;
 use crate::measure::{MeasureError, complete, prepare};
 use crate::plan::pattern::{BitPattern, PatternMaker};
@@ -210,10 +210,17 @@ fn cloth_figures(cloth: &str, brdf: &Brdf, dir: &Path) -> Result<(), PaperError>
     let model = parse(cloth)?;
     let scans: [(&str, &dyn Reflectance); 2] = [("measured", brdf), ("model", &model)];
     for (what, material) in scans {
-        let scan = AzimuthScan::of(material, Quantity::Brdf, &INCIDENT_DEG, THETA_R_DEG, AZIMUTHS)?;
+        let circle = Along::Circle {
+            theta_r_deg: THETA_R_DEG,
+            steps: AZIMUTHS,
+        };
+        let scans = [(what, Scan::of(material, Quantity::Brdf, &INCIDENT_DEG, circle)?)];
         let stem = format!("{cloth}-{what}");
-        scan.chart(&format!("{cloth}, {what}")).save_both(dir, &stem)?;
-        write_whole(&dir.join(stem).with_extension("csv"), scan.csv().as_bytes())?;
+        scan::chart(&scans, &format!("{cloth}, {what}"), false).save_both(dir, &stem)?;
+        write_whole(
+            &dir.join(stem).with_extension("csv"),
+            scan::csv(&scans).as_bytes(),
+        )?;
     }
     let spheres = LIGHTS_DEG.iter().map(|&light| sphere(brdf, PICTURE_PX, light));
     let sheets = LIGHTS_DEG
