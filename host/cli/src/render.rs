@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
-use rcg::base::file_format::PICTURE;
+use rcg::base::file_format::RENDERED;
 use rcg::brdf::Source;
 use rcg::judge::render::{
-    automatic_exposure, azimuth_in_words, corrugated, save_described, share_with_values, sheet, sphere,
+    automatic_exposure, azimuth_in_words, corrugated, save_described, save_linear, share_with_values, sheet,
+    sphere, torus,
 };
 use serde_json::json;
 
@@ -18,7 +19,7 @@ const MAX_PIXELS: u64 = 1 << 28;
 /// Lean of a corrugated sheet, degrees.
 const TILT_DEG: f64 = 30.0;
 
-/// Draw a BRDF or sample on a sphere or a corrugated sheet under distant lights.
+/// Draw a BRDF or sample on a sphere, a corrugated sheet or a ring under distant lights.
 ///
 /// One picture per light, side by side; with --scene both, the spheres above and the sheets below. Directions that were
 /// not measured are hatched.
@@ -27,7 +28,7 @@ pub(crate) struct Args {
     /// A brdf.zarr, a measured .bsdf file, or a model such as ward:brass
     #[arg(value_name = "BRDF")]
     brdf: String,
-    /// The picture to write (PNG)
+    /// The picture to write: as a screen shows it (.png), or linear radiance under unit irradiance (.exr)
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     /// What is drawn
@@ -56,6 +57,8 @@ enum Scene {
     Corrugated,
     /// Spheres above, sheets below
     Both,
+    /// A ring, seen obliquely, with a cast shadow
+    Torus,
 }
 
 pub(crate) fn angles(text: &str) -> Result<(f64, f64), String> {
@@ -80,9 +83,10 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
             "--tilt: expected a number of degrees from 0 to 75, found {tilt_deg}"
         )));
     }
-    if args.tilt.is_some() && args.scene == Scene::Sphere {
+    let has_sheets = matches!(args.scene, Scene::Corrugated | Scene::Both);
+    if args.tilt.is_some() && !has_sheets {
         return Err(Failure::input(format!(
-            "--tilt: expected --scene corrugated or both beside it, as spheres have none, found {tilt_deg} with a sphere"
+            "--tilt: expected --scene corrugated or both beside it, as only sheets have one, found {tilt_deg} without a sheet"
         )));
     }
     let (size, pixels) = (args.size as usize, u64::from(args.size).pow(2));
@@ -93,15 +97,25 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
             args.light.len() as u64 * scenes
         )));
     }
-    to_write(&args.out, PICTURE)?;
+    to_write(&args.out, RENDERED)?;
+    let is_linear = RENDERED.of(&args.out)? == "exr";
+    if let Some(exposure) = args.exposure.filter(|_| is_linear) {
+        return Err(Failure::input(format!(
+            "--exposure: expected a .png beside it, as an .exr holds the radiance itself, found {exposure}"
+        )));
+    }
     let source = Source::open(&args.brdf)?;
     let material = source.reflectance();
     let mut rows = Vec::new();
-    if args.scene != Scene::Corrugated {
+    if args.scene == Scene::Torus {
+        let pictures = args.light.iter().map(|&light| torus(material, size, light));
+        rows.push(pictures.collect::<Result<Vec<_>, _>>()?);
+    }
+    if matches!(args.scene, Scene::Sphere | Scene::Both) {
         let pictures = args.light.iter().map(|&light| sphere(material, size, light));
         rows.push(pictures.collect::<Result<Vec<_>, _>>()?);
     }
-    if args.scene != Scene::Sphere {
+    if has_sheets {
         let pictures = args
             .light
             .iter()
@@ -114,7 +128,11 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         Source::Known(_) => None,
     };
     let azimuth = azimuth_in_words(zero.as_deref());
-    save_described(&sheet(&rows, exposure), &args.out, Some(&azimuth))?;
+    if is_linear {
+        save_linear(&rows, &args.out, &format!("{}; {azimuth}", args.brdf))?;
+    } else {
+        save_described(&sheet(&rows, exposure), &args.out, Some(&azimuth))?;
+    }
     let share = share_with_values(&rows);
     let value = json!({
         "out": args.out, "size": args.size, "lights_deg": args.light, "exposure": exposure, "with_values": share,

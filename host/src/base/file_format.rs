@@ -6,6 +6,8 @@ use std::path::Path;
 
 /// Pictures.
 pub const PICTURE: Formats = Formats(&["png"]);
+/// Pictures as a screen shows them, or as they are.
+pub const RENDERED: Formats = Formats(&["png", "exr"]);
 /// Charts: vectors or pixels.
 pub const CHART: Formats = Formats(&["svg", "png"]);
 /// Charts, or their numbers.

@@ -127,6 +127,10 @@ impl Scene {
             ["measured", "planned", "repeated", "measured/brdf.zarr"].map(place);
         let file = |name: &str| text(&out.join(name)).to_owned();
         let dir = text(out).to_owned();
+        let each = |endings: &[&str], line: &str, stem: &str| -> Vec<String> {
+            let files = endings.iter().map(|ending| file(&format!("{stem}.{ending}")));
+            files.map(|file| format!("{line} {file}")).collect()
+        };
         let tiny = "--step 30 --image-size 8";
         let lines: Vec<String> = match words.join(" ").as_str() {
             "measure" | "plan" => vec![format!("--out {dir} {tiny} --exposure-ms 4")],
@@ -140,17 +144,8 @@ impl Scene {
             }
             "value" | "info" => vec![brdf],
             "evaluate" => vec![format!("{brdf} --reference ward:brass")],
-            "fit" => ["svg", "png"]
-                .map(|ending| {
-                    format!(
-                        "ward:brass --model ward --residuals {}",
-                        file(&format!("fit.{ending}"))
-                    )
-                })
-                .to_vec(),
-            "compare" => ["svg", "png", "csv"]
-                .map(|ending| format!("ward:brass {brdf} --out {}", file(&format!("c.{ending}"))))
-                .to_vec(),
+            "fit" => each(&["svg", "png"], "ward:brass --model ward --residuals", "fit"),
+            "compare" => each(&["svg", "png", "csv"], &format!("ward:brass {brdf} --out"), "c"),
             "export" => exports(&brdf, &file),
             "fill" => vec![format!("{brdf} --out {}", file("whole.zarr"))],
             "combine" => vec![format!("{brdf} {repeated} --out {}", file("mean.zarr"))],
@@ -162,10 +157,8 @@ impl Scene {
             "turn" => vec![format!("{brdf} --azimuth 20 --out {}", file("turned.zarr"))],
             "budget" => vec![format!("{brdf} --region 45,40")],
             "reflectance" => vec![format!("{brdf} --theta 10,40"), "lambert:0.5".to_owned()],
-            "render" => vec![format!("lambert --size 8 --out {}", file("a.png"))],
-            "plot" => ["svg", "png", "csv"]
-                .map(|ending| format!("lambert --azimuths 8 --out {}", file(&format!("a.{ending}"))))
-                .to_vec(),
+            "render" => each(&["png", "exr"], "lambert --scene torus --size 8 --out", "a"),
+            "plot" => each(&["svg", "png", "csv"], "lambert --azimuths 8 --out", "a"),
             "report" => vec![format!("{brdf} --out {}", file("a.html"))],
             "multiplex" => vec!["--step 30 --image-size 8 --order 3".to_owned()],
             "standard" => vec![standard()],

@@ -1,4 +1,4 @@
-//! Pictures of the sample: what it looks like on a sphere and on a corrugated sheet.
+//! Pictures of the sample: what it looks like on a sphere, on a corrugated sheet and on a ring.
 //!
 //! # Design
 //! One distant light, seen from +z by a distant camera. The picture is linear radiance f·cosθi; exposure and sRGB
@@ -7,7 +7,9 @@
 //! sheet it follows the sheet. Directions that were not measured are drawn as a hatch, never invented.
 
 mod corrugated;
+mod linear;
 mod sphere;
+mod torus;
 
 use std::path::Path;
 
@@ -20,7 +22,9 @@ use crate::brdf::reflectance::Value;
 use crate::store::whole_file;
 
 pub use corrugated::corrugated;
+pub use linear::save_linear;
 pub use sphere::{LitSphere, sphere};
+pub use torus::torus;
 
 /// Behind everything, coded.
 const BACKGROUND: [u8; 3] = [24, 26, 30];
@@ -47,6 +51,18 @@ impl Picture {
     fn values(&self) -> impl Iterator<Item = &Value> {
         let (Content::Pixels(values) | Content::Columns { radiance: values, .. }) = &self.content;
         values.iter().flatten()
+    }
+
+    /// What is at a pixel of this column and row; `None` beside the object.
+    fn at(&self, x: usize, y: usize) -> Option<&Value> {
+        match &self.content {
+            Content::Pixels(pixels) => pixels.get(y * self.size + x)?.as_ref(),
+            Content::Columns { radiance, rows } => {
+                let covers = rows.get(x)?;
+                let is_covered = (covers.0..covers.1).contains(&(y as f64 + 0.5));
+                radiance[x].as_ref().filter(|_| is_covered)
+            }
+        }
     }
 
     /// Draws into `image`, the rows of a sheet `columns` pictures wide, as the picture in column `column`.
@@ -181,7 +197,7 @@ pub fn share_with_values(rows: &[Vec<Picture>]) -> Option<f64> {
 /// Where φ = 0 of the sample lies in the pictures: `zero` says where that is on the sample (as `Azimuth` does), if anybody knows.
 #[must_use]
 pub fn azimuth_in_words(zero: Option<&str>) -> String {
-    let shown = "φ = 0 of the sample points to the right: along a sphere's parallels, across a sheet's folds";
+    let shown = "φ = 0 of the sample points to the right: along a sphere's parallels, across a sheet's folds, around a ring";
     match zero {
         Some(zero) => format!("{shown}; on the sample, {zero}"),
         None => shown.to_owned(),
