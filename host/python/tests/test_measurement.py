@@ -90,6 +90,15 @@ def test_what_the_system_refuses_is_an_error_of_the_system(tmp_path):
         rcg.measure(tmp_path / "file" / "m", **SMALL)
 
 
+@pytest.fixture
+def heard():
+    """Ctrl-C is heard, also where whoever began the tests has it ignored (as `nohup` and shells without a terminal do)."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("heard")
 def test_ctrl_c_ends_a_measurement_that_can_go_on(tmp_path):
     options = {"rig": "rcg-2", "step_deg": 3, "image_size": 48}
     out = tmp_path / "m"

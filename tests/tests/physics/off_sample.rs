@@ -16,6 +16,7 @@ use rcg::plan::brackets::Brackets;
 use rcg::plan::{self, Virtual};
 use rcg::virtual_rig::setup::Setup;
 use rcg::virtual_rig::{Tolerances, Truth};
+use rcg_tests::is_full;
 use rcg_tests::measurements::{Scored, coarse, scored};
 
 /// Of which devices stand how far off, millimetres: camera, projector, sample.
@@ -75,6 +76,10 @@ fn what_the_standard_did_not_fill_is_off_sample_and_the_rest_is_right() {
     let (mut off_cells, mut off_lights, mut count, mut within) = (0, 0, 0_u32, 0_u32);
     let mut worst = 0.0_f64;
     for (seed, (preset, millimetres)) in DRAWS.into_iter().enumerate() {
+        // The camera and the projector off by as much are alike.
+        if seed == 1 && !is_full() {
+            continue;
+        }
         let folder = tempfile::tempdir().unwrap();
         let (truth, known) = strayed(preset, millimetres, seed as u64);
         let path = folder.path().join("truth.toml");

@@ -147,10 +147,11 @@ fn calibration_brings_a_misaligned_and_uneven_rig_back() {
     );
 }
 
+// `rcg worlds` draws more of them in every run; fits and tilts come on top here.
 #[test]
+#[ignore = "long: ./test.sh full runs it"]
 fn in_drawn_worlds_values_and_fits_hold_the_truth_tilted_or_not() {
-    let draws = if is_full() { 3 } else { 1 };
-    for draw in 0..draws {
+    for draw in 0..3 {
         let uniform = |purpose: u64| uniform(2000 + 10 * draw + purpose);
         let folder = tempfile::tempdir().unwrap();
         let nominal = coarse(["rcg-1-16bit", "dmd", "rcg-2"][draw as usize]);

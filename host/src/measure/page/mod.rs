@@ -98,8 +98,8 @@ impl Page<'_> {
             pictures = self.pictures_html(),
             rows = self.rows(|_| true),
             budget = budget_html(&self.evaluation.budget),
-            // A text may hold what would end the element.
-            facts = facts.to_string().replace("</", "<\\/"),
+            // A text may hold what would end the element, or begin another.
+            facts = facts.to_string().replace('<', "\\u003c"),
             text = shown.text,
         ))
     }
