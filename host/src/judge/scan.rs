@@ -24,6 +24,8 @@ pub const THETA_R_DEG: f64 = 30.0;
 /// Steps of θr in the plane of incidence in each degree, and the last θr in degrees.
 const PER_DEGREE: i32 = 2;
 const LAST_DEG: i32 = 89;
+/// Letters of a source's name that a legend has room for.
+const MOST_NAME: usize = 16;
 /// Decades of a logarithmic axis at most.
 const DECADES: i32 = 8;
 
@@ -250,13 +252,16 @@ impl Scan {
 #[must_use]
 pub fn chart(scans: &[(&str, Scan)], title: &str, log: bool) -> Chart {
     let Scan { along, quantity, .. } = scans[0].1;
+    let lights = &scans[0].1.lines;
+    let has_one_light = lights.len() == 1;
     let mut curves = Vec::new();
     for (source, scan) in scans {
         for ((theta, phi), places) in &scan.lines {
-            let source = if scans.len() > 1 {
-                format!("{source} ")
-            } else {
-                String::new()
+            let angles = format!("({theta}°, {phi}°)");
+            let label = match (scans.len() > 1, has_one_light) {
+                (false, _) => angles,
+                (true, true) => shortened(source),
+                (true, false) => format!("{} {angles}", shortened(source)),
             };
             let shown: Vec<(f64, Option<Shown>)> = places
                 .iter()
@@ -268,7 +273,7 @@ pub fn chart(scans: &[(&str, Scan)], title: &str, log: bool) -> Chart {
                 Some([value - expanded, value + expanded]).filter(|[_, high]| is_drawn(high))
             };
             curves.push(Curve {
-                label: format!("{source}({theta}°, {phi}°)"),
+                label,
                 points: shown
                     .iter()
                     .map(|(at, shown)| (*at, shown.map(|one| one.0).filter(is_drawn)))
@@ -313,9 +318,22 @@ pub fn chart(scans: &[(&str, Scan)], title: &str, log: bool) -> Chart {
             scale: Scale::Linear,
         },
         y,
-        legend: "incident (θi, φi)".to_owned(),
+        legend: match &lights[..] {
+            [((theta, phi), _)] if scans.len() > 1 => format!("incident ({theta}°, {phi}°)"),
+            _ => "incident (θi, φi)".to_owned(),
+        },
         marks: false,
         curves,
+    }
+}
+
+/// The name of a source as a legend has room for it: the end of a path tells more than its beginning.
+fn shortened(source: &str) -> String {
+    match source.chars().count().checked_sub(MOST_NAME) {
+        None | Some(0) => source.to_owned(),
+        Some(more) => std::iter::once('…')
+            .chain(source.chars().skip(more + 1))
+            .collect(),
     }
 }
 
@@ -429,7 +447,7 @@ mod tests {
             let drawn = chart(&[("metal", scan.clone()), ("half", scan)], "both", true);
             assert_eq!(drawn.curves.len(), 2);
             assert!(
-                drawn.curves[1].label.starts_with("half (40°"),
+                drawn.curves[1].label == "half" && drawn.legend.starts_with("incident (40°"),
                 "{}",
                 drawn.curves[1].label
             );
