@@ -91,6 +91,7 @@ impl Blocks {
 }
 
 /// Values of one incident direction.
+#[derive(Default)]
 struct Layer {
     f: Vec<f16>,
     reference: Vec<f16>,
@@ -238,22 +239,18 @@ fn layer_of(
     row: usize,
 ) -> Layer {
     let (channels, cells) = (brdf.channels(), brdf.disk().len());
-    let mut layer = Layer {
-        f: Vec::with_capacity(blocks.members.len() * channels),
-        reference: Vec::new(),
-        sigma: Vec::with_capacity(blocks.members.len()),
-        origin: Vec::with_capacity(blocks.members.len()),
-    };
+    let mut layer = Layer::default();
     let known = reference.map(|sample| sample.incident(brdf.grid().direction(index)));
     for members in &blocks.members {
+        let at = |cell: usize| row * cells + cell;
         let with = |rows: &BrdfRows| -> Vec<usize> {
-            let at = members.iter().map(|cell| row * cells + cell);
-            at.filter(|at| rows.provenance[*at] != Provenance::Missing.code())
-                .collect()
+            let is_there = |cell: &usize| rows.provenance[at(*cell)] != Provenance::Missing.code();
+            members.iter().copied().filter(is_there).collect()
         };
         let present = rows.map_or_else(Vec::new, with);
-        let mean =
-            |of: &dyn Fn(usize) -> f32| present.iter().map(|at| of(*at)).sum::<f32>() / present.len() as f32;
+        let mean = |of: &dyn Fn(usize) -> f32| {
+            present.iter().map(|cell| of(at(*cell))).sum::<f32>() / present.len() as f32
+        };
         let mut relative = 0.0_f32;
         for channel in 0..channels {
             let Some(rows) = rows.filter(|_| !present.is_empty()) else {
@@ -271,11 +268,13 @@ fn layer_of(
             .push(if present.is_empty() { 0 } else { code(relative) });
         let weakest = present
             .iter()
-            .filter_map(|at| rows.map(|rows| rows.provenance[*at]))
+            .filter_map(|cell| rows.map(|rows| rows.provenance[at(*cell)]))
             .max();
         layer.origin.push(weakest.unwrap_or(Provenance::Missing.code()));
         if let Some(known) = &known {
-            let values = members
+            // Of the same cells, at the border of what was measured too.
+            let same = if present.is_empty() { members } else { &present };
+            let values = same
                 .iter()
                 .filter_map(|cell| brdf.disk().direction(*cell))
                 .map(|wo| known.f(wo));
