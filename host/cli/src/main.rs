@@ -130,7 +130,6 @@ enum Command {
 }
 
 impl Command {
-    /// Whether it takes the instrument from a file that it reads, or needs none.
     /// What there is to say to who stopped it.
     const fn goes_on(&self) -> &'static str {
         match self {
@@ -143,6 +142,7 @@ impl Command {
         }
     }
 
+    /// Whether it takes the instrument from a file that it reads, or needs none.
     const fn takes_no_rig(&self) -> bool {
         matches!(
             self,

@@ -158,6 +158,11 @@ pub fn shown(text: &str) -> String {
     format!("`{}`", cut(&plain(text), QUOTATION))
 }
 
+/// `text` with a question mark in place of every letter beyond ASCII, for formats that have no others.
+pub(crate) fn ascii(text: &str) -> String {
+    text.chars().map(|c| if c.is_ascii() { c } else { '?' }).collect()
+}
+
 /// `text` with escapes in place of what a terminal would obey.
 #[must_use]
 pub fn plain(text: &str) -> String {

@@ -22,6 +22,7 @@ use glam::DVec3;
 
 use super::exporting::Entry;
 use super::{ExportError, Exporting, Resolution};
+use crate::base::text::ascii;
 use crate::hemisphere::direction::from_degrees;
 use crate::hemisphere::disk::Disk;
 use crate::store::provenance::Provenance;
@@ -89,11 +90,7 @@ pub(super) fn write(exporting: &Exporting, resolution: Resolution) -> Result<(),
             .join(", ")
     );
     // The format's texts are of Latin letters.
-    let latin: String = comments
-        .chars()
-        .map(|c| if c.is_ascii() { c } else { '?' })
-        .collect();
-    attributes.comments = Text::new_or_none(latin);
+    attributes.comments = Text::new_or_none(ascii(&comments));
     for (name, deg) in [("incidentThetaDeg", theta_deg), ("incidentPhiDeg", phi_deg)] {
         attributes
             .other

@@ -7,7 +7,8 @@ use exr::prelude::{
     Encoding, Image, Layer, LayerAttributes, SpecificChannels, Text, Vec2, WritableImage as _,
 };
 
-use super::{Picture, PictureError};
+use super::{Picture, PictureError, extent};
+use crate::base::text::ascii;
 use crate::store::whole_file;
 
 /// Saves pictures side by side, one row per entry, as OpenEXR: R, G, B are the radiance f·cosθi in sr⁻¹ under unit irradiance, in 32-bit
@@ -20,13 +21,7 @@ pub fn save_linear(rows: &[Vec<Picture>], path: &Path, description: &str) -> Res
         path: path.display().to_string(),
         source,
     };
-    let size = rows
-        .iter()
-        .flatten()
-        .map(|picture| picture.size)
-        .max()
-        .unwrap_or(1);
-    let columns = rows.iter().map(Vec::len).max().unwrap_or(1);
+    let (size, columns) = extent(rows);
     let channels = SpecificChannels::rgba(|Vec2(x, y): Vec2<usize>| {
         let picture = rows[y / size].get(x / size);
         match picture.and_then(|picture| picture.at(x % size, y % size)) {
@@ -34,13 +29,9 @@ pub fn save_linear(rows: &[Vec<Picture>], path: &Path, description: &str) -> Res
             _ => (0.0, 0.0, 0.0, 0.0),
         }
     });
-    // The format's texts are of Latin letters.
-    let latin: String = description
-        .chars()
-        .map(|c| if c.is_ascii() { c } else { '?' })
-        .collect();
     let attributes = LayerAttributes {
-        comments: Text::new_or_none(latin),
+        // The format's texts are of Latin letters.
+        comments: Text::new_or_none(ascii(description)),
         ..LayerAttributes::default()
     };
     let layer = Layer::new(

@@ -132,16 +132,17 @@ fn coded(value: &Value, exposure: f32, x: usize, y: usize) -> [u8; 3] {
     }
 }
 
+/// Pixels a side of the pictures of a sheet, and how many stand side by side.
+fn extent(rows: &[Vec<Picture>]) -> (usize, usize) {
+    let sizes = rows.iter().flatten().map(|picture| picture.size);
+    let columns = rows.iter().map(Vec::len);
+    (sizes.max().unwrap_or(1), columns.max().unwrap_or(1))
+}
+
 /// Side by side: one row per entry, each with its pictures; pixels are exposed by `exposure` and coded as sRGB.
 #[must_use]
 pub fn sheet(rows: &[Vec<Picture>], exposure: f32) -> RgbImage {
-    let size = rows
-        .iter()
-        .flatten()
-        .map(|picture| picture.size)
-        .max()
-        .unwrap_or(1);
-    let columns = rows.iter().map(Vec::len).max().unwrap_or(1);
+    let (size, columns) = extent(rows);
     let mut image = RgbImage::from_pixel(
         (size * columns) as u32,
         (size * rows.len()) as u32,

@@ -502,6 +502,8 @@
         : `no value: ${facts.reasons[reason[view.cell]] || "not measured with this light"}`;
       parts.push(`Seen from θ ${to.toFixed(1)}°, φ ${po.toFixed(1)}°: ${told}.`);
     }
+    const block = Math.round(facts.measured_size / size);
+    if (block > 1) parts.push(`Cells here are means of ${block} × ${block} of the file's.`);
     const [tl, pl] = angles(view.lamp);
     parts.push(`Lamp of the sphere at θ ${tl.toFixed(0)}°, φ ${pl.toFixed(0)}°.`);
     state.textContent = parts.join(" ");
