@@ -27,12 +27,24 @@ step() {
     printf '\n== %s\n' "$present"
 }
 
+# Drivers of cameras need libaravis; without it everything else is built and tested.
+need_features() {
+    features=--all-features
+    if ! pkg-config --exists 'aravis-0.8 >= 0.8.25' 2>/dev/null; then
+        install_packages libaravis-dev libusb-1.0-0-dev pkg-config || true
+    fi
+    if ! pkg-config --exists 'aravis-0.8 >= 0.8.25' 2>/dev/null; then
+        echo "no libaravis (Debian: libaravis-dev libusb-1.0-0-dev): the drivers of cameras are skipped"
+        features="--features rcg-firmware/clock-200mhz"
+    fi
+}
+
 # Runs `cargo test` with these arguments. Of each test of the standard harness its time is noted.
 tests() {
     local host
     host=$(rustc -vV | sed -n 's/^host: //p' | tr 'a-z-' 'A-Z_')
     env "CARGO_TARGET_${host}_RUNNER=$PWD/tests/timed.sh" \
-        cargo test --workspace --all-features --no-fail-fast "$@" 2>&1 | tee -a target/tests.log
+        cargo test --workspace $features --no-fail-fast "$@" 2>&1 | tee -a target/tests.log
 }
 
 finish() {
@@ -49,6 +61,7 @@ finish() {
 step "toolchain"
 need_compiler
 need_rust
+need_features
 if command -v rustup >/dev/null; then
     have() { rustup "$1" list --installed --toolchain "$channel" | grep "$2" >/dev/null; }
     for component in clippy rustfmt; do
@@ -66,7 +79,7 @@ if [ "$kind" = fast ]; then
     step "format"
     cargo fmt --all --check
     step "host: lints"
-    cargo clippy --workspace --all-targets --all-features -- -D warnings
+    cargo clippy --workspace --all-targets $features -- -D warnings
     step "unit tests and mocked links"
     tests --lib -- --skip calibrate:: --skip judge::fit:: --skip study::
     tests --test source --test follow --test wire_v1 --test properties --test sequencer --test session \
@@ -121,10 +134,10 @@ building=$!
 trap 'kill "$building" 2>/dev/null || true' EXIT
 
 step "host: lints"
-cargo clippy --workspace --all-targets --all-features -- -D warnings
+cargo clippy --workspace --all-targets $features -- -D warnings
 
 step "documentation"
-RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --all-features --quiet
+RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps $features --quiet
 
 step "firmware: build for RP2040 at 200 and 125 MHz and for RP2350, and lints: the rest of it"
 wait "$building" || { cat target/firmware.log; exit 1; }
@@ -156,7 +169,7 @@ elif ! { [ -x $venv/bin/pip ] || python3 -m venv $venv; } ||
     echo "what its tests need cannot be installed: the Python package is skipped"
 else
     # With the features of the tests: maturin would build the library a second time.
-    cargo build --workspace --all-features --lib
+    cargo build --workspace $features --lib
     cp target/debug/lib_rcg.so host/python/rcg/_rcg.abi3.so
     (cd host/python && .venv/bin/python -m pytest --quiet --durations=5)
     if [ "$kind" = full ]; then

@@ -1,7 +1,7 @@
 //! One device under test with the host's client connected to it, for one trial.
 
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use libtest_mimic::Failed;
@@ -35,6 +35,8 @@ pub enum Need {
     Emulator,
     /// The host's command was built.
     Command,
+    /// It was built with drivers of cameras.
+    Camera,
     /// The link carries 130 kB/s: step records at 9,523 Hz, schedules streamed at 20 kHz.
     FastLink,
 }
@@ -48,6 +50,8 @@ impl Dut {
                 let built = places::command().is_file();
                 (!built).then_some("needs the host's command, which `cargo build` makes")
             }
+            (_, Need::Camera) => (!drives_cameras())
+                .then_some("needs the host's command with the feature genicam, which needs libaravis"),
             (Kind::Board(_), Need::Emulator) => Some("needs a Pico that can be switched on at will"),
             (Kind::Emulator(pico), Need::Cable | Need::FastLink) if pico.link == LinkKind::Uart => {
                 Some("needs USB; this device is at the UART")
@@ -63,6 +67,17 @@ impl Dut {
             (Kind::Board(_), Need::Cable) => Some("needs a cable that a program can pull"),
         }
     }
+}
+
+/// Whether the host's command was built with drivers of cameras. It says so itself, by its exit code.
+fn drives_cameras() -> bool {
+    static ANSWER: OnceLock<bool> = OnceLock::new();
+    *ANSWER.get_or_init(|| {
+        let listed = std::process::Command::new(places::command())
+            .args(["camera", "list"])
+            .output();
+        listed.is_ok_and(|output| output.status.success())
+    })
 }
 
 /// The link to the device under test, which remembers what was sent.

@@ -19,7 +19,7 @@ crate::trials!("chain":
 );
 
 /// Runs the host's command and returns what it prints.
-fn rcg(arguments: &[&str]) -> Result<String> {
+pub(crate) fn rcg(arguments: &[&str]) -> Result<String> {
     let output = Command::new(places::command())
         .env("RCG_RIG", "rcg-1-16bit")
         .args(arguments)
@@ -33,7 +33,7 @@ fn rcg(arguments: &[&str]) -> Result<String> {
 }
 
 /// Every file below `dir`, by its path from there.
-fn files(dir: &Path) -> Result<BTreeMap<String, Vec<u8>>> {
+pub(crate) fn contents(dir: &Path) -> Result<BTreeMap<String, Vec<u8>>> {
     let mut files = BTreeMap::new();
     for entry in fs::read_dir(dir)? {
         let path = entry?.path();
@@ -43,7 +43,7 @@ fn files(dir: &Path) -> Result<BTreeMap<String, Vec<u8>>> {
             .to_string_lossy()
             .into_owned();
         if path.is_dir() {
-            let inner = self::files(&path)?.into_iter();
+            let inner = contents(&path)?.into_iter();
             files.extend(inner.map(|(inner, bytes)| (format!("{name}/{inner}"), bytes)));
         } else {
             files.insert(name, fs::read(path)?);
@@ -95,7 +95,7 @@ fn measurement_has_the_bits_of_the_simulated_one(bench: &mut Bench) -> Outcome {
             "--out",
         ];
         rcg(&[&common, [out.as_str()].as_slice(), more].concat())?;
-        let mut files = files(&Path::new(&out).join("brdf.zarr"))?;
+        let mut files = contents(&Path::new(&out).join("brdf.zarr"))?;
         // Which frames it is of tells the two apart.
         let group = files.get_mut("zarr.json").ok_or("brdf.zarr has no group")?;
         let mut object: serde_json::Value = serde_json::from_slice(group)?;

@@ -12,6 +12,7 @@ mod steps;
 mod stream;
 mod strobes;
 mod sync;
+mod table;
 mod timing;
 
 use std::fs;
@@ -78,6 +79,7 @@ fn main() -> ExitCode {
         link::TRIALS,
         stream::TRIALS,
         chain::TRIALS,
+        table::TRIALS,
         image::TRIALS,
     ];
     let specs = topics.into_iter().flatten();

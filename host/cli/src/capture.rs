@@ -6,6 +6,7 @@ use rcg::capture::directory::Measurement;
 use rcg::measure::Job;
 
 use crate::Done;
+use crate::failure::Failure;
 use crate::output::Output;
 use crate::request::{FaultArgs, PortArgs};
 use crate::session::SessionArgs;
@@ -25,10 +26,20 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
-    let trigger_box = args.port.trigger_box()?;
     let session = args.session.opening("capture", None)?;
     let mut measurement = Measurement::open_to_write(&args.dir)?;
     output.log_into(measurement.dir());
+    measurement.rig = args.port.real(measurement.rig)?;
+    let trigger_box = args.port.trigger_box(&measurement.rig)?;
+    if let Some(option) = args
+        .faults
+        .given()
+        .filter(|_| measurement.plan.virtual_rig.is_none())
+    {
+        return Err(Failure::input(format!(
+            "{option}: expected nothing of the virtual rig in a measurement by a real instrument"
+        )));
+    }
     if let Some(virtual_rig) = &mut measurement.plan.virtual_rig {
         virtual_rig.faults = args.faults.faults(virtual_rig.faults);
     }

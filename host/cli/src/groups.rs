@@ -33,8 +33,8 @@ const GROUPS: [(&str, &[&str]); 6] = [
         &["study", "paper", "multiplex", "truth", "worlds"],
     ),
     (
-        "Commands for the trigger box, and for this program",
-        &["controller", "completions", "man"],
+        "Commands for the parts of an instrument, and for this program",
+        &["rig", "controller", "camera", "completions", "man"],
     ),
 ];
 

@@ -9,6 +9,7 @@ mod arguments;
 mod assemble;
 mod budget;
 mod calibrate;
+mod camera;
 mod capture;
 mod clock;
 mod combine;
@@ -36,6 +37,7 @@ mod reflectance;
 mod render;
 mod report;
 mod request;
+mod rig;
 mod session;
 mod shell;
 mod standard;
@@ -125,6 +127,8 @@ enum Command {
     Worlds(worlds::Args),
     /// Talk to the trigger box
     Controller(controller::Args),
+    Camera(camera::Args),
+    Rig(rig::Args),
     Completions(shell::Completions),
     Man(shell::Man),
 }
@@ -259,6 +263,8 @@ fn done(cli: &Cli, output: &Output) -> Done {
         Command::Worlds(args) => worlds::run(args, output),
         Command::Paper(args) => paper::run(args, output),
         Command::Controller(args) => controller::run(args, rig, output),
+        Command::Camera(args) => camera::run(args, rig, output),
+        Command::Rig(args) => rig::run(args, rig, output),
         Command::Completions(args) => shell::completions(args, described(), output),
         Command::Man(args) => shell::man(args, described(), output),
     }

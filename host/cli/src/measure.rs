@@ -78,7 +78,9 @@ fn resumed(
             None => args.asked(Some(&held.request), held.virtual_rig.as_ref())?,
         },
     };
-    measurement.check_same(&request, &virtual_rig)?;
+    let virtual_rig = (!rig.is_real()).then_some(&virtual_rig);
+    measurement.check_same(&request, virtual_rig)?;
+    measurement.rig = measurement.rig.driven_as(rig);
     let job = Job {
         session: setup.session.clone(),
         ..Job::of(&measurement, setup.trigger_box.clone())?
@@ -118,6 +120,10 @@ fn begin(
         is_same.then_some(plan)
     });
     let job = Job::like(rig, request, like, &setup, output)?;
+    if rig.is_real() {
+        // What does not answer is named before anything is written.
+        drop(job.open()?);
+    }
     let measurement = job.begin(&args.out)?;
     Ok((job, measurement))
 }
@@ -130,8 +136,10 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
              with the list of directions lets an adaptive measurement start from them)",
         ));
     }
-    let trigger_box = args.port.trigger_box()?;
-    let (rig, calibration) = args.calibration.rig(Rig::load(rig)?)?;
+    let rig = args.port.real(Rig::load(rig)?)?;
+    args.virtual_rig.check(&rig)?;
+    let trigger_box = args.port.trigger_box(&rig)?;
+    let (rig, calibration) = args.calibration.rig(rig)?;
     let used = args.calibration.dir().zip(calibration.as_ref());
     let setup = Setup {
         trigger_box,

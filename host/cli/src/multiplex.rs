@@ -57,8 +57,8 @@ fn order(text: &str) -> Result<Order, String> {
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
-    let trigger_box = args.port.trigger_box()?;
-    let (mut rig, calibration) = args.calibration.rig(Rig::load(rig)?)?;
+    let (mut rig, calibration) = args.calibration.rig(Rig::load(rig)?.without_drivers())?;
+    let trigger_box = args.port.trigger_box(&rig)?;
     let setup = Setup {
         virtual_rig: args.virtual_rig.virtual_rig(None),
         trigger_box,

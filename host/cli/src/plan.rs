@@ -41,13 +41,15 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
-    let trigger_box = args.port.trigger_box()?;
     if let (Some(option), None) = (args.session.given(), &args.out) {
         return Err(Failure::input(format!(
             "{option}: expected --out beside it, found none"
         )));
     }
-    let (rig, calibration) = args.calibration.rig(Rig::load(rig)?)?;
+    let rig = args.port.real(Rig::load(rig)?)?;
+    args.virtual_rig.check(&rig)?;
+    let trigger_box = args.port.trigger_box(&rig)?;
+    let (rig, calibration) = args.calibration.rig(rig)?;
     let used = args.calibration.dir().zip(calibration.as_ref());
     let setup = Setup {
         session: Some(args.session.opening("plan", used)?),

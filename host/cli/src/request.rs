@@ -140,6 +140,26 @@ pub(crate) struct FaultArgs {
 }
 
 impl VirtualArgs {
+    /// Refuses what is asked for of the virtual rig where `rig` is a real one.
+    pub(crate) fn check(&self, rig: &Rig) -> Result<(), Failure> {
+        let sample = self.sample.as_ref().map(|_| "--sample");
+        match sample
+            .or_else(|| self.conditions.given())
+            .filter(|_| rig.is_real())
+        {
+            None => Ok(()),
+            Some(option) => Err(Failure::input(format!(
+                "{option}: expected nothing of the virtual rig beside rig {}, whose camera and projector are real{}",
+                rig.name,
+                if option == "--sample" {
+                    " (--sample-name says what you call the sample)"
+                } else {
+                    ""
+                }
+            ))),
+        }
+    }
+
     /// The virtual rig, with that of `before` in place of the defaults if there is one.
     pub(crate) fn virtual_rig(&self, before: Option<&Virtual>) -> Virtual {
         let mut asked = self.conditions.virtual_rig(before);
@@ -151,6 +171,16 @@ impl VirtualArgs {
 }
 
 impl ConditionArgs {
+    /// The first of these arguments that is given.
+    fn given(&self) -> Option<&'static str> {
+        first_given(&[
+            ("--truth", self.truth.is_some()),
+            ("--noise", self.noise.is_some()),
+            ("--seed", self.seed.is_some()),
+        ])
+        .or_else(|| self.faults.given())
+    }
+
     /// The virtual rig, with that of `before` in place of the defaults if there is one.
     pub(crate) fn virtual_rig(&self, before: Option<&Virtual>) -> Virtual {
         let before = before.cloned().unwrap_or_default();
@@ -164,7 +194,24 @@ impl ConditionArgs {
     }
 }
 
+/// The first of these options that is given.
+fn first_given(options: &[(&'static str, bool)]) -> Option<&'static str> {
+    options
+        .iter()
+        .find(|(_, is_given)| *is_given)
+        .map(|(option, _)| *option)
+}
+
 impl FaultArgs {
+    /// The first of these arguments that is given.
+    pub(crate) fn given(self) -> Option<&'static str> {
+        first_given(&[
+            ("--missed-triggers", self.missed_triggers.is_some()),
+            ("--dropped-frames", self.dropped_frames.is_some()),
+            ("--doubled-frames", self.doubled_frames.is_some()),
+        ])
+    }
+
     /// The faults, those of `before` where none is given.
     pub(crate) fn faults(self, before: Faults) -> Faults {
         Faults {
@@ -195,7 +242,7 @@ impl CalibrationArgs {
             return Ok((rig, None));
         };
         let calibration = Calibration::open(dir, &rig)?;
-        Ok((calibration.rig.clone(), Some(calibration)))
+        Ok((calibration.rig.driven_as(&rig), Some(calibration)))
     }
 }
 
@@ -249,21 +296,48 @@ impl RequestArgs {
     }
 }
 
-/// What drives the virtual rig.
+/// Where the trigger box is.
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct PortArgs {
-    /// Port of the trigger box (/dev/ttyACM0, COM3), auto to look for it on USB, or sim for the simulated one
-    /// [default: sim]
+    /// Port of the trigger box (/dev/ttyACM0, COM3), auto to look for it on USB, or sim for the simulated one, with the virtual
+    /// rig [default: that of a real rig's file; sim for the virtual rig]
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
-    /// Where the lines of that trigger box end: a bridge that tells its edges and takes SYNC and STROBE
+    /// Where the lines of that trigger box end, if it drives the virtual rig: a bridge that tells its edges and takes SYNC and
+    /// STROBE
     #[arg(long, value_name = "HOST:PORT")]
     wires: Option<String>,
 }
 
 impl PortArgs {
-    /// The trigger box outside of this program, if one is asked for.
-    pub(crate) fn trigger_box(&self) -> Result<Option<TriggerBox>, Failure> {
+    /// The `rig` with its trigger box where it is said to be, if it is a real one.
+    pub(crate) fn real(&self, rig: Rig) -> Result<Rig, Failure> {
+        if !rig.is_real() {
+            return Ok(rig);
+        }
+        if let Some(wires) = &self.wires {
+            return Err(Failure::input(format!(
+                "--wires {wires}: expected none beside rig {}, whose camera and projector are real",
+                rig.name
+            )));
+        }
+        match self.port.as_deref() {
+            None => Ok(rig),
+            Some("sim") => Err(Failure::input(format!(
+                "--port sim: expected the port of a trigger box beside rig {}, whose camera and projector are real",
+                rig.name
+            ))),
+            Some(port) => Ok(rig.at_port(port)),
+        }
+    }
+
+    /// As [`bridged`](Self::bridged) for a virtual `rig`; a real one names its own.
+    pub(crate) fn trigger_box(&self, rig: &Rig) -> Result<Option<TriggerBox>, Failure> {
+        if rig.is_real() { Ok(None) } else { self.bridged() }
+    }
+
+    /// The trigger box outside of this program that drives a virtual rig, if one is asked for.
+    pub(crate) fn bridged(&self) -> Result<Option<TriggerBox>, Failure> {
         match (self.port.as_deref().unwrap_or("sim"), &self.wires) {
             ("sim", None) => Ok(None),
             ("sim", Some(wires)) => Err(Failure::input(format!(
@@ -271,9 +345,9 @@ impl PortArgs {
                  which needs no wires"
             ))),
             (port, None) => Err(Failure::input(format!(
-                "--port {port}: expected --wires HOST:PORT beside it, found none: real cameras and projectors cannot be \
-                 driven yet, so that a trigger box measures with the virtual rig only (leave --port away to simulate the \
-                 trigger box too)"
+                "--port {port}: expected --wires HOST:PORT beside it, found none: the virtual rig has to be told of its edges \
+                 (leave --port away to simulate the trigger box too, or name the drivers of a real camera and projector in \
+                 the rig file)"
             ))),
             (port, Some(wires)) => Ok(Some(TriggerBox {
                 port: port.to_owned(),

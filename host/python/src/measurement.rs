@@ -170,7 +170,7 @@ fn resumed(out: &Path, asked: &Asked, rig: &Rig, setup: Setup) -> Result<(Job, M
     let held = &measurement.plan;
     let virtual_rig = held.virtual_rig.clone().unwrap_or_default();
     let (request, virtual_rig) = asked.over((&held.request, &virtual_rig))?;
-    measurement.check_same(&request, &virtual_rig)?;
+    measurement.check_same(&request, Some(&virtual_rig))?;
     let job = Job {
         session: setup.session,
         ..Job::of(&measurement, None)?

@@ -6,6 +6,7 @@
 
 use std::time::Duration;
 
+use crate::base::blame::Blame;
 use crate::instrument::frame_format::FrameFormat;
 
 /// One image.
@@ -52,8 +53,17 @@ pub enum CameraError {
     },
 }
 
+impl Blame for CameraError {
+    fn is_input(&self) -> bool {
+        matches!(self, Self::Exposure { .. })
+    }
+}
+
 /// A camera that exposes when its trigger line says so, for as long as the line is active.
 pub trait Camera: Send {
+    /// What a person knows it by.
+    fn name(&self) -> &str;
+
     /// Shape of the frames.
     fn format(&self) -> FrameFormat;
 

@@ -13,11 +13,16 @@
 pub mod camera;
 pub mod device;
 pub mod directory;
+pub mod files;
 pub mod follow;
+#[cfg(feature = "genicam")]
+pub mod genicam;
 pub mod link;
+pub mod native;
 pub mod pairing;
 pub mod pilot;
 pub mod projector;
+pub mod real;
 pub mod records;
 pub mod session;
 pub mod steps;

@@ -1,6 +1,7 @@
 //! The seam to projectors: patterns that are loaded first and then advanced by the trigger line.
 
 use crate::plan::pattern::BitPattern;
+use crate::store::whole_file::FileError;
 
 /// What a projector could not do.
 #[derive(Debug, thiserror::Error)]
@@ -23,11 +24,25 @@ pub enum ProjectorError {
         /// How many fit.
         limit: usize,
     },
+    /// The patterns cannot be handed over.
+    #[error("projector {projector}: {reason}")]
+    Failed {
+        /// The projector.
+        projector: String,
+        /// Why not.
+        reason: String,
+    },
+    /// A file of the patterns.
+    #[error(transparent)]
+    File(#[from] FileError),
 }
 
 /// A projector that shows black until triggered, then one loaded pattern after the other, each from one
 /// trigger to the next.
 pub trait Projector: Send {
+    /// What a person knows it by.
+    fn name(&self) -> &str;
+
     /// Resolution in pixels (width, height).
     fn size_px(&self) -> (usize, usize);
 

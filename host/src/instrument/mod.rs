@@ -1,8 +1,9 @@
 //! The instrument: its description, its optics, the shape of its frames, and what calibration found of it.
 //!
-//! Arrows: `parts` ← `optics` ← `rig` ← `calibration`. `monitor` says which pixels of the projector watch its lamp.
+//! Arrows: `drivers` ← `parts` ← `optics` ← `rig` ← `calibration`. `monitor` says which pixels of the projector watch its lamp.
 
 pub mod calibration;
+pub mod drivers;
 pub mod frame_format;
 pub mod monitor;
 pub mod optics;

@@ -7,6 +7,8 @@
 use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize};
 
+use crate::instrument::drivers::{CameraDriver, Files, Genicam, ProjectorDriver, Trigger};
+
 /// A complete instrument.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -29,6 +31,9 @@ pub struct Rig {
     pub projector: ProjectorPart,
     /// How strong the light is and how large one pattern's spot.
     pub light: Light,
+    /// The trigger box of a real instrument.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trigger: Option<Trigger>,
 }
 
 /// The mirror: the part z ≥ `rim_z_m` of x²/a² + y²/a² + z²/b² = 1, less a hole around the vertex (0, 0, b).
@@ -122,6 +127,12 @@ pub struct Lens {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraPart {
+    /// What drives it.
+    #[serde(default, skip_serializing_if = "CameraDriver::is_virtual")]
+    pub driver: CameraDriver,
+    /// Settings of the driver `genicam`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub genicam: Option<Genicam>,
     /// Colour channels of a frame: 1 or 3.
     pub channels: u8,
     /// Bits of a digital number: 8, 10, 12 or 16.
@@ -182,6 +193,12 @@ impl Default for Binned {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProjectorPart {
+    /// What drives it.
+    #[serde(default, skip_serializing_if = "ProjectorDriver::is_virtual")]
+    pub driver: ProjectorDriver,
+    /// Settings of the driver `files`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub files: Option<Files>,
     /// From the trigger edge until the new pattern is stable, seconds.
     pub settle_s: f64,
     /// Shortest time between two patterns, seconds.

@@ -8,6 +8,7 @@ use crate::brdf::sample::{Sample, parse};
 use crate::capture::Instrument;
 use crate::capture::directory::{Measurement, MeasurementError};
 use crate::capture::pilot::{auto_exposure_s, choose_light, choose_spot, propose};
+use crate::capture::real;
 use crate::capture::session::Opening;
 use crate::instrument::calibration::Calibration;
 use crate::instrument::monitor::watching;
@@ -111,15 +112,20 @@ impl Job {
         if let Some(calibration) = &setup.calibration {
             calibration.check_tilt(request.tilt).map_err(Box::new)?;
         }
-        let world = setup.world()?;
-        let reference = reference(&request, Some((&setup.virtual_rig.sample, &world)))?;
+        let world = if rig.is_real() { None } else { Some(setup.world()?) };
+        let held = world.as_ref().map(|world| (&setup.virtual_rig.sample, world));
+        let reference = reference(&request, held)?;
         let rig = request.rig(rig).map_err(MeasurementError::from)?;
         let chooses = request.spot_auto && request.spot_deg.is_none();
         let plan = Plan::bracketed(request, &rig, exposures_s).map_err(MeasurementError::from)?;
         let mut job = Self {
-            plan: plan.on(setup.virtual_rig.clone()),
+            plan: if world.is_some() {
+                plan.on(setup.virtual_rig.clone())
+            } else {
+                plan
+            },
             rig,
-            world: Some(world),
+            world,
             reference,
             calibration: setup.calibration.clone(),
             session: setup.session.clone(),
@@ -190,8 +196,10 @@ impl Job {
     /// # Errors
     /// [`SetupError`].
     pub fn open(&self) -> Result<Instrument, SetupError> {
-        let world = self.world.as_ref().ok_or(SetupError::Real)?;
-        let mut instrument = world.open(&self.rig, self.plan.request.tilt)?;
+        let mut instrument = match &self.world {
+            Some(world) => world.open(&self.rig, self.plan.request.tilt)?,
+            None => real::open(&self.rig)?,
+        };
         instrument.watching = watching(&self.rig, self.plan.watching_side);
         Ok(instrument)
     }

@@ -81,7 +81,7 @@ pub use seating::{SEATINGS_M, Seating, TILTS_DEG};
 pub use sensor::Noise;
 pub use tolerances::{PixelTolerances, Tolerances};
 pub use truth::Truth;
-pub use wires::{Wires, WiresError};
+pub use wires::{BeforeEdge, Wires, WiresError};
 
 use scene::Scene;
 use sensor::Sensor;
@@ -129,7 +129,7 @@ impl VirtualRig {
         }
     }
 
-    /// Camera and projector of such a rig, at the wires of a trigger box elsewhere.
+    /// Camera and projector of such a rig, at the wires of a trigger box elsewhere; `before` is called before each edge.
     ///
     /// # Errors
     /// [`WiresError`].
@@ -138,10 +138,11 @@ impl VirtualRig {
         truth: &Truth,
         behaviour: Behaviour,
         wires: Wires,
+        before: BeforeEdge,
     ) -> Result<(VirtualCamera, VirtualProjector), WiresError> {
         let stage = SharedStage::new(truth, behaviour, wires.clock_hz());
         let (mut camera, projector) = optics_of(scene, behaviour, &stage);
-        camera.wires = Some(wires.attach(stage)?);
+        camera.wires = Some(wires.attach(stage, before)?);
         Ok((camera, projector))
     }
 }
@@ -212,6 +213,10 @@ pub struct VirtualCamera {
 }
 
 impl Camera for VirtualCamera {
+    fn name(&self) -> &str {
+        "virtual"
+    }
+
     fn format(&self) -> FrameFormat {
         self.scene.format()
     }
@@ -272,6 +277,10 @@ pub struct VirtualProjector {
 }
 
 impl Projector for VirtualProjector {
+    fn name(&self) -> &str {
+        "virtual"
+    }
+
     fn size_px(&self) -> (usize, usize) {
         self.scene.projector_size_px()
     }

@@ -13,13 +13,17 @@ use crate::capture::Instrument;
 use crate::capture::device::{Device, DeviceError, Patience};
 use crate::capture::directory::{Sums, stamps_of, sums_of};
 use crate::capture::link::{self, Link};
+use crate::capture::real::RealError;
 use crate::capture::session::Opening;
 use crate::instrument::calibration::Calibration;
 use crate::instrument::rig::{Rig, RigError, Tilt};
 use crate::plan::Virtual;
 use crate::store::whole_file::FileError;
+use crate::virtual_rig::scene::Scene;
 use crate::virtual_rig::scenes::Scenes;
-use crate::virtual_rig::{Behaviour, Held, Noise, Truth, VirtualRig, Wires, WiresError};
+use crate::virtual_rig::{
+    BeforeEdge, Behaviour, Held, Noise, Truth, VirtualCamera, VirtualProjector, VirtualRig, Wires, WiresError,
+};
 
 /// Why there is no instrument.
 #[derive(Debug, thiserror::Error)]
@@ -33,12 +37,9 @@ pub enum SetupError {
         /// The file.
         path: String,
     },
-    /// There is no driver.
-    #[error(
-        "instrument: expected the virtual rig, found a plan without a table [virtual], for a real instrument: real cameras \
-         and projectors cannot be driven yet"
-    )]
-    Real,
+    /// The instrument that stands on a table.
+    #[error(transparent)]
+    Real(#[from] RealError),
     /// How the virtual rig really is.
     #[error(transparent)]
     Truth(#[from] RigError),
@@ -56,7 +57,8 @@ pub enum SetupError {
 impl Blame for SetupError {
     fn is_input(&self) -> bool {
         match self {
-            Self::File(_) | Self::Changed { .. } | Self::Real | Self::Truth(_) | Self::Sample(_) => true,
+            Self::File(_) | Self::Changed { .. } | Self::Truth(_) | Self::Sample(_) => true,
+            Self::Real(error) => error.is_input(),
             Self::Device(error) => error.is_input(),
             Self::Wires(error) => matches!(error, WiresError::Address { .. }),
         }
@@ -212,6 +214,45 @@ impl World {
     /// # Errors
     /// [`SetupError`].
     pub fn open_held(&self, rig: &Rig, held: Held, tilt: Option<Tilt>) -> Result<Instrument, SetupError> {
+        let (scene, truth, behaviour) = self.stood_up(rig, held, tilt)?;
+        let Some(TriggerBox { port, wires }) = &self.trigger_box else {
+            return Ok(Instrument::of(VirtualRig::of(scene, &truth, behaviour))?);
+        };
+        let link = link::open(port).map_err(DeviceError::from)?;
+        let mut device = Device::connect(link, link::nonce(), Patience::default())?;
+        device.abort()?;
+        let wires = Wires::connect(wires)?;
+        let (camera, projector) = VirtualRig::wired(scene, &truth, behaviour, wires, Box::new(|| {}))?;
+        Ok(Instrument {
+            device,
+            camera: Box::new(camera),
+            projector: Box::new(projector),
+            watching: Vec::new(),
+        })
+    }
+
+    /// Its camera and projector alone, at the `wires` of a trigger box that somebody else talks to; `before` is called before each
+    /// edge that comes.
+    ///
+    /// # Errors
+    /// [`SetupError`].
+    pub fn optics(
+        &self,
+        rig: &Rig,
+        wires: Wires,
+        before: BeforeEdge,
+    ) -> Result<(VirtualCamera, VirtualProjector), SetupError> {
+        let (scene, truth, behaviour) = self.stood_up(rig, Held::Sample(self.sample.clone()), None)?;
+        Ok(VirtualRig::wired(scene, &truth, behaviour, wires, before)?)
+    }
+
+    /// What it shows with `held` in it, how it really is, and how it behaves; it is opened once more.
+    fn stood_up(
+        &self,
+        rig: &Rig,
+        held: Held,
+        tilt: Option<Tilt>,
+    ) -> Result<(Arc<Scene>, Truth, Behaviour), SetupError> {
         let mut truth = match &self.truth {
             Some(truth) => Truth {
                 rig: truth
@@ -234,19 +275,7 @@ impl World {
             ..self.behaviour
         };
         let scene = self.scenes.of(&truth, held);
-        let Some(TriggerBox { port, wires }) = &self.trigger_box else {
-            return Ok(Instrument::of(VirtualRig::of(scene, &truth, behaviour))?);
-        };
-        let link = link::open(port).map_err(DeviceError::from)?;
-        let mut device = Device::connect(link, link::nonce(), Patience::default())?;
-        device.abort()?;
-        let (camera, projector) = VirtualRig::wired(scene, &truth, behaviour, Wires::connect(wires)?)?;
-        Ok(Instrument {
-            device,
-            camera: Box::new(camera),
-            projector: Box::new(projector),
-            watching: Vec::new(),
-        })
+        Ok((scene, truth, behaviour))
     }
 }
 

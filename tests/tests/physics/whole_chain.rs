@@ -411,7 +411,7 @@ fn a_real_sample_is_compared_with_nothing_unless_that_is_asked_for() {
             .unwrap_err()
             .to_string();
         assert!(
-            refused.contains("real cameras and projectors cannot be driven yet"),
+            refused.contains("expected drivers of a real camera and projector, found the virtual rig"),
             "{refused}"
         );
 

@@ -99,15 +99,16 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     };
     let request = || -> Result<Request, Failure> {
         Ok(Request {
-            rig: Rig::load(rig)?,
+            rig: super::virtual_one(Rig::load(rig)?)?,
             tilts: said.tilts.clone().unwrap_or_else(|| TILTS.to_vec()),
             image_size: args.image_size.unwrap_or(IMAGE_SIZE),
             tilt_uncertainty_deg: args.tilt_uncertainty_deg.unwrap_or(TILT_UNCERTAINTY_DEG),
         })
     };
     if let Some(redo) = args.hands.redo() {
+        let request = request()?;
         let world = super::world(&args.conditions, &args.port)?;
-        let mut by_hand = ByHand::open(&request()?, &said, &args.out, &world, redo)
+        let mut by_hand = ByHand::open(&request, &said, &args.out, &world, redo)
             .map_err(|error| Failure::from(error).at(args.out.display()))?;
         // Each day is a session, however it ends.
         session.note(&args.out)?;
@@ -121,8 +122,9 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             args.out.display()
         ));
     } else {
+        let request = request()?;
         let world = super::world(&args.conditions, &args.port)?;
-        capture(&request()?, &args.out, &world, output)?;
+        capture(&request, &args.out, &world, output)?;
         said = Said {
             mask: said.mask,
             ..Said::default()

@@ -86,8 +86,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     session.check(&args.out)?;
     let mut said = said(args);
     if let Some(redo) = args.hands.redo() {
-        let world = super::world(&args.conditions, &args.port)?;
         let request = request(args, &said, rig, &trust, output)?;
+        let world = super::world(&args.conditions, &args.port)?;
         let by_hand = ByHand::open(&request, &said, &args.out, &world, redo)
             .map_err(|error| Failure::from(error).at(args.out.display()))?;
         // Each day is a session, however it ends.
@@ -102,8 +102,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             args.out.display()
         ));
     } else {
-        let world = super::world(&args.conditions, &args.port)?;
         let request = request(args, &said, rig, &trust, output)?;
+        let world = super::world(&args.conditions, &args.port)?;
         capture(&request, &args.out, &world, output)?;
         said = Said::default();
     }
@@ -138,7 +138,7 @@ fn request(args: &Args, said: &Said, rig: &str, trust: &Trust, output: &Output) 
     let path = args.out.join(RIG);
     let is_new = !path.is_file();
     let kept = path.display().to_string();
-    let full = Rig::load(if is_new { rig } else { &kept })?;
+    let full = super::virtual_one(Rig::load(if is_new { rig } else { &kept })?)?;
     let is_begun = Views::exist(&args.out);
     let request = Request {
         standard: args.standard.clone().unwrap_or_else(|| STANDARD.to_owned()),

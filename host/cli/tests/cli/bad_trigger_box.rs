@@ -11,7 +11,7 @@ use rcg_protocol::{
 };
 use serialport::{SerialPort as _, TTYPort};
 
-use crate::command::{quick, refuses, run};
+use crate::command::{quick, refuses, run, text};
 
 /// Runs `test` with the name of a port at whose other end `answer` answers what it is asked.
 fn with_peer(answer: impl Fn(&Request) -> Option<Reply> + Sync, test: impl FnOnce(&str)) {
@@ -207,15 +207,26 @@ fn an_answer_of_another_kind_fails() {
 #[test]
 fn a_trigger_box_measures_with_its_wires_only() {
     let scratch = tempfile::tempdir().unwrap();
+    let planned = scratch.path().join("planned");
+    let plan = [
+        "plan",
+        "--step",
+        "45",
+        "--image-size",
+        "8",
+        "--exposure-ms",
+        "9",
+        "--out",
+    ];
+    run(&[&plan[..], &[text(&planned)]].concat(), "").done();
     let refused = |more: &[&str], parts: &[&str]| {
         let mut arguments = quick(&scratch.path().join("m"));
         arguments.extend(more.iter().map(|&argument| argument.to_owned()));
         refuses(&arguments, "", 2, parts);
-        let dir = scratch.path().to_str().unwrap();
-        refuses(&[&["capture", dir], more].concat(), "", 2, parts);
+        refuses(&[&["capture", text(&planned)], more].concat(), "", 2, parts);
     };
     for port in ["/dev/ttyACM0", "auto"] {
-        let why = "real cameras and projectors cannot be driven yet";
+        let why = "name the drivers of a real camera and projector in the rig file";
         refused(
             &["--port", port],
             &["--port", port, "expected --wires HOST:PORT", why],

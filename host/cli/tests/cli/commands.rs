@@ -139,7 +139,7 @@ impl Scene {
             "assemble" => vec![measured],
             "calibrate geometry" => vec![format!("--out {dir} --image-size 64")],
             "calibrate photometry" => vec![format!("--out {dir} --image-size 16")],
-            "map" | "controller info" | "controller status" | "controller abort" => {
+            "rig check" | "map" | "controller info" | "controller status" | "controller abort" => {
                 vec![String::new()]
             }
             "value" | "info" => vec![brdf],
@@ -169,8 +169,9 @@ impl Scene {
                 .map(|ending| format!("--steps 3 --records {}", file(&format!("r.{ending}"))))
                 .to_vec(),
             "controller bench" => vec!["--count 3".to_owned()],
-            // Long, and tried elsewhere; nothing that could be stopped.
-            "paper" | "study" | "worlds" | "controller stop" => vec![],
+            // Long, and tried elsewhere; nothing that could be stopped; cameras are tried where there is one, by the trials.
+            "paper" | "study" | "worlds" | "controller stop" | "camera list" | "camera info"
+            | "camera grab" | "camera bench" => vec![],
             other => panic!("`rcg {other}` has no use here: add a quick one"),
         };
         let stdin = match words[0].as_str() {

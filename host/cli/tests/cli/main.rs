@@ -47,6 +47,7 @@ mod no_data;
 mod outputs;
 mod pictures;
 mod pipes;
+mod real_rigs;
 mod repeats;
 mod spots;
 mod studies;

@@ -44,18 +44,13 @@ impl Measurement {
     ///
     /// # Errors
     /// [`MeasurementError::Differs`] with the first field that differs.
-    pub fn check_same(&mut self, request: &Request, virtual_rig: &Virtual) -> Result<(), MeasurementError> {
+    pub fn check_same(
+        &mut self,
+        request: &Request,
+        virtual_rig: Option<&Virtual>,
+    ) -> Result<(), MeasurementError> {
         let held = &self.plan.request;
-        let Some(held_rig) = &self.plan.virtual_rig else {
-            let (expected, found) = ("a real one", "the virtual one");
-            return Err(self.differs("instrument", expected.to_owned(), found.to_owned()));
-        };
-        let (sample, truth) = (
-            self.is_same_file(Some(virtual_rig), "sample"),
-            self.is_same_file(Some(virtual_rig), "truth"),
-        );
         let or_none = |value: Option<String>| value.unwrap_or_else(|| "none".to_owned());
-        let on_or_off = |noise: bool| if noise { "on" } else { "off" }.to_owned();
         let milliseconds = |request: &Request| {
             request.exposure_s.map_or_else(
                 || "that of a pilot capture".to_owned(),
@@ -75,11 +70,6 @@ impl Measurement {
         } else {
             grid(request)
         };
-        let named = |spec: &Virtual| [Some(spec.sample.clone()), spec.truth.clone()].map(or_none);
-        let [held_sample, held_truth] = named(held_rig);
-        let [asked_sample, asked_truth] = named(virtual_rig);
-        let sample = if sample { held_sample.clone() } else { asked_sample };
-        let truth = if truth { held_truth.clone() } else { asked_truth };
         // A replayed plan asks for what a pilot capture chose.
         let chosen = self.plan.code.map_or(Light::Single, Coding::light);
         let light = if request.light == chosen {
@@ -89,7 +79,7 @@ impl Measurement {
         }
         .to_string();
         let tilt = |request: &Request| or_none(request.tilt.map(|tilt| tilt.to_string()));
-        let fields: [(&'static str, String, String); 13] = [
+        let mut fields = vec![
             ("grid", grid(held), other_grid),
             (
                 "image-size",
@@ -104,11 +94,7 @@ impl Measurement {
                 request.brackets.to_string(),
             ),
             ("light", held.light.to_string(), light),
-            ("sample", held_sample, sample),
-            ("truth", held_truth, truth),
             ("tilt", tilt(held), tilt(request)),
-            ("noise", on_or_off(held_rig.noise), on_or_off(virtual_rig.noise)),
-            ("seed", held_rig.seed.to_string(), virtual_rig.seed.to_string()),
             (
                 "sample-name",
                 or_none(held.sample_name.clone()),
@@ -120,12 +106,40 @@ impl Measurement {
                 or_none(request.sample_description.clone()),
             ),
         ];
+        match (&self.plan.virtual_rig, virtual_rig) {
+            (Some(held), Some(asked)) => fields.extend(self.virtual_fields(held, asked)),
+            (None, None) => {}
+            (held, _) => {
+                let words = |is_real: bool| if is_real { "a real one" } else { "the virtual one" }.to_owned();
+                return Err(self.differs("instrument", words(held.is_none()), words(held.is_some())));
+            }
+        }
         if let Some((field, expected, found)) = fields.into_iter().find(|(_, held, asked)| held != asked) {
             return Err(self.differs(field, expected, found));
         }
         self.plan.request.reference.clone_from(&request.reference);
-        self.plan.virtual_rig = Some(virtual_rig.clone());
+        self.plan.virtual_rig = virtual_rig.cloned();
         self.check_inputs()
+    }
+
+    /// What there is of the virtual rig that may differ: field, what it is here, and as it is asked for. Of files that lie elsewhere now
+    /// the content counts.
+    fn virtual_fields(&self, held: &Virtual, asked: &Virtual) -> [(&'static str, String, String); 4] {
+        let on_or_off = |noise: bool| if noise { "on" } else { "off" }.to_owned();
+        let truth = |spec: &Virtual| spec.truth.clone().unwrap_or_else(|| "none".to_owned());
+        let named = |what: &str, held: String, other: String| {
+            let is_same = self.is_same_file(Some(asked), what);
+            let found = if is_same { held.clone() } else { other };
+            (held, found)
+        };
+        let sample = named("sample", held.sample.clone(), asked.sample.clone());
+        let truth = named("truth", truth(held), truth(asked));
+        [
+            ("sample", sample.0, sample.1),
+            ("truth", truth.0, truth.1),
+            ("noise", on_or_off(held.noise), on_or_off(asked.noise)),
+            ("seed", held.seed.to_string(), asked.seed.to_string()),
+        ]
     }
 
     /// The error that `field` of what is asked for is not what this measurement holds.

@@ -279,7 +279,7 @@ impl Calibration {
 /// What tells a rig from every other: the SHA-256 of its file as this program writes it.
 #[must_use]
 pub fn rig_hash(rig: &Rig) -> String {
-    sum(rig.to_toml().as_bytes())
+    sum(rig.without_drivers().to_toml().as_bytes())
 }
 
 /// Why a calibration cannot be used.

@@ -14,6 +14,7 @@
 //! optional key (`rotaton_deg`) never silently becomes zero.
 
 mod binned;
+mod driven;
 mod error;
 mod read;
 mod signal;

@@ -26,6 +26,7 @@ impl Rig {
     /// As [`Rig::validate`], naming the file at `path` in errors.
     pub(super) fn check(&self, path: &Path) -> Result<(), RigError> {
         let check = Checker { path };
+        self.check_drivers(path)?;
         self.check_mirror(&check)?;
         self.check_camera(&check)?;
         self.check_projector_and_light(&check)?;

@@ -1,0 +1,363 @@
+//! An optical table without optics: everything of a measurement is real but the light.
+//!
+//! # Design
+//! The host's command finds the parts where real ones would be: an emulated Pico with the real firmware at a serial port, a
+//! GigE Vision camera on the network, and a folder for the patterns of a projector that another program drives. What they
+//! would see and show comes from the virtual rig: PROJ edges of the firmware advance through the pictures in the folder, CAM edges
+//! expose, STROBE answers, and the images go out as frames of the camera.
+//!
+//! The table knows nothing of plans: what is measured, in which order and how often, is the command's affair alone.
+//!
+//! # Tradeoffs
+//! Noise is a function of the pictures that are shown, and of how often the same sequence was shown before. So the images are those of the
+//! simulated measurement, to the bit, as long as nothing is taken again.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::hash::{DefaultHasher, Hash as _, Hasher as _};
+use std::net::Ipv4Addr;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use rcg::capture::camera::{Camera as _, CameraError};
+use rcg::capture::files::{CURRENT, name_of, read_pattern};
+use rcg::capture::projector::{Projector as _, ProjectorError};
+use rcg::instrument::drivers::{CameraDriver, Files, Genicam, ProjectorDriver, Trigger};
+use rcg::instrument::rig::Rig;
+use rcg::plan::Virtual;
+use rcg::virtual_rig::setup::{SetupError, World};
+use rcg::virtual_rig::{VirtualCamera, VirtualProjector, Wires};
+
+use crate::bridge::{Bridge, BridgeError};
+use crate::dut::EmulatedPico;
+use crate::gige::{Counts, Faults, GigeCamera, GigeError, PixelFormat, Settings};
+
+/// Where the camera stands.
+struct Slot {
+    /// The camera, while it has power.
+    camera: Option<GigeCamera>,
+    settings: Settings,
+    format: PixelFormat,
+    /// After how many further frames it has none.
+    dies_after: Option<u64>,
+}
+
+/// How often the folder of patterns and the camera are looked at.
+const LOOK: Duration = Duration::from_millis(2);
+
+/// Why there is no table, or no longer.
+#[derive(Debug, thiserror::Error)]
+pub enum TableError {
+    /// The emulated Pico.
+    #[error(transparent)]
+    Bridge(#[from] BridgeError),
+    /// The virtual rig.
+    #[error(transparent)]
+    Setup(#[from] SetupError),
+    /// The camera on the network.
+    #[error(transparent)]
+    Gige(#[from] GigeError),
+    /// The virtual camera.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// The patterns.
+    #[error(transparent)]
+    Projector(#[from] ProjectorError),
+}
+
+/// What stands on the table. It is cleared when this is dropped.
+pub struct Table {
+    rig: Rig,
+    bridge: Bridge,
+    slot: Arc<Mutex<Slot>>,
+    over: Arc<AtomicBool>,
+    workers: Vec<JoinHandle<Result<(), TableError>>>,
+}
+
+impl Table {
+    /// Lays a table: `dut` as trigger box, a camera with `settings` but for its sensor and formats, and the patterns in `folder`. `rig` is the instrument, its
+    /// camera's image of the size that is to be stored, and `light` what the virtual rig shows.
+    ///
+    /// # Errors
+    /// [`TableError`].
+    pub fn lay(
+        rig: &Rig,
+        light: &Virtual,
+        dut: &EmulatedPico,
+        settings: Settings,
+        folder: &Path,
+    ) -> Result<Self, TableError> {
+        let bridge = Bridge::start(dut, 0)?;
+        let (format, name) = format_of(rig);
+        let settings = Settings {
+            sensor_px: (rig.camera.lens.width_px, rig.camera.lens.height_px),
+            formats: vec![format],
+            ..settings
+        };
+        let rig = equipped(rig, settings.address, name, bridge.port(), folder);
+        let slot = Arc::new(Mutex::new(Slot {
+            camera: Some(GigeCamera::start(settings.clone())?),
+            settings,
+            format,
+            dies_after: None,
+        }));
+
+        let world = World::read(light, None)?;
+        let wires = Wires::connect(&bridge.wires().to_string()).map_err(SetupError::from)?;
+        let shown: Arc<Mutex<Option<Shown>>> = Arc::default();
+        let failed: Arc<Mutex<Option<TableError>>> = Arc::default();
+        let before = {
+            let (shown, failed) = (Arc::clone(&shown), Arc::clone(&failed));
+            Box::new(move || {
+                if let Some(shown) = lock(&shown).as_mut()
+                    && let Err(error) = shown.before_edge()
+                {
+                    *lock(&failed) = Some(error);
+                }
+            })
+        };
+        let (camera, projector) = world.optics(&rig.without_drivers(), wires, before)?;
+        let camera = Arc::new(Mutex::new(camera));
+        *lock(&shown) = Some(Shown::new(folder, projector, Arc::clone(&camera)));
+
+        let over = Arc::new(AtomicBool::new(false));
+        let patterns = {
+            let over = Arc::clone(&over);
+            thread::spawn(move || {
+                until(&over, || {
+                    if let Some(error) = lock(&failed).take() {
+                        return Err(error);
+                    }
+                    // In good time, so that edges need not wait.
+                    lock(&shown).as_mut().map_or(Ok(()), Shown::load)
+                })
+            })
+        };
+        let frames = {
+            let (over, slot) = (Arc::clone(&over), Arc::clone(&slot));
+            thread::spawn(move || until(&over, || pass_on(&camera, &slot)))
+        };
+        Ok(Self {
+            rig,
+            bridge,
+            slot,
+            over,
+            workers: vec![patterns, frames],
+        })
+    }
+
+    /// The rig file of what stands on the table.
+    #[must_use]
+    pub const fn rig(&self) -> &Rig {
+        &self.rig
+    }
+
+    /// Network address of the camera.
+    #[must_use]
+    pub fn address(&self) -> Ipv4Addr {
+        lock(&self.slot).settings.address
+    }
+
+    /// What the camera has done so far; nothing where it is dead.
+    #[must_use]
+    pub fn counts(&self) -> Counts {
+        let slot = lock(&self.slot);
+        slot.camera.as_ref().map(GigeCamera::counts).unwrap_or_default()
+    }
+
+    /// Says what goes wrong with the camera on purpose from now on.
+    pub fn set_faults(&self, faults: Faults) {
+        if let Some(camera) = &lock(&self.slot).camera {
+            camera.set_faults(faults);
+        }
+    }
+
+    /// Lets the camera lose its power after so many further frames.
+    pub fn die_after(&self, frames: u64) {
+        lock(&self.slot).dies_after = Some(frames);
+    }
+
+    /// Switches the camera on again: a new one, of which nobody has set anything.
+    ///
+    /// # Errors
+    /// [`GigeError`].
+    pub fn revive(&self) -> Result<(), GigeError> {
+        let mut slot = lock(&self.slot);
+        slot.dies_after = None;
+        slot.camera = None;
+        slot.camera = Some(GigeCamera::start(slot.settings.clone())?);
+        Ok(())
+    }
+
+    /// Whether all of it works.
+    #[must_use]
+    pub fn is_running(&self) -> bool {
+        self.bridge.is_running() && !self.workers.iter().any(JoinHandle::is_finished)
+    }
+
+    /// Clears the table. Returns the firmware's log, as it came over RTT.
+    ///
+    /// # Errors
+    /// [`TableError`] that had ended it before.
+    pub fn clear(mut self) -> Result<Vec<u8>, TableError> {
+        self.over.store(true, Ordering::Relaxed);
+        for worker in self.workers.drain(..) {
+            worker.join().expect("workers do not panic")?;
+        }
+        // The Pico goes last: the others hold its wires.
+        let Self { bridge, .. } = self;
+        Ok(bridge.stop()?)
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Does `work` again and again until it is `over`.
+fn until(over: &AtomicBool, mut work: impl FnMut() -> Result<(), TableError>) -> Result<(), TableError> {
+    while !over.load(Ordering::Relaxed) {
+        work()?;
+        thread::sleep(LOOK);
+    }
+    Ok(())
+}
+
+/// The pixel format of `rig`'s camera, and its name.
+fn format_of(rig: &Rig) -> (PixelFormat, &'static str) {
+    let format = match (rig.camera.channels, rig.camera.bits) {
+        (1, 8) => PixelFormat::Mono8,
+        (1, 12) => PixelFormat::Mono12,
+        (1, _) => PixelFormat::Mono16,
+        (_, 8) => PixelFormat::Rgb8,
+        _ => PixelFormat::Rgb16,
+    };
+    (format, format.name())
+}
+
+/// `rig` with the drivers of what stands on the table.
+fn equipped(rig: &Rig, camera: Ipv4Addr, format: &str, port: &str, folder: &Path) -> Rig {
+    let mut rig = rig.clone();
+    rig.camera.driver = CameraDriver::Genicam;
+    rig.camera.genicam = Some(Genicam {
+        device: Some(camera.to_string()),
+        pixel_format: Some(format.to_owned()),
+        ..Genicam::default()
+    });
+    rig.projector.driver = ProjectorDriver::Files;
+    rig.projector.files = Some(Files {
+        folder: folder.to_owned(),
+    });
+    rig.trigger = Some(Trigger {
+        port: port.to_owned(),
+    });
+    rig
+}
+
+/// Sends the frames that are exposed.
+fn pass_on(camera: &Mutex<VirtualCamera>, slot: &Mutex<Slot>) -> Result<(), TableError> {
+    while let Some(frame) = lock(camera).next_frame(Duration::ZERO)? {
+        let mut slot = lock(slot);
+        if slot.dies_after == Some(0) {
+            slot.camera = None;
+        }
+        slot.dies_after = slot.dies_after.map(|left| left.saturating_sub(1));
+        let Some(camera) = &slot.camera else { continue };
+        let timestamp_ns = (frame.timestamp_s * 1e9).round() as u64;
+        let exposure_us = camera.config().exposure_us;
+        camera.expose(&slot.format.pack(&frame.dn), timestamp_ns, exposure_us)?;
+    }
+    Ok(())
+}
+
+/// The projector: shows the pictures of a folder, one after the other.
+struct Shown {
+    folder: PathBuf,
+    projector: VirtualProjector,
+    camera: Arc<Mutex<VirtualCamera>>,
+    /// Name of the sequence that is shown, and whether it has begun.
+    sequence: Option<String>,
+    begun: bool,
+    loaded: usize,
+    hasher: DefaultHasher,
+    /// How often sequences were shown, by their content.
+    times: BTreeMap<u64, u64>,
+}
+
+impl Shown {
+    fn new(folder: &Path, projector: VirtualProjector, camera: Arc<Mutex<VirtualCamera>>) -> Self {
+        Self {
+            folder: folder.to_owned(),
+            projector,
+            camera,
+            sequence: None,
+            begun: false,
+            loaded: 0,
+            hasher: DefaultHasher::new(),
+            times: BTreeMap::new(),
+        }
+    }
+
+    /// Takes up the pictures that have come.
+    fn load(&mut self) -> Result<(), TableError> {
+        let Ok(current) = fs::read_to_string(self.folder.join(CURRENT)) else {
+            // Nobody has handed anything over yet.
+            return Ok(());
+        };
+        let current = current.trim().to_owned();
+        let folder = self.folder.join(&current);
+        if self.sequence.as_ref() != Some(&current) {
+            self.projector.clear()?;
+            self.sequence = Some(current);
+            self.begun = false;
+            self.loaded = 0;
+            self.hasher = DefaultHasher::new();
+        }
+        loop {
+            let path = folder.join(name_of(self.loaded));
+            if !path.is_file() {
+                return Ok(());
+            }
+            let pattern = read_pattern(&path)?;
+            self.projector.load(&pattern)?;
+            (pattern.bytes(), pattern.level(), pattern.primary()).hash(&mut self.hasher);
+            self.loaded += 1;
+        }
+    }
+
+    /// All pictures of the sequence are there when its first edge comes.
+    fn before_edge(&mut self) -> Result<(), TableError> {
+        // What has begun is complete.
+        if self.begun && !self.is_replaced() {
+            return Ok(());
+        }
+        self.load()?;
+        if self.sequence.is_some() && !self.begun {
+            self.begun = true;
+            let times = self.times.entry(self.hasher.finish()).or_default();
+            let mut camera = lock(&self.camera);
+            camera.begin_part(*times);
+            camera.arm()?;
+            *times += 1;
+        }
+        Ok(())
+    }
+
+    /// Whether another sequence has come.
+    fn is_replaced(&self) -> bool {
+        let current = fs::read_to_string(self.folder.join(CURRENT)).unwrap_or_default();
+        self.sequence.as_deref() != Some(current.trim())
+    }
+}
+
+/// An address of this machine of its own for the camera, for each process and call another.
+#[must_use]
+pub fn own_address() -> Ipv4Addr {
+    use std::sync::atomic::AtomicU8;
+    static NEXT: AtomicU8 = AtomicU8::new(1);
+    let [high, low] = (std::process::id() as u16).to_be_bytes();
+    Ipv4Addr::new(127, high.max(1), low, NEXT.fetch_add(1, Ordering::Relaxed))
+}

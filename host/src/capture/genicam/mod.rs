@@ -1,0 +1,479 @@
+//! GigE Vision and USB3 Vision cameras, by libaravis.
+//!
+//! # Design
+//! Features are those of the Standard Features Naming Convention (SFNC 2.7). The camera exposes for as long as its trigger line
+//! is active (`ExposureMode` = `TriggerWidth`), so that the trigger box alone decides how long, and puts out `ExposureActive`.
+//!
+//! A frame's number is the block id of the stream (GigE Vision 2.2, 24: 16 bits that count from 1 and leave out 0, or 64
+//! bits), counted from the first of an acquisition. Which one that is must be known, as a lost first frame could not be told else: two
+//! frames by software when the camera is opened show whether it counts anew in each acquisition; where it goes on, one more
+//! such frame before each acquisition shows how far it is. Frames that did not arrive whole are left out; the gap in the numbers tells.
+//! Time-stamps are the device's.
+//!
+//! What is asked of the camera is read back, and a camera that took something else is refused.
+
+mod bench;
+mod grab;
+mod ids;
+mod list;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use aravis::glib;
+use aravis::{
+    AcquisitionMode, Buffer, BufferStatus, CameraExt as _, CameraExtManual as _, DeviceExt as _,
+    ExposureMode, StreamExt as _,
+};
+
+use crate::capture::camera::{Camera, CameraError, Frame};
+use crate::capture::native::{Binner, PixelFormat};
+use crate::instrument::drivers::Genicam;
+use crate::instrument::frame_format::FrameFormat;
+use crate::instrument::rig::Rig;
+
+pub use bench::{Throughput, bench};
+pub use grab::{Grabbed, grab};
+use ids::Ids;
+pub use list::{Details, Listed, details, list};
+
+/// What a frame by software may take.
+const SOFTWARE: Duration = Duration::from_secs(2);
+/// A camera that is told to begin needs no longer.
+const POLL: Duration = Duration::from_millis(50);
+
+/// A GenICam camera whose trigger line fires it.
+pub struct GenicamCamera {
+    name: String,
+    camera: aravis::Camera,
+    stream: aravis::Stream,
+    binner: Binner,
+    settings: Genicam,
+    ids: Ids,
+    /// The first id of an acquisition, where each counts anew.
+    anew: Option<u64>,
+    gone: Arc<AtomicBool>,
+    acquiring: bool,
+    /// Frames that did not arrive whole since the camera was armed.
+    broken: u64,
+}
+
+/// What the driver wants of a camera and does not get.
+struct Refusal<'a>(&'a str);
+
+impl Refusal<'_> {
+    fn failed(&self, reason: impl Into<String>) -> CameraError {
+        CameraError::Failed {
+            camera: self.0.to_owned(),
+            reason: reason.into(),
+        }
+    }
+
+    /// What libaravis says when it is asked for `feature`.
+    fn feature(&self, feature: &str) -> impl Fn(glib::Error) -> CameraError {
+        move |error| self.failed(format!("{feature}: {}", error.message()))
+    }
+}
+
+/// The camera of which `device` is the identity, the address, or a part of the identity; the only one without it.
+fn open_device(device: Option<&str>) -> Result<(String, aravis::Camera), CameraError> {
+    let wanted = device.unwrap_or("any");
+    let refusal = Refusal(wanted);
+    let is_address = device.is_some_and(|device| device.parse::<std::net::Ipv4Addr>().is_ok());
+    let id = if is_address {
+        wanted.to_owned()
+    } else {
+        let all = list();
+        let found: Vec<&Listed> = all
+            .iter()
+            .filter(|one| device.is_none_or(|device| one.id.contains(device)))
+            .collect();
+        let names = |all: &[&Listed]| {
+            let names: Vec<&str> = all.iter().map(|one| one.id.as_str()).collect();
+            names.join(", ")
+        };
+        match found.as_slice() {
+            [one] => one.id.clone(),
+            [] if all.is_empty() => {
+                return Err(refusal.failed(
+                    "expected a camera, found none on the network or USB (is it on, in this network, and not open elsewhere?)",
+                ));
+            }
+            [] => {
+                let all: Vec<&Listed> = all.iter().collect();
+                return Err(refusal.failed(format!("expected a camera of that name, found {}", names(&all))));
+            }
+            several => {
+                return Err(refusal.failed(format!(
+                    "expected one camera, found {}: {}; say which in camera.genicam.device",
+                    several.len(),
+                    names(several)
+                )));
+            }
+        }
+    };
+    let camera = aravis::Camera::new(Some(&id)).map_err(|error| {
+        refusal.failed(format!(
+            "expected a camera that can be opened, found none: {} (does another program hold it?)",
+            error.message()
+        ))
+    })?;
+    Ok((id, camera))
+}
+
+impl GenicamCamera {
+    /// The camera of `rig`, whose image has the size that is to be stored.
+    ///
+    /// # Errors
+    /// [`CameraError`] where there is none, or where it has no such trigger, format or region.
+    pub fn open(rig: &Rig) -> Result<Self, CameraError> {
+        let settings = rig.camera.genicam.clone().unwrap_or_default();
+        let (name, camera) = open_device(settings.device.as_deref())?;
+        let refusal = Refusal(&name);
+        let format_name = settings
+            .pixel_format
+            .as_deref()
+            .unwrap_or_else(|| PixelFormat::usual(usize::from(rig.camera.channels), rig.camera.bits));
+        let format = PixelFormat::of(format_name).ok_or_else(|| {
+            refusal.failed(format!(
+                "camera.genicam.pixel_format: expected Mono, Bayer or RGB of 8 to 16 bits, found {format_name}"
+            ))
+        })?;
+        let region_px = set_image(&refusal, &camera, &settings, format_name)?;
+        let side = rig.camera.lens.width_px as usize;
+        let binner = Binner::new(format, region_px, side, usize::from(rig.camera.channels))
+            .map_err(|error| refusal.failed(error.to_string()))?;
+        set_levels(&refusal, &camera, &settings)?;
+        set_strobe(&refusal, &camera, &settings)?;
+        set_network(&refusal, &camera, &settings)?;
+
+        let gone = Arc::new(AtomicBool::new(false));
+        if let Some(device) = camera.device() {
+            let gone = Arc::clone(&gone);
+            device.connect_control_lost(move |_| gone.store(true, Ordering::Relaxed));
+        }
+        let stream = camera.create_stream().map_err(refusal.feature("stream"))?;
+        let payload = camera.payload().map_err(refusal.feature("PayloadSize"))?;
+        for _ in 0..settings.buffers {
+            stream.push_buffer(Buffer::new_allocate(payload as usize));
+        }
+        let probe = || id_by_software(&refusal, &camera, &stream);
+        let (first, second) = (probe()?, probe()?);
+        let ids = Ids::new(first, camera.is_gv_device());
+        let anew = if second == first {
+            Some(first)
+        } else if second == ids.after(first) {
+            None
+        } else {
+            return Err(refusal.failed(format!(
+                "expected numbers of frames that begin anew with each acquisition, or go on, found {first} and then {second}: \
+                 a first frame that is lost could not be told"
+            )));
+        };
+        set_trigger(&refusal, &camera, &settings)?;
+        Ok(Self {
+            settings,
+            binner,
+            ids,
+            anew,
+            gone,
+            acquiring: false,
+            broken: 0,
+            camera,
+            stream,
+            name,
+        })
+    }
+
+    /// Frames that did not arrive whole since the camera was armed.
+    #[must_use]
+    pub const fn broken(&self) -> u64 {
+        self.broken
+    }
+
+    fn disconnected(&self) -> CameraError {
+        CameraError::Disconnected {
+            camera: self.name.clone(),
+        }
+    }
+}
+
+impl Camera for GenicamCamera {
+    /// Maker, model and serial number.
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn format(&self) -> FrameFormat {
+        self.binner.image()
+    }
+
+    fn arm(&mut self) -> Result<(), CameraError> {
+        if self.gone.load(Ordering::Relaxed) {
+            return Err(self.disconnected());
+        }
+        let refusal = Refusal(&self.name);
+        if self.acquiring {
+            self.camera
+                .stop_acquisition()
+                .map_err(refusal.feature("AcquisitionStop"))?;
+        }
+        let first = if let Some(first) = self.anew {
+            first
+        } else {
+            let last = id_by_software(&refusal, &self.camera, &self.stream)?;
+            set_trigger(&refusal, &self.camera, &self.settings)?;
+            self.ids.after(last)
+        };
+        take_back(&self.stream);
+        self.ids.restart(first);
+        self.broken = 0;
+        self.camera
+            .start_acquisition()
+            .map_err(refusal.feature("AcquisitionStart"))?;
+        self.acquiring = true;
+        Ok(())
+    }
+
+    fn next_frame(&mut self, timeout: Duration) -> Result<Option<Frame>, CameraError> {
+        let began = Instant::now();
+        loop {
+            let left = timeout.saturating_sub(began.elapsed());
+            let buffer = if left.is_zero() {
+                self.stream.try_pop_buffer()
+            } else {
+                self.stream.timeout_pop_buffer(left.min(POLL).as_micros() as u64)
+            };
+            let Some(buffer) = buffer else {
+                if self.gone.load(Ordering::Relaxed) {
+                    return Err(self.disconnected());
+                }
+                if left.is_zero() {
+                    return Ok(None);
+                }
+                continue;
+            };
+            let frame = self.frame_of(&buffer);
+            self.stream.push_buffer(buffer);
+            match frame? {
+                Some(frame) => return Ok(Some(frame)),
+                None => self.broken += 1,
+            }
+        }
+    }
+}
+
+impl GenicamCamera {
+    /// The frame in `buffer`; `None` if it did not arrive whole.
+    fn frame_of(&mut self, buffer: &Buffer) -> Result<Option<Frame>, CameraError> {
+        if buffer.status() != BufferStatus::Success {
+            return Ok(None);
+        }
+        let id = self.ids.number_of(buffer.frame_id());
+        let bytes = buffer.image_data();
+        let dn = self.binner.image_of(&bytes, id).ok_or_else(|| {
+            Refusal(&self.name).failed(format!(
+                "expected frames of {} bytes, found one of {}: somebody else has set its region or pixel format",
+                self.binner.frame_bytes(),
+                bytes.len()
+            ))
+        })?;
+        Ok(Some(Frame {
+            id,
+            timestamp_s: buffer.timestamp() as f64 * 1e-9,
+            dn,
+        }))
+    }
+}
+
+impl Drop for GenicamCamera {
+    fn drop(&mut self) {
+        if self.acquiring {
+            self.camera.stop_acquisition().ok();
+        }
+    }
+}
+
+/// Gives the buffers that are full back to the `stream`.
+fn take_back(stream: &aravis::Stream) {
+    while let Some(buffer) = stream.try_pop_buffer() {
+        stream.push_buffer(buffer);
+    }
+}
+
+/// Sets pixel format and region. Returns the region's size, (width, height).
+fn set_image(
+    refusal: &Refusal,
+    camera: &aravis::Camera,
+    settings: &Genicam,
+    format_name: &str,
+) -> Result<(usize, usize), CameraError> {
+    let available = camera
+        .dup_available_pixel_formats_as_strings()
+        .map_err(refusal.feature("PixelFormat"))?;
+    if !available.iter().any(|one| one == format_name) {
+        let names: Vec<&str> = available.iter().map(glib::GString::as_str).collect();
+        return Err(refusal.failed(format!(
+            "camera.genicam.pixel_format: expected one of {}, found {format_name}",
+            names.join(", ")
+        )));
+    }
+    camera
+        .set_pixel_format_from_string(format_name)
+        .map_err(refusal.feature("PixelFormat"))?;
+    let (sensor_width, sensor_height) = camera.sensor_size().map_err(refusal.feature("SensorWidth"))?;
+    let [x, y, width, height] = match settings.region_px {
+        None => [0, 0, sensor_width, sensor_height],
+        Some(region) => region.map(|pixels| i32::try_from(pixels).unwrap_or(i32::MAX)),
+    };
+    let fits =
+        |at: i32, size: i32, sensor: i32| size > 0 && at.checked_add(size).is_some_and(|end| end <= sensor);
+    if !fits(x, width, sensor_width) || !fits(y, height, sensor_height) {
+        return Err(refusal.failed(format!(
+            "camera.genicam.region_px: expected [x, y, width, height] within the sensor of {sensor_width}×{sensor_height} \
+             pixels, found [{x}, {y}, {width}, {height}]"
+        )));
+    }
+    camera
+        .set_region(x, y, width, height)
+        .map_err(refusal.feature("Width, Height, OffsetX, OffsetY"))?;
+    let found = camera.region().map_err(refusal.feature("Width, Height"))?;
+    if found != (x, y, width, height) {
+        let (x_px, y_px, width_px, height_px) = found;
+        return Err(refusal.failed(format!(
+            "camera.genicam.region_px: expected a region that the camera can read, found that it takes [{x_px}, {y_px}, \
+             {width_px}, {height_px}] for [{x}, {y}, {width}, {height}]"
+        )));
+    }
+    Ok((width as usize, height as usize))
+}
+
+/// Switches off what would change by itself, and sets gain and black level.
+fn set_levels(refusal: &Refusal, camera: &aravis::Camera, settings: &Genicam) -> Result<(), CameraError> {
+    for feature in ["ExposureAuto", "GainAuto", "BlackLevelAuto", "BalanceWhiteAuto"] {
+        if camera.is_feature_available(feature).unwrap_or(false) {
+            camera
+                .set_string(feature, "Off")
+                .map_err(refusal.feature(feature))?;
+        }
+    }
+    for (feature, value) in [("Gain", settings.gain), ("BlackLevel", settings.black_level)] {
+        if let Some(value) = value {
+            camera
+                .set_float(feature, value)
+                .map_err(refusal.feature(feature))?;
+        }
+    }
+    Ok(())
+}
+
+/// Lets a line put out that the sensor is exposed.
+fn set_strobe(refusal: &Refusal, camera: &aravis::Camera, settings: &Genicam) -> Result<(), CameraError> {
+    if settings.strobe_line.is_empty() {
+        return Ok(());
+    }
+    let line = settings.strobe_line.as_str();
+    let set = |feature: &str, value: &str| {
+        camera.set_string(feature, value).map_err(|error| {
+            refusal.failed(format!(
+                "camera.genicam.strobe_line: expected a line {line} that puts out ExposureActive, found that {feature} = {value} \
+                 is not to be had: {} (an empty strobe_line leaves it as it is)",
+                error.message()
+            ))
+        })
+    };
+    set("LineSelector", line)?;
+    // Many lines are outputs by their wiring, and cannot be set.
+    if camera.string("LineMode").is_ok_and(|mode| mode != "Output") {
+        set("LineMode", "Output")?;
+    }
+    set("LineSource", "ExposureActive")
+}
+
+fn set_network(refusal: &Refusal, camera: &aravis::Camera, settings: &Genicam) -> Result<(), CameraError> {
+    if !camera.is_gv_device() {
+        return Ok(());
+    }
+    match settings.packet_bytes {
+        None => camera
+            .gv_auto_packet_size()
+            .map_err(refusal.feature("GevSCPSPacketSize")),
+        Some(bytes) => camera
+            .gv_set_packet_size(i32::try_from(bytes).unwrap_or(i32::MAX))
+            .map_err(refusal.feature("camera.genicam.packet_bytes")),
+    }
+}
+
+/// The block id of the only frame of an acquisition, which is triggered by software.
+fn id_by_software(
+    refusal: &Refusal,
+    camera: &aravis::Camera,
+    stream: &aravis::Stream,
+) -> Result<u64, CameraError> {
+    let feature = "TriggerSoftware";
+    if !camera.is_feature_available(feature).unwrap_or(false) {
+        return Err(refusal.failed(
+            "expected a software trigger, by which is learnt how the camera numbers its frames, found none",
+        ));
+    }
+    set_mode(camera, "Timed").map_err(refusal.feature("ExposureMode"))?;
+    camera
+        .set_acquisition_mode(AcquisitionMode::Continuous)
+        .map_err(refusal.feature("AcquisitionMode"))?;
+    camera
+        .set_trigger("Software")
+        .map_err(refusal.feature("TriggerSource"))?;
+    take_back(stream);
+    camera
+        .start_acquisition()
+        .map_err(refusal.feature("AcquisitionStart"))?;
+    let frame = camera
+        .software_trigger()
+        .map(|()| stream.timeout_pop_buffer(SOFTWARE.as_micros() as u64));
+    camera
+        .stop_acquisition()
+        .map_err(refusal.feature("AcquisitionStop"))?;
+    let buffer = frame.map_err(refusal.feature(feature))?.ok_or_else(|| {
+        refusal.failed(format!(
+            "expected a frame within {} s of a trigger by software, found none",
+            SOFTWARE.as_secs()
+        ))
+    })?;
+    let id = buffer.frame_id();
+    stream.push_buffer(buffer);
+    Ok(id)
+}
+
+/// Sets `ExposureMode`, where the camera has one.
+fn set_mode(camera: &aravis::Camera, mode: &str) -> Result<(), glib::Error> {
+    if camera.is_feature_available("ExposureMode")? {
+        camera.set_string("ExposureMode", mode)?;
+    }
+    Ok(())
+}
+
+/// Lets the trigger line fire it, for as long as the line is active.
+fn set_trigger(refusal: &Refusal, camera: &aravis::Camera, settings: &Genicam) -> Result<(), CameraError> {
+    let line = settings.trigger_line.as_str();
+    let sources = camera
+        .dup_available_trigger_sources()
+        .map_err(refusal.feature("TriggerSource"))?;
+    if !sources.iter().any(|one| one == line) {
+        let names: Vec<&str> = sources.iter().map(glib::GString::as_str).collect();
+        return Err(refusal.failed(format!(
+            "camera.genicam.trigger_line: expected one of {}, found {line}",
+            names.join(", ")
+        )));
+    }
+    camera
+        .set_trigger(line)
+        .map_err(refusal.feature("TriggerSource"))?;
+    camera.set_exposure_mode(ExposureMode::TriggerWidth).map_err(|error| {
+        refusal.failed(format!(
+            "ExposureMode: expected TriggerWidth, with which the trigger line says how long is exposed, found that the camera \
+             has none: {}",
+            error.message()
+        ))
+    })
+}
