@@ -49,17 +49,22 @@ impl Sent {
 }
 
 /// Why nothing is exposed at a trigger.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Idle {
-    /// No acquisition was started.
+    /// `AcquisitionStart` has not come, or the acquisition is over.
+    #[error("no image is acquired")]
     NotAcquiring,
-    /// The stream channel is closed.
+    /// Port or address of the stream channel is 0.
+    #[error("the stream channel is closed")]
     NoStream,
-    /// The frame trigger is off: the camera goes its own pace.
+    /// The camera goes its own pace.
+    #[error("the frame trigger is off")]
     FreeRunning,
-    /// The frame trigger has another source.
+    /// The line is not the frame trigger's source.
+    #[error("the frame trigger has another source")]
     OtherSource,
-    /// The acquisition has a trigger of its own, and waits for it.
+    /// Nothing gives that trigger here.
+    #[error("the trigger of the acquisition's start is on")]
     AwaitsAcquisitionStart,
 }
 
@@ -269,9 +274,14 @@ impl GigeCamera {
         self.shared.control().config()
     }
 
-    /// A trigger came at the line: a frame is exposed and sent, if the camera is set to it. `image` has the region and pixel format
-    /// of [`Self::config`], rows from above ([`PixelFormat::pack`](super::PixelFormat::pack)). Its time-stamp is
-    /// `timestamp_ns` of the camera's clock, the exposure took `exposure_us`, which a chunk says.
+    /// Why a trigger at the line would expose nothing now; `None` if it would.
+    pub fn idle(&self) -> Option<Idle> {
+        armed(&self.config(), TriggerSource::Line1).err()
+    }
+
+    /// A trigger came at the line: a frame is exposed and sent, if the camera is set to it. `image` has the region
+    /// and pixel format of [`Self::config`], rows from above ([`PixelFormat::pack`](super::PixelFormat::pack)). Its
+    /// time-stamp is `timestamp_ns` of the camera's clock, the exposure took `exposure_us`, which a chunk says.
     ///
     /// # Errors
     /// [`GigeError::Image`] if the image has another size; then there is no frame, and no id is used.
@@ -319,7 +329,8 @@ impl GigeCamera {
         self.shared.stream().counts
     }
 
-    /// What the camera answers to a datagram that comes from `from`, as if it had come over the network; what it orders is done.
+    /// What the camera answers to a datagram that comes from `from`, as if it had come over the network; what it
+    /// orders is done.
     pub fn hear(&self, from: SocketAddrV4, datagram: &[u8]) -> Option<Vec<u8>> {
         self.shared.hear(from, datagram)
     }

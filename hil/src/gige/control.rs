@@ -3,9 +3,9 @@
 //! # Design
 //! Datagrams and the time come in, answers and effects go out; sockets are elsewhere.
 //!
-//! Who writes control (2) or exclusive access (1) to the privilege register is the primary application until it writes 0
-//! there or is silent for longer than the heartbeat time-out; then stream and acquisition end. Others can read, unless the access is exclusive,
-//! and are denied to write (status 8006).
+//! Who writes control (2) or exclusive access (1) to the privilege register is the primary application until it
+//! writes 0 there or is silent for longer than the heartbeat time-out; then stream and acquisition end. Others can
+//! read, unless the access is exclusive, and are denied to write (status 8006).
 
 use std::net::SocketAddrV4;
 use std::time::{Duration, Instant};

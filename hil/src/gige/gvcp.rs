@@ -1,8 +1,8 @@
 //! GigE Vision Control Protocol: datagrams to commands, and acknowledges to datagrams.
 //!
 //! # Format (GigE Vision 2.x, "GVCP"; UDP port 3956, big-endian)
-//! A command is `42 flags8 command16 length16 id16` and `length` bytes; flag 01 asks for an acknowledge. An acknowledge is
-//! `status16 acknowledge16 length16 id16` and its bytes. A datagram is 548 B at most.
+//! A command is `42 flags8 command16 length16 id16` and `length` bytes; flag 01 asks for an acknowledge. An
+//! acknowledge is `status16 acknowledge16 length16 id16` and its bytes. A datagram is 548 B at most.
 //!
 //! | command | bytes | acknowledge | bytes |
 //! |---|---|---|---|

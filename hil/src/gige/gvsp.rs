@@ -1,10 +1,10 @@
 //! GigE Vision Streaming Protocol: frames to packets.
 //!
 //! # Format (GigE Vision 2.x, "GVSP"; big-endian)
-//! A packet begins with `status16 block16 format8 packet24`, or with 64-bit ids `status16 flags16 (80 | format)8 000000
-//! block64 packet32`. Packet 0 is the leader (format 1), then comes the payload (format 3), the last is the trailer
-//! (format 2). A packet that is sent again has the flag 0001, or without flags the status 0100 where the client wants that; one that is not there
-//! any more has status 800c and no bytes.
+//! A packet begins with `status16 block16 format8 packet24`, or with 64-bit ids `status16 flags16 (80 | format)8
+//! 000000 block64 packet32`. Packet 0 is the leader (format 1), then comes the payload (format 3), the last is the
+//! trailer (format 2). A packet that is sent again has the flag 0001, or without flags the status 0100 where the
+//! client wants that; one that is not there any more has status 800c and no bytes.
 //!
 //! | packet | bytes |
 //! |---|---|

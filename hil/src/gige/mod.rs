@@ -1,20 +1,20 @@
 //! A GigE Vision camera for tests: real up to the sensor.
 //!
 //! # Design
-//! What a client sees is what the standards say: GVCP commands on UDP port 3956 (`gvcp`, `control`), registers (`map`, `registers`) that
-//! a GenICam XML describes (`xml`), frames as GVSP packets (`gvsp`, `stream`). What light would do comes from whoever holds the camera:
-//! [`GigeCamera::expose`] takes an image for each trigger. Left alone it sends test images, in its own time
-//! (`TriggerMode` off) or when told (`TriggerSource` software).
+//! What a client sees is what the standards say: GVCP commands on UDP port 3956 (`gvcp`, `control`), registers
+//! (`map`, `registers`) that a GenICam XML describes (`xml`), frames as GVSP packets (`gvsp`, `stream`). What light
+//! would do comes from whoever holds the camera: [`GigeCamera::expose`] takes an image for each trigger. Left alone
+//! it sends test images, in its own time (`TriggerMode` off) or when told (`TriggerSource` software).
 //!
-//! Control and stream each have a lock, taken in this order. Frames are sent by whoever exposes them, packets that are asked for
-//! again by the control channel's thread.
+//! Control and stream each have a lock, taken in this order. Frames are sent by whoever exposes them, packets that
+//! are asked for again by the control channel's thread.
 //!
 //! Sources: GigE Vision 2.x (AIA), GenICam SFNC 2.x and PFNC 2.x (EMVA).
 //!
 //! # Tradeoffs
-//! There are no events, actions, pending acknowledges, PTP, message channel or second stream; packet delay and the bit that forbids
-//! fragments are kept without effect. Broadcasts are heard by one camera of a machine at a time, as the port is
-//! not shared; the others are found at their addresses.
+//! There are no events, actions, pending acknowledges, PTP, message channel or second stream; packet delay and the
+//! bit that forbids fragments are kept without effect. Broadcasts are heard by one camera of a machine at a time, as
+//! the port is not shared; the others are found at their addresses.
 
 mod camera;
 mod control;

@@ -36,7 +36,8 @@ pub struct Settings {
     pub packet_bytes: u32,
     /// Ticks of its clock in a second, up to 10^9.
     pub tick_hz: u64,
-    /// Whether it is found by broadcast, too: by one camera of a machine at a time, the others are found at their addresses.
+    /// Whether it is found by broadcast, too: by one camera of a machine at a time, the others are found at their
+    /// addresses.
     pub broadcast: bool,
 }
 

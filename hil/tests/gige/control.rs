@@ -230,9 +230,14 @@ fn what_a_client_sets_is_what_the_camera_does() {
     assert_eq!(config.frame_start.activation, TriggerActivation::FallingEdge);
     // Each reason for which no frame is exposed, until one is; after which a single one was all.
     let image = vec![0; config.image_bytes()];
-    let idle = |camera: &GigeCamera| match camera.expose(&image, 0, 1.0).unwrap() {
-        Sent::Idle(idle) => Some(idle),
-        _ => None,
+    let idle = |camera: &GigeCamera| {
+        let said = camera.idle();
+        let idle = match camera.expose(&image, 0, 1.0).unwrap() {
+            Sent::Idle(idle) => Some(idle),
+            _ => None,
+        };
+        assert_eq!(said, idle);
+        idle
     };
     assert_eq!(idle(&camera), Some(Idle::NotAcquiring));
     client.set(&[(ACQUISITION, 1)]);
