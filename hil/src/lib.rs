@@ -8,6 +8,8 @@
 //!
 //! A [`bridge`] gives an emulated Pico a serial port and wires, for the host's command as it is.
 //!
+//! A camera for the host's driver is [`gige`]: GigE Vision, real up to the sensor.
+//!
 //! Every figure that a trial finds goes into [`figures`] together with its limit, is checked there, and is printed.
 
 pub mod bench;
@@ -15,6 +17,7 @@ pub mod bridge;
 pub mod dut;
 pub mod emulator;
 pub mod figures;
+pub mod gige;
 pub mod image;
 pub mod log;
 pub mod pico;
