@@ -15,6 +15,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
+use std::io;
 use std::net::Ipv4Addr;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,7 +24,7 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use rcg::capture::camera::{Camera as _, CameraError};
-use rcg::capture::files::{CURRENT, name_of, read_pattern};
+use rcg::capture::files::{CURRENT, READY, name_of, read_pattern};
 use rcg::capture::projector::{Projector as _, ProjectorError};
 use rcg::instrument::drivers::{CameraDriver, Files, Genicam, ProjectorDriver, Trigger};
 use rcg::instrument::rig::Rig;
@@ -66,6 +67,14 @@ pub enum TableError {
     /// The patterns.
     #[error(transparent)]
     Projector(#[from] ProjectorError),
+    /// The answer to those who hand patterns over.
+    #[error("{}: {source}", path.display())]
+    Ready {
+        /// Its file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
 }
 
 /// What stands on the table. It is cleared when this is dropped.
@@ -107,34 +116,20 @@ impl Table {
 
         let world = World::read(light, None)?;
         let wires = Wires::connect(&bridge.wires().to_string()).map_err(SetupError::from)?;
-        let shown: Arc<Mutex<Option<Shown>>> = Arc::default();
-        let failed: Arc<Mutex<Option<TableError>>> = Arc::default();
-        let before = {
-            let (shown, failed) = (Arc::clone(&shown), Arc::clone(&failed));
-            Box::new(move || {
-                if let Some(shown) = lock(&shown).as_mut()
-                    && let Err(error) = shown.before_edge()
-                {
-                    *lock(&failed) = Some(error);
-                }
-            })
-        };
-        let (camera, projector) = world.optics(&rig.without_drivers(), wires, before)?;
+        let (camera, projector) = world.optics(&rig.without_drivers(), wires)?;
         let camera = Arc::new(Mutex::new(camera));
-        *lock(&shown) = Some(Shown::new(folder, projector, Arc::clone(&camera)));
+        let mut shown = Shown {
+            folder: folder.to_owned(),
+            projector,
+            camera: Arc::clone(&camera),
+            sequence: None,
+            times: BTreeMap::new(),
+        };
 
         let over = Arc::new(AtomicBool::new(false));
         let patterns = {
             let over = Arc::clone(&over);
-            thread::spawn(move || {
-                until(&over, || {
-                    if let Some(error) = lock(&failed).take() {
-                        return Err(error);
-                    }
-                    // In good time, so that edges need not wait.
-                    lock(&shown).as_mut().map_or(Ok(()), Shown::load)
-                })
-            })
+            thread::spawn(move || until(&over, || shown.load()))
         };
         let frames = {
             let (over, slot) = (Arc::clone(&over), Arc::clone(&slot));
@@ -250,6 +245,7 @@ fn equipped(rig: &Rig, camera: Ipv4Addr, format: &str, port: &str, folder: &Path
     rig.projector.driver = ProjectorDriver::Files;
     rig.projector.files = Some(Files {
         folder: folder.to_owned(),
+        patience_s: 60.0,
     });
     rig.trigger = Some(Trigger {
         port: port.to_owned(),
@@ -278,78 +274,42 @@ struct Shown {
     folder: PathBuf,
     projector: VirtualProjector,
     camera: Arc<Mutex<VirtualCamera>>,
-    /// Name of the sequence that is shown, and whether it has begun.
+    /// Name of the sequence that is shown.
     sequence: Option<String>,
-    begun: bool,
-    loaded: usize,
-    hasher: DefaultHasher,
     /// How often sequences were shown, by their content.
     times: BTreeMap<u64, u64>,
 }
 
 impl Shown {
-    fn new(folder: &Path, projector: VirtualProjector, camera: Arc<Mutex<VirtualCamera>>) -> Self {
-        Self {
-            folder: folder.to_owned(),
-            projector,
-            camera,
-            sequence: None,
-            begun: false,
-            loaded: 0,
-            hasher: DefaultHasher::new(),
-            times: BTreeMap::new(),
-        }
-    }
-
-    /// Takes up the pictures that have come.
+    /// Takes up a sequence that has come, and says so.
     fn load(&mut self) -> Result<(), TableError> {
-        let Ok(current) = fs::read_to_string(self.folder.join(CURRENT)) else {
-            // Nobody has handed anything over yet.
+        let current = fs::read_to_string(self.folder.join(CURRENT)).unwrap_or_default();
+        let current = current.trim();
+        if current.is_empty() || self.sequence.as_deref() == Some(current) {
             return Ok(());
-        };
-        let current = current.trim().to_owned();
-        let folder = self.folder.join(&current);
-        if self.sequence.as_ref() != Some(&current) {
-            self.projector.clear()?;
-            self.sequence = Some(current);
-            self.begun = false;
-            self.loaded = 0;
-            self.hasher = DefaultHasher::new();
         }
-        loop {
-            let path = folder.join(name_of(self.loaded));
+        self.projector.clear()?;
+        let mut hasher = DefaultHasher::new();
+        for number in 0.. {
+            let path = self.folder.join(current).join(name_of(number));
             if !path.is_file() {
-                return Ok(());
+                break;
             }
             let pattern = read_pattern(&path)?;
             self.projector.load(&pattern)?;
-            (pattern.bytes(), pattern.level(), pattern.primary()).hash(&mut self.hasher);
-            self.loaded += 1;
+            (pattern.bytes(), pattern.level(), pattern.primary()).hash(&mut hasher);
         }
-    }
-
-    /// All pictures of the sequence are there when its first edge comes.
-    fn before_edge(&mut self) -> Result<(), TableError> {
-        // What has begun is complete.
-        if self.begun && !self.is_replaced() {
-            return Ok(());
-        }
-        self.load()?;
-        if self.sequence.is_some() && !self.begun {
-            self.begun = true;
-            let times = self.times.entry(self.hasher.finish()).or_default();
+        let times = self.times.entry(hasher.finish()).or_default();
+        {
             let mut camera = lock(&self.camera);
             camera.begin_part(*times);
             camera.arm()?;
-            *times += 1;
         }
+        *times += 1;
+        let ready = self.folder.join(READY);
+        fs::write(&ready, current).map_err(|source| TableError::Ready { path: ready, source })?;
+        self.sequence = Some(current.to_owned());
         Ok(())
-    }
-
-    /// Whether another sequence has come.
-    fn is_replaced(&self) -> bool {
-        let current = fs::read_to_string(self.folder.join(CURRENT)).unwrap_or_default();
-        self.sequence.as_deref() != Some(current.trim())
     }
 }
 

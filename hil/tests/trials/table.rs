@@ -194,10 +194,10 @@ fn frames_that_are_lost_or_doubled_on_the_network_change_no_bit(bench: &mut Benc
         same(&expected, &found)
             .map_err(|error| format!("{name}: {}", error.message().unwrap_or_default()))?;
         let repeated = counted(&printed, "repeated")?;
-        if (repeated == 0) == (name != "resent") || counts.resent_packets == 0 && name == "resent" {
+        if (repeated == 0) == (name != "resent") || counts.resent == 0 && name == "resent" {
             return Err(format!(
                 "{name}: {repeated} exposures were taken again, {} packets",
-                counts.resent_packets
+                counts.resent
             )
             .into());
         }

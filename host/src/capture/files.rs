@@ -5,15 +5,17 @@
 //!
 //! | name | content |
 //! |---|---|
-//! | `current` | name of the folder of the sequence that is to be shown, such as `000003`; replaced as a whole |
-//! | `000003/00000.png`, `000003/00001.png`, … | its patterns in their order, PNG of the projector's native resolution, 8 bits, grey, or RGB where one primary alone is lit |
+//! | `000003/00000.png`, `000003/00001.png`, … | patterns in their order, PNG of the projector's native resolution, 8 bits, grey, or RGB where one primary alone is lit |
+//! | `current` | name of the folder of the sequence that is to be shown, such as `000003`; it comes when all of its patterns are there |
+//! | `ready` | written by the program that shows them: that name, once black is shown and the next trigger shows the first pattern |
 //!
-//! A sequence is begun by a new `current`; what it replaces is removed. Black is shown then, and each trigger of PROJ advances to the next
-//! pattern. A pattern's file appears whole, and all of them are there before the first trigger comes. Grey levels are those of
-//! the projector's input: no gamma, no scaling, no dither.
+//! Each trigger of PROJ then advances to the next pattern. No trigger comes before the program is ready, so that it may take its
+//! time to load. A sequence that is over is removed. Grey levels are those of the projector's input: no gamma, no scaling, no dither.
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::{Duration, Instant};
 
 use crate::capture::projector::{Projector, ProjectorError};
 use crate::plan::pattern::BitPattern;
@@ -21,6 +23,10 @@ use crate::store::whole_file::{FileError, write_whole};
 
 /// Name of the file that says which sequence is to be shown.
 pub const CURRENT: &str = "current";
+/// Name of the file by which the program that shows the patterns answers.
+pub const READY: &str = "ready";
+/// How often it is looked for.
+const LOOK: Duration = Duration::from_millis(2);
 /// How many patterns a sequence may have.
 const CAPACITY: usize = 4096;
 
@@ -30,6 +36,7 @@ pub struct FilesProjector {
     name: String,
     folder: PathBuf,
     size_px: (usize, usize),
+    patience: Duration,
     sequence: u64,
     loaded: usize,
 }
@@ -41,11 +48,12 @@ pub fn name_of(number: usize) -> String {
 }
 
 impl FilesProjector {
-    /// Hands patterns of `size_px` (width, height) over in `folder`, which is made if there is none.
+    /// Hands patterns of `size_px` (width, height) over in `folder`, which is made if there is none; who shows them may take as
+    /// long as `patience`.
     ///
     /// # Errors
     /// [`ProjectorError`] where the folder cannot be written, or holds something else.
-    pub fn open(folder: &Path, size_px: (usize, usize)) -> Result<Self, ProjectorError> {
+    pub fn open(folder: &Path, size_px: (usize, usize), patience: Duration) -> Result<Self, ProjectorError> {
         let at = |source| FileError::at(folder, source);
         fs::create_dir_all(folder).map_err(at)?;
         let current = folder.join(CURRENT);
@@ -65,6 +73,7 @@ impl FilesProjector {
             name: format!("files in {}", folder.display()),
             folder: folder.to_owned(),
             size_px,
+            patience,
             sequence,
             loaded: 0,
         })
@@ -92,12 +101,9 @@ impl Projector for FilesProjector {
         let before = self.sequence_folder();
         self.sequence += 1;
         let next = self.sequence_folder();
+        // What was left half done is no part of it.
+        fs::remove_dir_all(&next).ok();
         fs::create_dir_all(&next).map_err(|source| FileError::at(&next, source))?;
-        write_whole(
-            &self.folder.join(CURRENT),
-            format!("{:06}\n", self.sequence).as_bytes(),
-        )?;
-        // Whoever still reads it may: it is gone at the next turn then.
         fs::remove_dir_all(before).ok();
         self.loaded = 0;
         Ok(())
@@ -130,6 +136,32 @@ impl Projector for FilesProjector {
             .map_err(|source| FileError::at(&path, source))?;
         self.loaded += 1;
         Ok(())
+    }
+
+    fn ready(&mut self) -> Result<(), ProjectorError> {
+        let name = format!("{:06}", self.sequence);
+        write_whole(&self.folder.join(CURRENT), format!("{name}\n").as_bytes())?;
+        let answer = self.folder.join(READY);
+        let began = Instant::now();
+        loop {
+            let found = fs::read_to_string(&answer).unwrap_or_default();
+            if found.trim() == name {
+                return Ok(());
+            }
+            if began.elapsed() > self.patience {
+                return Err(ProjectorError::Failed {
+                    projector: self.name.clone(),
+                    reason: format!(
+                        "expected {name} in {} within {} s of the same in `{CURRENT}`, found {}: is the program running that \
+                         shows the patterns?",
+                        answer.display(),
+                        self.patience.as_secs(),
+                        if found.is_empty() { "nothing" } else { found.trim() }
+                    ),
+                });
+            }
+            thread::sleep(LOOK);
+        }
     }
 }
 
@@ -202,7 +234,7 @@ mod tests {
     fn what_is_handed_over_is_read_as_it_was_and_replaces_what_was_there() {
         let folder = tempfile::tempdir().unwrap();
         let folder = folder.path().join("patterns");
-        let mut projector = FilesProjector::open(&folder, (37, 5)).unwrap();
+        let mut projector = FilesProjector::open(&folder, (37, 5), Duration::ZERO).unwrap();
         let mut patterns = Vec::new();
         for (number, look) in [(255, None), (90, None), (255, Some(1)), (7, Some(2))]
             .into_iter()
@@ -216,14 +248,18 @@ mod tests {
         }
         // A black one: nothing is lit, so that it has no level.
         patterns.push(BitPattern::black(37, 5));
-        for _ in 0..2 {
+        for sequence in ["000001", "000002"] {
             projector.clear().unwrap();
             for pattern in &patterns {
                 projector.load(pattern).unwrap();
             }
+            let error = projector.ready().unwrap_err().to_string();
+            assert!(error.contains(&format!("expected {sequence} in")), "{error}");
+            fs::write(folder.join(READY), sequence).unwrap();
+            projector.ready().unwrap();
         }
         // Another process goes on.
-        let mut projector = FilesProjector::open(&folder, (37, 5)).unwrap();
+        let mut projector = FilesProjector::open(&folder, (37, 5), Duration::ZERO).unwrap();
         assert_eq!(fs::read_to_string(folder.join(CURRENT)).unwrap(), "000002\n");
         for (number, pattern) in patterns.iter().enumerate() {
             assert_eq!(
@@ -237,7 +273,7 @@ mod tests {
             .map(|entry| entry.unwrap().file_name())
             .collect();
         names.sort();
-        assert_eq!(names, ["000003", CURRENT]);
+        assert_eq!(names, ["000003", CURRENT, READY]);
         let error = projector.load(&BitPattern::black(37, 6)).unwrap_err().to_string();
         assert!(
             error.contains("expected a pattern of 37×5 pixels, found 37×6"),
@@ -249,7 +285,7 @@ mod tests {
     fn a_folder_with_something_else_is_left_alone() {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("thesis.tex"), "x").unwrap();
-        let error = FilesProjector::open(folder.path(), (4, 4))
+        let error = FilesProjector::open(folder.path(), (4, 4), Duration::ZERO)
             .unwrap_err()
             .to_string();
         assert!(error.contains("expected an empty folder"), "{error}");

@@ -162,6 +162,7 @@ impl Instrument {
                 self.projector.load(&image)?;
                 steps.push(timing.shown(&timings[0]));
             }
+            self.projector.ready()?;
             let settled = count - open.len();
             let Received {
                 records,

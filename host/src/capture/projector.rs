@@ -60,4 +60,12 @@ pub trait Projector: Send {
     /// # Errors
     /// [`ProjectorError`].
     fn load(&mut self, pattern: &BitPattern) -> Result<(), ProjectorError>;
+
+    /// All patterns are loaded; returns when the next trigger can show the first of them.
+    ///
+    /// # Errors
+    /// [`ProjectorError`].
+    fn ready(&mut self) -> Result<(), ProjectorError> {
+        Ok(())
+    }
 }

@@ -1,5 +1,7 @@
 //! The instrument that stands on a table, by the drivers that its rig file names.
 
+use std::time::Duration;
+
 use serde::Serialize;
 
 use crate::base::blame::Blame;
@@ -170,6 +172,7 @@ pub fn projector(rig: &Rig) -> Result<Box<dyn Projector>, RealError> {
         (ProjectorDriver::Files, Some(files)) => Ok(Box::new(FilesProjector::open(
             &files.folder,
             (lens.width_px as usize, lens.height_px as usize),
+            Duration::from_secs_f64(files.patience_s),
         )?)),
         _ => Err(RealError::Virtual {
             rig: rig.name.clone(),

@@ -110,6 +110,13 @@ impl Default for Genicam {
 pub struct Files {
     /// The folder; see [`FilesProjector`](crate::capture::files::FilesProjector) for what is in it.
     pub folder: PathBuf,
+    /// How long the program that shows them may take to load a sequence, s.
+    #[serde(default = "a_minute")]
+    pub patience_s: f64,
+}
+
+const fn a_minute() -> f64 {
+    60.0
 }
 
 /// The trigger box.

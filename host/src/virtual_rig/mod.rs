@@ -81,7 +81,7 @@ pub use seating::{SEATINGS_M, Seating, TILTS_DEG};
 pub use sensor::Noise;
 pub use tolerances::{PixelTolerances, Tolerances};
 pub use truth::Truth;
-pub use wires::{BeforeEdge, Wires, WiresError};
+pub use wires::{Wires, WiresError};
 
 use scene::Scene;
 use sensor::Sensor;
@@ -129,7 +129,7 @@ impl VirtualRig {
         }
     }
 
-    /// Camera and projector of such a rig, at the wires of a trigger box elsewhere; `before` is called before each edge.
+    /// Camera and projector of such a rig, at the wires of a trigger box elsewhere.
     ///
     /// # Errors
     /// [`WiresError`].
@@ -138,11 +138,10 @@ impl VirtualRig {
         truth: &Truth,
         behaviour: Behaviour,
         wires: Wires,
-        before: BeforeEdge,
     ) -> Result<(VirtualCamera, VirtualProjector), WiresError> {
         let stage = SharedStage::new(truth, behaviour, wires.clock_hz());
         let (mut camera, projector) = optics_of(scene, behaviour, &stage);
-        camera.wires = Some(wires.attach(stage, before)?);
+        camera.wires = Some(wires.attach(stage)?);
         Ok((camera, projector))
     }
 }

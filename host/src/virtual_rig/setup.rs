@@ -22,7 +22,7 @@ use crate::store::whole_file::FileError;
 use crate::virtual_rig::scene::Scene;
 use crate::virtual_rig::scenes::Scenes;
 use crate::virtual_rig::{
-    BeforeEdge, Behaviour, Held, Noise, Truth, VirtualCamera, VirtualProjector, VirtualRig, Wires, WiresError,
+    Behaviour, Held, Noise, Truth, VirtualCamera, VirtualProjector, VirtualRig, Wires, WiresError,
 };
 
 /// Why there is no instrument.
@@ -222,7 +222,7 @@ impl World {
         let mut device = Device::connect(link, link::nonce(), Patience::default())?;
         device.abort()?;
         let wires = Wires::connect(wires)?;
-        let (camera, projector) = VirtualRig::wired(scene, &truth, behaviour, wires, Box::new(|| {}))?;
+        let (camera, projector) = VirtualRig::wired(scene, &truth, behaviour, wires)?;
         Ok(Instrument {
             device,
             camera: Box::new(camera),
@@ -231,19 +231,13 @@ impl World {
         })
     }
 
-    /// Its camera and projector alone, at the `wires` of a trigger box that somebody else talks to; `before` is called before each
-    /// edge that comes.
+    /// Its camera and projector alone, at the `wires` of a trigger box that somebody else talks to.
     ///
     /// # Errors
     /// [`SetupError`].
-    pub fn optics(
-        &self,
-        rig: &Rig,
-        wires: Wires,
-        before: BeforeEdge,
-    ) -> Result<(VirtualCamera, VirtualProjector), SetupError> {
+    pub fn optics(&self, rig: &Rig, wires: Wires) -> Result<(VirtualCamera, VirtualProjector), SetupError> {
         let (scene, truth, behaviour) = self.stood_up(rig, Held::Sample(self.sample.clone()), None)?;
-        Ok(VirtualRig::wired(scene, &truth, behaviour, wires, before)?)
+        Ok(VirtualRig::wired(scene, &truth, behaviour, wires)?)
     }
 
     /// What it shows with `held` in it, how it really is, and how it behaves; it is opened once more.

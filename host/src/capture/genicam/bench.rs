@@ -2,11 +2,11 @@
 
 use std::time::{Duration, Instant};
 
-use aravis::{AcquisitionMode, Buffer, BufferStatus, CameraExt as _, CameraExtManual as _, StreamExt as _};
+use aravis::{AcquisitionMode, Buffer, BufferStatus, CameraExt as _, StreamExt as _};
 use serde::Serialize;
 
 use super::ids::Ids;
-use super::{Refusal, open_device, set_image, set_network};
+use super::{Refusal, open_device, set_image, set_network, stream_of};
 use crate::capture::camera::CameraError;
 use crate::instrument::drivers::Genicam;
 
@@ -69,7 +69,7 @@ pub fn bench(
         .set_acquisition_mode(AcquisitionMode::Continuous)
         .map_err(refusal.feature("AcquisitionMode"))?;
     set_network(&refusal, &camera, settings)?;
-    let stream = camera.create_stream().map_err(refusal.feature("stream"))?;
+    let stream = stream_of(&refusal, &camera)?;
     let payload = camera.payload().map_err(refusal.feature("PayloadSize"))?;
     for _ in 0..settings.buffers {
         stream.push_buffer(Buffer::new_allocate(payload as usize));

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use aravis::{AcquisitionMode, Buffer, BufferStatus, CameraExt as _, CameraExtManual as _, StreamExt as _};
+use aravis::{AcquisitionMode, Buffer, BufferStatus, CameraExt as _, StreamExt as _};
 
-use super::{Refusal, open_device, set_image, set_levels, set_mode, set_network};
+use super::{Refusal, open_device, set_image, set_levels, set_mode, set_network, stream_of};
 use crate::capture::camera::CameraError;
 use crate::capture::native::PixelFormat;
 use crate::instrument::drivers::Genicam;
@@ -94,7 +94,7 @@ pub fn grab(settings: &Genicam, exposure_s: f64) -> Result<Grabbed, CameraError>
     camera
         .set_trigger("Software")
         .map_err(refusal.feature("TriggerSource"))?;
-    let stream = camera.create_stream().map_err(refusal.feature("stream"))?;
+    let stream = stream_of(&refusal, &camera)?;
     let payload = camera.payload().map_err(refusal.feature("PayloadSize"))?;
     for _ in 0..4 {
         stream.push_buffer(Buffer::new_allocate(payload as usize));

@@ -22,6 +22,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use aravis::glib;
+use aravis::glib::prelude::ObjectExt as _;
 use aravis::{
     AcquisitionMode, Buffer, BufferStatus, CameraExt as _, CameraExtManual as _, DeviceExt as _,
     ExposureMode, StreamExt as _,
@@ -38,6 +39,8 @@ pub use grab::{Grabbed, grab};
 use ids::Ids;
 pub use list::{Details, Listed, details, list};
 
+/// How many packets of a frame are asked for again at most, as a share of its packets.
+const PACKET_REQUESTS: &str = "packet-request-ratio";
 /// What a frame by software may take.
 const SOFTWARE: Duration = Duration::from_secs(2);
 /// A camera that is told to begin needs no longer.
@@ -49,6 +52,9 @@ pub struct GenicamCamera {
     camera: aravis::Camera,
     stream: aravis::Stream,
     binner: Binner,
+    /// Columns and rows of a frame.
+    region_px: (i32, i32),
+    pixel_format: aravis::PixelFormat,
     settings: Genicam,
     ids: Ids,
     /// The first id of an acquisition, where each counts anew.
@@ -153,7 +159,7 @@ impl GenicamCamera {
             let gone = Arc::clone(&gone);
             device.connect_control_lost(move |_| gone.store(true, Ordering::Relaxed));
         }
-        let stream = camera.create_stream().map_err(refusal.feature("stream"))?;
+        let stream = stream_of(&refusal, &camera)?;
         let payload = camera.payload().map_err(refusal.feature("PayloadSize"))?;
         for _ in 0..settings.buffers {
             stream.push_buffer(Buffer::new_allocate(payload as usize));
@@ -173,6 +179,8 @@ impl GenicamCamera {
         };
         set_trigger(&refusal, &camera, &settings)?;
         Ok(Self {
+            region_px: (region_px.0 as i32, region_px.1 as i32),
+            pixel_format: camera.pixel_format().map_err(refusal.feature("PixelFormat"))?,
             settings,
             binner,
             ids,
@@ -272,9 +280,17 @@ impl GenicamCamera {
         }
         let id = self.ids.number_of(buffer.frame_id());
         let bytes = buffer.image_data();
-        let dn = self.binner.image_of(&bytes, id).ok_or_else(|| {
+        // libaravis cuts what does not fit to its buffer, and calls it whole.
+        let (_, _, width, height) = buffer.image_region();
+        let is_as_set = (width, height) == self.region_px
+            && buffer.image_pixel_format() == self.pixel_format
+            && bytes.len() == self.binner.frame_bytes();
+        let dn = self.binner.image_of(&bytes, id).filter(|_| is_as_set).ok_or_else(|| {
             Refusal(&self.name).failed(format!(
-                "expected frames of {} bytes, found one of {}: somebody else has set its region or pixel format",
+                "expected frames of {}×{} pixels and {} bytes in the pixel format that was set, found one of {width}×{height} and {} \
+                 bytes: has somebody else set its region or pixel format?",
+                self.region_px.0,
+                self.region_px.1,
                 self.binner.frame_bytes(),
                 bytes.len()
             ))
@@ -293,6 +309,16 @@ impl Drop for GenicamCamera {
             self.camera.stop_acquisition().ok();
         }
     }
+}
+
+/// The stream of frames. Packets that are lost are asked for again as often as it takes: with few packets to a frame, libaravis' limit
+/// of a quarter of them is none.
+fn stream_of(refusal: &Refusal, camera: &aravis::Camera) -> Result<aravis::Stream, CameraError> {
+    let stream = camera.create_stream().map_err(refusal.feature("stream"))?;
+    if stream.find_property(PACKET_REQUESTS).is_some() {
+        stream.set_property(PACKET_REQUESTS, 2.0_f64);
+    }
+    Ok(stream)
 }
 
 /// Gives the buffers that are full back to the `stream`.

@@ -115,6 +115,12 @@ impl Rig {
         if projector == ProjectorDriver::Files && self.projector.files.is_none() {
             return Err(error("projector.files", "a table with a folder", "nothing"));
         }
+        if let Some(files) = &self.projector.files
+            && !(0.0..=86_400.0).contains(&files.patience_s)
+        {
+            let found = files.patience_s.to_string();
+            return Err(error("projector.files.patience_s", "0 to 86400 seconds", &found));
+        }
         if self
             .camera
             .genicam

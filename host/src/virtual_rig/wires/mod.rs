@@ -91,9 +91,6 @@ pub enum WiresError {
     },
 }
 
-/// What is done before each edge.
-pub type BeforeEdge = Box<dyn FnMut() + Send>;
-
 /// A connection to a bridge that has told its clock.
 #[derive(Debug)]
 pub struct Wires {
@@ -155,13 +152,13 @@ impl Wires {
         self.clock_hz
     }
 
-    /// Lets the edges that come drive `stage`, in a thread of their own; `before` is called before each of them.
-    pub(super) fn attach(mut self, stage: SharedStage, before: BeforeEdge) -> Result<Attached, WiresError> {
+    /// Lets the edges that come drive `stage`, in a thread of their own.
+    pub(super) fn attach(mut self, stage: SharedStage) -> Result<Attached, WiresError> {
         let period = stage.lock().sync_period();
         let width = ((VSYNC_S * f64::from(self.clock_hz)) as u64).clamp(1, (period.0 / 2).max(1));
         self.send(&format!("vsync {} {} {width}\nok\n", period.0, period.0))?;
         let stream = self.stream.get_ref().try_clone().map_err(|e| self.io(e))?;
-        let worker = std::thread::spawn(move || self.serve(&stage, before));
+        let worker = std::thread::spawn(move || self.serve(&stage));
         Ok(Attached {
             stream,
             worker: Some(worker),
@@ -170,7 +167,7 @@ impl Wires {
     }
 
     /// Answers edges until that fails.
-    fn serve(mut self, stage: &SharedStage, mut before: BeforeEdge) -> WiresError {
+    fn serve(mut self, stage: &SharedStage) -> WiresError {
         let mut latest = Ticks::ZERO;
         loop {
             let answered = self.line().and_then(|line| {
@@ -178,7 +175,6 @@ impl Wires {
                     .filter(|edge| edge.0 >= latest)
                     .ok_or_else(|| self.protocol(EDGE, &line))?;
                 latest = at;
-                before();
                 let strobe = stage.lock().edge(output, level, at);
                 let drive = strobe
                     .map(|StrobeEdge { at, active }| format!("drive {} strobe {}\n", at.0, u8::from(active)));
