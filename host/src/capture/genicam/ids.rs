@@ -37,6 +37,15 @@ impl Ids {
         if self.wraps && id == ROUND { 1 } else { id + 1 }
     }
 
+    /// The id `frames` before `id`.
+    pub(super) const fn before(&self, id: u64, frames: u64) -> u64 {
+        if self.wraps {
+            (id + ROUND - 1 - frames % ROUND) % ROUND + 1
+        } else {
+            id.saturating_sub(frames)
+        }
+    }
+
     /// The number of the frame with this `id`, 0 for the first of the acquisition.
     pub(super) fn number_of(&mut self, id: u64) -> u64 {
         if id > ROUND {
@@ -81,6 +90,9 @@ mod tests {
                 }
             }
         }
+        let ids = Ids::new(65_534, true);
+        assert_eq!([1, 65_535].map(|id| ids.before(id, 2)), [65_534, 65_533]);
+        assert_eq!([65_534, 65_535].map(|id| ids.after(id)), [65_535, 1]);
         let mut ids = Ids::new(1, true);
         for number in (0..200_000_u64).step_by(20_000) {
             assert_eq!(ids.number_of(1 + number), number);

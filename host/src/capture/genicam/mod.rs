@@ -42,7 +42,9 @@ pub use list::{Details, Listed, details, list};
 /// How many packets of a frame are asked for again at most, as a share of its packets.
 const PACKET_REQUESTS: &str = "packet-request-ratio";
 /// What a frame by software may take.
-const SOFTWARE: Duration = Duration::from_secs(2);
+const SOFTWARE: Duration = Duration::from_secs(1);
+/// How many of them are tried.
+const PROBES: u64 = 4;
 /// A camera that is told to begin needs no longer.
 const POLL: Duration = Duration::from_millis(50);
 
@@ -164,12 +166,15 @@ impl GenicamCamera {
         for _ in 0..settings.buffers {
             stream.push_buffer(Buffer::new_allocate(payload as usize));
         }
-        let probe = || id_by_software(&refusal, &camera, &stream);
-        let (first, second) = (probe()?, probe()?);
-        let ids = Ids::new(first, camera.is_gv_device());
-        let anew = if second == first {
+        let probes = [
+            probe(&refusal, &camera, &stream)?,
+            probe(&refusal, &camera, &stream)?,
+        ];
+        let mut ids = Ids::new(probes[0].id, camera.is_gv_device());
+        let [first, second] = probes.map(|probe| ids.before(probe.id, probe.lost));
+        let anew = if first == second {
             Some(first)
-        } else if second == ids.after(first) {
+        } else if second == ids.after(probes[0].id) {
             None
         } else {
             return Err(refusal.failed(format!(
@@ -177,6 +182,7 @@ impl GenicamCamera {
                  a first frame that is lost could not be told"
             )));
         };
+        ids.restart(first);
         set_trigger(&refusal, &camera, &settings)?;
         Ok(Self {
             region_px: (region_px.0 as i32, region_px.1 as i32),
@@ -230,7 +236,7 @@ impl Camera for GenicamCamera {
         let first = if let Some(first) = self.anew {
             first
         } else {
-            let last = id_by_software(&refusal, &self.camera, &self.stream)?;
+            let last = probe(&refusal, &self.camera, &self.stream)?.id;
             set_trigger(&refusal, &self.camera, &self.settings)?;
             self.ids.after(last)
         };
@@ -431,12 +437,17 @@ fn set_network(refusal: &Refusal, camera: &aravis::Camera, settings: &Genicam) -
     }
 }
 
-/// The block id of the only frame of an acquisition, which is triggered by software.
-fn id_by_software(
-    refusal: &Refusal,
-    camera: &aravis::Camera,
-    stream: &aravis::Stream,
-) -> Result<u64, CameraError> {
+/// Block ids of an acquisition of frames that software triggers, until one arrives whole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Probe {
+    /// The id that arrived.
+    id: u64,
+    /// How many frames before it did not.
+    lost: u64,
+}
+
+/// Triggers frames by software.
+fn probe(refusal: &Refusal, camera: &aravis::Camera, stream: &aravis::Stream) -> Result<Probe, CameraError> {
     let feature = "TriggerSoftware";
     if !camera.is_feature_available(feature).unwrap_or(false) {
         return Err(refusal.failed(
@@ -454,21 +465,39 @@ fn id_by_software(
     camera
         .start_acquisition()
         .map_err(refusal.feature("AcquisitionStart"))?;
-    let frame = camera
-        .software_trigger()
-        .map(|()| stream.timeout_pop_buffer(SOFTWARE.as_micros() as u64));
+    let mut found = Ok(None);
+    for lost in 0..PROBES {
+        let came = camera.software_trigger().map(|()| whole(stream, SOFTWARE));
+        let is_over = !matches!(came, Ok(None));
+        found = came.map(|id| id.map(|id| Probe { id, lost }));
+        if is_over {
+            break;
+        }
+    }
     camera
         .stop_acquisition()
         .map_err(refusal.feature("AcquisitionStop"))?;
-    let buffer = frame.map_err(refusal.feature(feature))?.ok_or_else(|| {
-        refusal.failed(format!(
-            "expected a frame within {} s of a trigger by software, found none",
+    match found.map_err(refusal.feature(feature))? {
+        Some(probe) => Ok(probe),
+        None => Err(refusal.failed(format!(
+            "expected a whole frame within {} s of one of {PROBES} triggers by software, found none",
             SOFTWARE.as_secs()
-        ))
-    })?;
-    let id = buffer.frame_id();
-    stream.push_buffer(buffer);
-    Ok(id)
+        ))),
+    }
+}
+
+/// The id of the next frame that arrives whole within `patience`.
+fn whole(stream: &aravis::Stream, patience: Duration) -> Option<u64> {
+    let began = Instant::now();
+    while let Some(left) = patience.checked_sub(began.elapsed()) {
+        let buffer = stream.timeout_pop_buffer(left.as_micros() as u64)?;
+        let id = (buffer.status() == BufferStatus::Success).then(|| buffer.frame_id());
+        stream.push_buffer(buffer);
+        if id.is_some() {
+            return id;
+        }
+    }
+    None
 }
 
 /// Sets `ExposureMode`, where the camera has one.
