@@ -153,11 +153,17 @@ fi
 step "tests and trials"
 tests
 
-step "page of a measurement, in a browser"
+# The browser keeps one core busy: the Python package is tested beside it.
+browser=
+page() {
+    npm ci --no-audit --no-fund && npm test
+}
 if command -v npm >/dev/null && { command -v chromium >/dev/null || install_packages chromium; }; then
-    (cd tests/page && npm ci --no-audit --no-fund && npm test)
+    (set -e; cd tests/page; page) >target/page.log 2>&1 &
+    browser=$!
+    trap 'kill "$browser" 2>/dev/null || true' EXIT
 else
-    echo "no npm or no chromium: the page is not opened"
+    echo "no npm or no chromium: the page of a measurement is not opened"
 fi
 
 step "Python package"
@@ -177,6 +183,13 @@ else
         $venv/bin/pip install --quiet --no-deps --no-build-isolation --upgrade --target target/wheel ./host/python
         PYTHONPATH=target/wheel $venv/bin/python -P -c 'import rcg; print(rcg.__file__, rcg.info("satin")["format"])'
     fi
+fi
+
+step "page of a measurement, in a browser: the rest of it"
+if [ -n "$browser" ]; then
+    wait "$browser" || { cat target/page.log; exit 1; }
+    trap - EXIT
+    tail -n 12 target/page.log
 fi
 
 # Of each rig as many measurements, by the commands: none may be wrong in silence.

@@ -100,15 +100,13 @@ mod real {
             if found.is_empty() {
                 return "no camera answers\n".to_owned();
             }
-            found
-                .iter()
-                .map(|one| {
-                    format!(
-                        "{}  {} {}, {}, {}\n",
-                        one.id, one.vendor, one.model, one.protocol, one.address
-                    )
-                })
-                .collect()
+            let lines = found.iter().map(|one| {
+                format!(
+                    "{}  {} {}, {}, {}\n",
+                    one.id, one.vendor, one.model, one.protocol, one.address
+                )
+            });
+            lines.collect::<Vec<_>>().concat()
         })
     }
 

@@ -212,7 +212,7 @@ pub struct VirtualCamera {
 }
 
 impl Camera for VirtualCamera {
-    fn name(&self) -> &str {
+    fn name(&self) -> &'static str {
         "virtual"
     }
 
@@ -276,7 +276,7 @@ pub struct VirtualProjector {
 }
 
 impl Projector for VirtualProjector {
-    fn name(&self) -> &str {
+    fn name(&self) -> &'static str {
         "virtual"
     }
 

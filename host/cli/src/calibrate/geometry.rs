@@ -106,8 +106,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         })
     };
     if let Some(redo) = args.hands.redo() {
-        let request = request()?;
         let world = super::world(&args.conditions, &args.port)?;
+        let request = request()?;
         let mut by_hand = ByHand::open(&request, &said, &args.out, &world, redo)
             .map_err(|error| Failure::from(error).at(args.out.display()))?;
         // Each day is a session, however it ends.
@@ -122,8 +122,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             args.out.display()
         ));
     } else {
-        let request = request()?;
         let world = super::world(&args.conditions, &args.port)?;
+        let request = request()?;
         capture(&request, &args.out, &world, output)?;
         said = Said {
             mask: said.mask,

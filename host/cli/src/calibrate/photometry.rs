@@ -86,8 +86,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     session.check(&args.out)?;
     let mut said = said(args);
     if let Some(redo) = args.hands.redo() {
-        let request = request(args, &said, rig, &trust, output)?;
         let world = super::world(&args.conditions, &args.port)?;
+        let request = request(args, &said, rig, &trust, output)?;
         let by_hand = ByHand::open(&request, &said, &args.out, &world, redo)
             .map_err(|error| Failure::from(error).at(args.out.display()))?;
         // Each day is a session, however it ends.
@@ -102,8 +102,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             args.out.display()
         ));
     } else {
-        let request = request(args, &said, rig, &trust, output)?;
         let world = super::world(&args.conditions, &args.port)?;
+        let request = request(args, &said, rig, &trust, output)?;
         capture(&request, &args.out, &world, output)?;
         said = Said::default();
     }

@@ -49,6 +49,7 @@ pub fn list() -> Vec<Listed> {
 }
 
 /// What a camera can do and how it is set.
+#[expect(clippy::struct_excessive_bools, reason = "each is a capability of its own")]
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Details {
     /// Its identity.

@@ -71,15 +71,14 @@ impl Rig {
         };
         let (camera, projector) = (self.camera.driver, self.projector.driver);
         match (camera, projector) {
-            (CameraDriver::Virtual, ProjectorDriver::Virtual) => {
-                if self.trigger.is_some() {
-                    return Err(error(
-                        "trigger.port",
-                        "nothing beside a virtual camera and projector (--port and --wires drive these by a box elsewhere)",
-                        "a table [trigger]",
-                    ));
-                }
+            (CameraDriver::Virtual, ProjectorDriver::Virtual) if self.trigger.is_some() => {
+                return Err(error(
+                    "trigger.port",
+                    "nothing beside a virtual camera and projector (--port and --wires drive these by a box elsewhere)",
+                    "a table [trigger]",
+                ));
             }
+            (CameraDriver::Virtual, ProjectorDriver::Virtual) => {}
             (CameraDriver::Virtual, _) => {
                 return Err(error(
                     "camera.driver",
