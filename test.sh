@@ -31,7 +31,7 @@ step() {
 need_features() {
     features=--all-features
     if ! pkg-config --exists 'aravis-0.8 >= 0.8.25' 2>/dev/null; then
-        install_packages libaravis-dev libusb-1.0-0-dev pkg-config || true
+        install_packages libaravis-dev libusb-1.0-0-dev aravis-tools pkg-config || true
     fi
     if ! pkg-config --exists 'aravis-0.8 >= 0.8.25' 2>/dev/null; then
         echo "no libaravis (Debian: libaravis-dev libusb-1.0-0-dev): the drivers of cameras are skipped"

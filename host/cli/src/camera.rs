@@ -172,7 +172,8 @@ mod real {
     pub(super) fn bench(args: &Bench, settings: &Genicam, output: &Output) -> Done {
         let duration = Duration::from_secs(u64::from(args.seconds));
         let rate = args.frames_per_s.map(f64::from);
-        output.begin("frames", usize::MAX, "frames");
+        let expected = rate.map_or(0.0, |rate| rate * duration.as_secs_f64());
+        output.begin("camera", expected as usize, "frames");
         let found = genicam::bench(settings, rate, duration, &|frames| output.reach(frames as usize))?;
         output.end();
         output.print(&json!(found), || {
