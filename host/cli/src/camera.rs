@@ -194,7 +194,13 @@ mod real {
                     ),
                 ),
                 ("of images", format!("{:.1} MB/s", found.bytes_per_s * 1e-6)),
-                ("lost", found.lost.to_string()),
+                (
+                    "lost",
+                    format!(
+                        "{}, {} of them as none may wait any more",
+                        found.lost, found.underruns
+                    ),
+                ),
                 (
                     "packets",
                     format!(

@@ -29,6 +29,8 @@ pub struct Throughput {
     pub frames: u64,
     /// Frames that the camera numbered and that did not arrive, or not whole.
     pub lost: u64,
+    /// Frames for which no place was left, as this program was too slow.
+    pub underruns: u64,
     /// Packets that were sent again.
     pub resent_packets: u64,
     /// Packets that never came.
@@ -87,7 +89,7 @@ pub fn bench(
         let number = ids
             .get_or_insert_with(|| Ids::new(buffer.frame_id(), camera.is_gv_device()))
             .number_of(buffer.frame_id());
-        last = last.max(number);
+        last = last.max(number.unwrap_or(0));
         if buffer.status() == BufferStatus::Success {
             frames += 1;
             if frames % 256 == 0 {
@@ -111,6 +113,7 @@ pub fn bench(
         elapsed_s,
         frames,
         lost: numbered.saturating_sub(frames),
+        underruns: stream.statistics().2,
         resent_packets: stream.info_uint64_by_name("n_resent_packets"),
         missing_packets: stream.info_uint64_by_name("n_missing_packets"),
         frames_per_s: frames as f64 / elapsed_s,

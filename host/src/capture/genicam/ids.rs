@@ -46,25 +46,24 @@ impl Ids {
         }
     }
 
-    /// The number of the frame with this `id`, 0 for the first of the acquisition.
-    pub(super) fn number_of(&mut self, id: u64) -> u64 {
+    /// The number of the frame with this `id`, 0 for the first of the acquisition; `None` for one of before.
+    pub(super) fn number_of(&mut self, id: u64) -> Option<u64> {
         if id > ROUND {
             self.wraps = false;
         }
         let number = if self.wraps {
-            // In the round of the newest frame, or in that before or behind it: whichever is nearest.
-            let within = (id + ROUND - self.first % ROUND) % ROUND;
-            let base = self.newest - self.newest % ROUND;
-            [base.checked_sub(ROUND), Some(base), base.checked_add(ROUND)]
-                .into_iter()
-                .flatten()
-                .map(|base| base + within)
-                .min_by_key(|number| number.abs_diff(self.newest))
-                .unwrap_or(within)
+            // Less than half of a round from the newest one, on either side.
+            let newest_id = (self.first - 1 + self.newest) % ROUND + 1;
+            let ahead = (id + ROUND - newest_id) % ROUND;
+            if ahead <= ROUND / 2 {
+                Some(self.newest + ahead)
+            } else {
+                self.newest.checked_sub(ROUND - ahead)
+            }
         } else {
-            id.saturating_sub(self.first)
+            id.checked_sub(self.first)
         };
-        self.newest = self.newest.max(number);
+        self.newest = self.newest.max(number.unwrap_or(0));
         number
     }
 }
@@ -82,10 +81,10 @@ mod tests {
                 // Every 1000th is lost, and one comes late.
                 for number in (0..200_000_u64).filter(|number| number % 1000 != 7) {
                     let id = (first - 1 + number) % ROUND + 1;
-                    assert_eq!(ids.number_of(id), number, "{first} {acquisition}");
+                    assert_eq!(ids.number_of(id), Some(number), "{first} {acquisition}");
                     if number % 1000 == 9 {
                         let late = (first - 1 + number - 2) % ROUND + 1;
-                        assert_eq!(ids.number_of(late), number - 2, "{first}");
+                        assert_eq!(ids.number_of(late), Some(number - 2), "{first}");
                     }
                 }
             }
@@ -95,9 +94,17 @@ mod tests {
         assert_eq!([65_534, 65_535].map(|id| ids.after(id)), [65_535, 1]);
         let mut ids = Ids::new(1, true);
         for number in (0..200_000_u64).step_by(20_000) {
-            assert_eq!(ids.number_of(1 + number), number);
+            assert_eq!(ids.number_of(1 + number), Some(number));
         }
         let mut usb = Ids::new(0, false);
-        assert_eq!([0, 1, 70_000].map(|id| usb.number_of(id)), [0, 1, 70_000]);
+        assert_eq!(
+            [0, 1, 70_000].map(|id| usb.number_of(id)),
+            [Some(0), Some(1), Some(70_000)]
+        );
+        // What was on its way before the acquisition began is none of its frames.
+        let mut late = Ids::new(5, true);
+        assert_eq!([5, 4, 6].map(|id| late.number_of(id)), [Some(0), None, Some(1)]);
+        let mut late = Ids::new(70_000, true);
+        assert_eq!([69_999, 70_002].map(|id| late.number_of(id)), [None, Some(2)]);
     }
 }

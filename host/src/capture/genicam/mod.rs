@@ -279,12 +279,14 @@ impl Camera for GenicamCamera {
 }
 
 impl GenicamCamera {
-    /// The frame in `buffer`; `None` if it did not arrive whole.
+    /// The frame in `buffer`; `None` if it did not arrive whole, or is of a run before.
     fn frame_of(&mut self, buffer: &Buffer) -> Result<Option<Frame>, CameraError> {
         if buffer.status() != BufferStatus::Success {
             return Ok(None);
         }
-        let id = self.ids.number_of(buffer.frame_id());
+        let Some(id) = self.ids.number_of(buffer.frame_id()) else {
+            return Ok(None);
+        };
         let bytes = buffer.image_data();
         // libaravis cuts what does not fit to its buffer, and calls it whole.
         let (_, _, width, height) = buffer.image_region();
