@@ -14,7 +14,7 @@ pub(crate) struct Args {
     #[command(subcommand)]
     action: Action,
     /// Identity of the camera, a part of it, or its network address [default: that of the rig file; else the only one]
-    #[arg(long, global = true, value_name = "NAME")]
+    #[arg(long, global = true, value_name = "NAME", value_parser = crate::request::words)]
     device: Option<String>,
 }
 

@@ -37,6 +37,16 @@ pub enum CameraError {
         /// What was asked for.
         asked_s: f64,
     },
+    /// There is no such camera, or more than one.
+    #[error("camera {camera}: expected {expected}, found {found}")]
+    Which {
+        /// How it was asked for.
+        camera: String,
+        /// What should be there.
+        expected: &'static str,
+        /// What is.
+        found: String,
+    },
     /// The camera does not work.
     #[error("camera {camera}: {reason}")]
     Failed {
@@ -55,7 +65,7 @@ pub enum CameraError {
 
 impl Blame for CameraError {
     fn is_input(&self) -> bool {
-        matches!(self, Self::Exposure { .. })
+        matches!(self, Self::Exposure { .. } | Self::Which { .. })
     }
 }
 

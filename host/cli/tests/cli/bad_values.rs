@@ -41,7 +41,13 @@ fn values() -> Vec<(OsString, bool)> {
 }
 
 /// Options that take any words.
-const WORDS: [&str; 4] = ["--sample-name", "--sample-description", "--operator", "--note"];
+const WORDS: [&str; 5] = [
+    "--sample-name",
+    "--sample-description",
+    "--operator",
+    "--note",
+    "--device",
+];
 
 fn is_words(value: &OsString) -> bool {
     value

@@ -101,23 +101,33 @@ fn open_device(device: Option<&str>) -> Result<(String, aravis::Camera), CameraE
             let names: Vec<&str> = all.iter().map(|one| one.id.as_str()).collect();
             names.join(", ")
         };
+        let which = |expected, found: String| CameraError::Which {
+            camera: wanted.to_owned(),
+            expected,
+            found,
+        };
         match found.as_slice() {
             [one] => one.id.clone(),
             [] if all.is_empty() => {
-                return Err(refusal.failed(
-                    "expected a camera, found none on the network or USB (is it on, in this network, and not open elsewhere?)",
+                return Err(which(
+                    "a camera",
+                    "none on the network or USB (is it on, in this network, and not open elsewhere?)"
+                        .to_owned(),
                 ));
             }
             [] => {
                 let all: Vec<&Listed> = all.iter().collect();
-                return Err(refusal.failed(format!("expected a camera of that name, found {}", names(&all))));
+                return Err(which("a camera of that name", names(&all)));
             }
             several => {
-                return Err(refusal.failed(format!(
-                    "expected one camera, found {}: {}; say which in camera.genicam.device",
-                    several.len(),
-                    names(several)
-                )));
+                return Err(which(
+                    "one camera",
+                    format!(
+                        "{}: {}; say which in camera.genicam.device",
+                        several.len(),
+                        names(several)
+                    ),
+                ));
             }
         }
     };
