@@ -8,6 +8,7 @@ use glam::DVec3;
 
 use super::ExportError;
 use crate::base::progress::Progress;
+use crate::brdf::sample::MeasuredRgl;
 use crate::brdf::{MEASUREMENT, METHOD, Source, Stated};
 use crate::store::provenance::Provenance;
 use crate::store::whole_file::{FileError, WholeFile};
@@ -74,6 +75,14 @@ impl<'a> Exporting<'a> {
         }
     }
 
+    /// The tensor file that it is; `None` of anything else.
+    pub(super) fn tensor(&self) -> Option<&MeasuredRgl> {
+        match self.source {
+            Source::Measured(_) => None,
+            Source::Known(sample) => sample.tensor(),
+        }
+    }
+
     /// Channels that differ.
     pub(super) fn channels(&self) -> usize {
         match self.source {
@@ -135,6 +144,11 @@ impl<'a> Exporting<'a> {
         let missing = found.iter().filter(|one| one.is_none()).count();
         self.pairs.fetch_add(found.len() as u64, Ordering::Relaxed);
         self.missing.fetch_add(missing as u64, Ordering::Relaxed);
+    }
+
+    /// Counts pairs that are written as they were read.
+    pub(super) fn counted(&self, pairs: usize) {
+        self.pairs.fetch_add(pairs as u64, Ordering::Relaxed);
     }
 
     /// Pairs that were asked for.

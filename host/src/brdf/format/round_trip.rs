@@ -33,41 +33,61 @@ pub struct RoundTrip {
     pub lost: usize,
 }
 
-/// Of the file that was read back as `file`.
-pub(super) fn of(exporting: &Exporting, file: &dyn Sample) -> Result<RoundTrip, ExportError> {
-    let mut rng = Xoshiro256PlusPlus::seed_from_u64(17);
-    let mut draw = || drawn(&mut rng, LAST_DEG);
-    let pairs: Vec<(DVec3, DVec3)> = (0..PAIRS).map(|_| (draw(), draw())).collect();
-    let values = exporting.peek(&pairs)?;
-    let known: Vec<f64> = values.iter().flatten().map(|f| super::luminance(*f)).collect();
-    let faint = FAINT * median(known).unwrap_or(0.0);
-    let (mut differences, mut lost) = (Vec::new(), 0);
-    for ((wi, wo), value) in pairs.into_iter().zip(values) {
-        let Some(value) = value
-            .map(super::luminance)
-            .filter(|value| *value > 0.0 && *value >= faint)
-        else {
-            continue;
+/// Pairs of directions at which a file is compared with its source.
+pub(super) struct Trial {
+    /// Those that count.
+    pub(super) pairs: Vec<(DVec3, DVec3)>,
+    /// Luminance of f there, sr⁻¹.
+    values: Vec<f64>,
+}
+
+impl Trial {
+    /// Of what is exported.
+    pub(super) fn of(exporting: &Exporting) -> Result<Self, ExportError> {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(17);
+        let mut draw = || drawn(&mut rng, LAST_DEG);
+        let pairs: Vec<(DVec3, DVec3)> = (0..PAIRS).map(|_| (draw(), draw())).collect();
+        let values = exporting.peek(&pairs)?;
+        let known: Vec<f64> = values.iter().flatten().map(|f| super::luminance(*f)).collect();
+        let faint = FAINT * median(known).unwrap_or(0.0);
+        let counts = |(pair, value): ((DVec3, DVec3), Option<[f32; 3]>)| {
+            let value = value.map(super::luminance)?;
+            (value > 0.0 && value >= faint).then_some((pair, value))
         };
-        let read = super::luminance(file.f(wi, wo).map(|f| f as f32));
-        if read.is_finite() {
-            differences.push((read / value - 1.0).abs());
-        } else {
-            lost += 1;
+        let (pairs, values) = pairs.into_iter().zip(values).filter_map(counts).unzip();
+        Ok(Self { pairs, values })
+    }
+
+    /// Of what was `read` at the pairs: luminance of f, sr⁻¹.
+    pub(super) fn against(&self, read: impl IntoIterator<Item = f64>) -> RoundTrip {
+        let (mut differences, mut lost) = (Vec::new(), 0);
+        for (read, value) in read.into_iter().zip(&self.values) {
+            if read.is_finite() {
+                differences.push((read / value - 1.0).abs());
+            } else {
+                lost += 1;
+            }
+        }
+        differences.sort_unstable_by(f64::total_cmp);
+        let count = differences.len();
+        let at = |share: f64| {
+            differences
+                .get(((count as f64 * share) as usize).min(count.saturating_sub(1)))
+                .copied()
+        };
+        RoundTrip {
+            pairs: count,
+            median: at(0.5),
+            below_99: at(0.99),
+            largest: at(1.0),
+            lost,
         }
     }
-    differences.sort_unstable_by(f64::total_cmp);
-    let count = differences.len();
-    let at = |share: f64| {
-        differences
-            .get(((count as f64 * share) as usize).min(count.saturating_sub(1)))
-            .copied()
-    };
-    Ok(RoundTrip {
-        pairs: count,
-        median: at(0.5),
-        below_99: at(0.99),
-        largest: at(1.0),
-        lost,
-    })
+}
+
+/// Of the file that was read back as `file`.
+pub(super) fn of(exporting: &Exporting, file: &dyn Sample) -> Result<RoundTrip, ExportError> {
+    let trial = Trial::of(exporting)?;
+    let luminance = |(wi, wo): &(DVec3, DVec3)| super::luminance(file.f(*wi, *wo).map(|f| f as f32));
+    Ok(trial.against(trial.pairs.iter().map(luminance)))
 }

@@ -68,21 +68,24 @@ struct Facets {
 
 /// Equally large 2-D tables one after another.
 #[derive(Debug)]
-struct Tables<T> {
-    rows: usize,
-    columns: usize,
-    values: Vec<T>,
+pub(crate) struct Tables<T> {
+    /// Along the axis before the last one.
+    pub(crate) rows: usize,
+    /// Along the last axis.
+    pub(crate) columns: usize,
+    /// Row by row, table by table.
+    pub(crate) values: Vec<T>,
 }
 
 impl<T> Tables<T> {
     /// Table number `index`, row by row.
-    fn slice(&self, index: usize) -> &[T] {
+    pub(crate) fn slice(&self, index: usize) -> &[T] {
         let size = self.rows * self.columns;
         &self.values[index * size..(index + 1) * size]
     }
 
     /// Where (`x`, `y`) is in any of them.
-    fn patch(&self, x: f64, y: f64) -> Patch {
+    pub(crate) fn patch(&self, x: f64, y: f64) -> Patch {
         Patch::at(x, y, self.rows, self.columns)
     }
 }
@@ -112,7 +115,33 @@ impl Incidence {
     }
 }
 
+/// The tables of a file, as it has them.
+pub(crate) struct Content<'a> {
+    /// Radians.
+    pub(crate) phi_i: &'a [f64],
+    /// Radians.
+    pub(crate) theta_i: &'a [f64],
+    /// `ndf` and `sigma`; `None` if the values do not contain the factor ndf/(4 sigma).
+    pub(crate) facets: Option<[&'a Tables<f32>; 2]>,
+    /// One for each pair of incident angles, φi by φi.
+    pub(crate) vndf: &'a [Density],
+    /// As many tables of R, G and B.
+    pub(crate) rgb: &'a Tables<[f32; 3]>,
+}
+
 impl MeasuredRgl {
+    /// Its tables.
+    pub(crate) fn content(&self) -> Content<'_> {
+        let facets = self.facets.as_ref();
+        Content {
+            phi_i: &self.phi_i_rad,
+            theta_i: &self.theta_i_rad,
+            facets: facets.map(|Facets { ndf, sigma }| [ndf, sigma]),
+            vndf: &self.vndf,
+            rgb: &self.rgb,
+        }
+    }
+
     /// What all look-ups from `wi` share; `None` where f is zero.
     fn incidence(&self, wi: DVec3) -> Option<Incidence> {
         if below_horizon(wi) {
@@ -230,6 +259,10 @@ impl Sample for MeasuredRgl {
 
     fn is_isotropic(&self) -> bool {
         self.isotropic
+    }
+
+    fn tensor(&self) -> Option<&MeasuredRgl> {
+        Some(self)
     }
 }
 
