@@ -1,7 +1,7 @@
 //! Files of other programs: what is read, what is written, and what gets lost on the way.
 //!
 //! # Design
-//! One file per format, with its table of bytes or keys. Readers make a [`Sample`] of a file, for which all commands then serve; writers ask an
+//! One module per format, with its table of bytes or keys. Readers make a [`Sample`] of a file, for which all commands then serve; writers ask an
 //! `Exporting` for values and stream them. What a format cannot carry is told: missing values, uncertainty, provenance, azimuths that
 //! were averaged away. An export is read back, and how far it is from its source is what [`export`] answers.
 //!
@@ -333,7 +333,8 @@ pub fn export(
         Format::Exr => exr::write(&exporting, resolution).map(|()| None),
     }?;
     progress.end();
-    let mut warnings = Vec::new();
+    let colours = exporting.tensor().and_then(MeasuredRgl::colours);
+    let mut warnings = Vec::from_iter(colours.map(|colours| format!("spectra: written are {colours}")));
     let round_trip = match to {
         Format::Csv | Format::Exr => None,
         // What is written is there all the same.

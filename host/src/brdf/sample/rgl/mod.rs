@@ -14,6 +14,8 @@
 //! | `ndf`, `sigma` | \[≥2, ≥2\] | microfacet distribution, projected microfacet area, ≥ 0 |
 //! | `vndf` | \[P, T, ≥2, ≥2\] | density of visible normals, ≥ 0, not normalised |
 //! | `rgb` | \[P, T, 3, ≥2, ≥2\] | the warped and scaled values |
+//! | `spectra` | \[P, T, W, ≥2, ≥2\] | the same by wavelength, in place of `rgb`; RGB are made of them as `spectra` says |
+//! | `wavelengths` | \[W\] | nm, ascending |
 //! | `jacobian` | u8 \[1\] | 0: the factor ndf/(4 sigma) is left out |
 //!
 //! # Design
@@ -33,6 +35,7 @@
 
 mod azimuth;
 mod read;
+mod spectra;
 
 use std::f64::consts::{PI, TAU};
 use std::path::PathBuf;
@@ -57,6 +60,8 @@ pub struct MeasuredRgl {
     vndf: Vec<Density>,
     /// As many slices.
     rgb: Tables<[f32; 3]>,
+    /// Those of spectra; none of a file that has RGB.
+    wavelengths_nm: Vec<f64>,
 }
 
 /// Statistics of the microfacets, independent of the incident direction.
@@ -130,6 +135,23 @@ pub(crate) struct Content<'a> {
 }
 
 impl MeasuredRgl {
+    /// How R, G and B were made of spectra, in words; `None` of a file that has them itself.
+    #[must_use]
+    pub fn colours(&self) -> Option<String> {
+        // As the file has them, in single precision.
+        match self.wavelengths_nm[..] {
+            [] => None,
+            [one] => Some(format!("one wavelength, {} nm, in each channel", one as f32)),
+            [first, .., last] => Some(format!(
+                "{} wavelengths from {} to {} nm as {}",
+                self.wavelengths_nm.len(),
+                first as f32,
+                last as f32,
+                spectra::WORDS
+            )),
+        }
+    }
+
     /// Its tables.
     pub(crate) fn content(&self) -> Content<'_> {
         let facets = self.facets.as_ref();
