@@ -361,6 +361,17 @@ fn no_file_is_trusted() {
             }
         }
     }
+    let klems = folder.path().join("d.xml");
+    written("lambert", Format::Klems, coarse, &klems);
+    let tree = std::fs::read_to_string(&klems)
+        .unwrap()
+        .replace(">Columns<", ">TensorTree4<");
+    std::fs::write(&klems, tree).unwrap();
+    let told = open(&klems).unwrap_err().to_string();
+    assert!(
+        told.contains("IncidentDataStructure: expected Columns") && told.contains("found `TensorTree4`"),
+        "{told}"
+    );
     let merl = folder.path().join("e.binary");
     for bytes in [
         &b"\x5a\0\0\0\x5a\0\0\0\xb4\0\0\0"[..],
