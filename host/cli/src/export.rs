@@ -176,9 +176,15 @@ fn read_back(exported: &Exported) -> String {
     let Some(trip) = exported.round_trip else {
         return "no".to_owned();
     };
+    let within = trip.within_half_sigma.map_or_else(String::new, |share| {
+        format!(
+            ", {:.2} % of them within half of the standard uncertainty",
+            100.0 * share
+        )
+    });
     match (trip.median, trip.below_99, trip.largest) {
         (Some(median), Some(most), Some(largest)) => format!(
-            "differs by {:.3} % (median), 99 % below {:.2} %, at most {:.2} %, from {} pairs; {} have no value there",
+            "differs by {:.3} % (median), 99 % below {:.2} %, at most {:.2} %, from {} pairs{within}; {} have no value there",
             100.0 * median,
             100.0 * most,
             100.0 * largest,

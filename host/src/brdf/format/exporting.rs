@@ -117,6 +117,13 @@ impl<'a> Exporting<'a> {
 
     /// As [`values`](Self::values), with uncertainty and provenance.
     pub(super) fn entries(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Option<Entry>>, ExportError> {
+        let entries = self.peek_entries(pairs)?;
+        self.count(&entries);
+        Ok(entries)
+    }
+
+    /// As [`entries`](Self::entries), without counting what is missing.
+    pub(super) fn peek_entries(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Option<Entry>>, ExportError> {
         let entries: Vec<Option<Entry>> = match self.source {
             Source::Measured(brdf) => {
                 let of = |stated: Stated| Entry {
@@ -136,7 +143,6 @@ impl<'a> Exporting<'a> {
                 self.peek(pairs)?.into_iter().map(|f| f.map(of)).collect()
             }
         };
-        self.count(&entries);
         Ok(entries)
     }
 

@@ -26,6 +26,9 @@ const COMPACT_SIDE: usize = 64;
 /// See [`Candidate::is_as_good_as`].
 const LARGEST: f64 = 2.0;
 
+/// Share of the differences of a measurement that a compact table has within half of the standard uncertainty.
+const WITHIN: f64 = 0.995;
+
 /// How half vectors are tabulated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -73,10 +76,17 @@ impl Candidate {
         };
         match (all(self), all(other)) {
             (Some(of), Some([median, most, largest])) => {
-                of[0] <= median && of[1] <= most && of[2] <= LARGEST * largest
+                of[0] <= median && of[1] <= most && of[2] <= LARGEST * largest && self.is_within()
             }
             _ => false,
         }
+    }
+
+    /// Whether nearly all is far within the uncertainty of what is exported, if that states one; no more points than the most that are tried
+    /// are asked for it.
+    fn is_within(&self) -> bool {
+        let share = self.expected.within_half_sigma;
+        share.is_none_or(|share| share >= WITHIN) || SIDES.last().is_none_or(|most| self.side >= *most)
     }
 
     fn words(&self) -> String {
