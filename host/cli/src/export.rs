@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use rcg::base::file_format::Formats;
 use rcg::brdf::Source;
-use rcg::brdf::format::{About, Exported, Format, Resolution, export};
+use rcg::brdf::format::{About, Exported, Form, Format, Resolution, Tabulation, export};
 
 use crate::Done;
 use crate::clock::now;
@@ -35,10 +35,14 @@ pub(crate) struct Args {
     /// Step of the table's angles, degrees, 0.5 to 45; without it that of the source where the format takes it (bsdf: 3 and 5)
     #[arg(long, value_name = "DEG", value_parser = step)]
     step: Option<f64>,
-    /// Points along each side of a .bsdf's table of half vectors, 2 to 1024 [default: 128; 192 of an isotropic sample], or of an .exr
-    /// [default: 256, or as many as were measured]
+    /// Points along each side of a .bsdf's table of half vectors, 2 to 1024 [default: 128 of a dense one, 192 of an isotropic sample; as few
+    /// as are as good of a compact one], or of an .exr [default: 256, or as many as were measured]
     #[arg(long, value_name = "N")]
     resolution: Option<usize>,
+    /// How a .bsdf tabulates half vectors: at equal steps (dense), or where the sample's facets are seen (compact) [default: compact where
+    /// that is smaller and as good; a .bsdf that is exported keeps its own tables]
+    #[arg(long, value_name = "dense|compact", value_parser = form())]
+    table: Option<Form>,
     /// Write one incident direction only, polar angle and azimuth in degrees (csv; exr needs one)
     #[arg(long, value_name = "THETA,PHI", value_parser = direction)]
     slice: Option<[f64; 2]>,
@@ -52,6 +56,14 @@ fn named() -> impl TypedValueParser<Value = Format> {
     PossibleValuesParser::new(Format::ALL.map(Format::name)).map(|name| {
         let found = Format::ALL.into_iter().find(|format| format.name() == name);
         found.unwrap_or(Format::Bsdf)
+    })
+}
+
+/// The parser of a form's name.
+fn form() -> impl TypedValueParser<Value = Form> {
+    PossibleValuesParser::new(["dense", "compact"]).map(|name| match name.as_str() {
+        "dense" => Form::Dense,
+        _ => Form::Compact,
     })
 }
 
@@ -94,6 +106,12 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
             args.to.name()
         )));
     }
+    if args.table.is_some() && args.to != Format::Bsdf {
+        return Err(Failure::input(format!(
+            "--table: expected --to bsdf, found --to {}",
+            args.to.name()
+        )));
+    }
     let source = Source::open(&args.brdf)?;
     let about = About {
         name: args.brdf.clone(),
@@ -104,6 +122,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         side: args.resolution.unwrap_or(0),
         incident_deg: args.slice,
         zeros: args.zeros,
+        form: args.table,
     };
     let exported = export(&source, &about, (args.to, resolution), &args.out, output)?;
     output.print(&exported, || text(&exported, args))?;
@@ -123,6 +142,9 @@ fn text(exported: &Exported, args: &Args) -> String {
             format!("{:.2} % of them have no value", 100.0 * exported.missing),
         ),
     ];
+    if let Some(table) = &exported.table {
+        lines.push(("table", tabulated(table)));
+    }
     if let Some(averaged) = exported.averaged_azimuths {
         lines.push((
             "azimuths",
@@ -136,13 +158,33 @@ fn text(exported: &Exported, args: &Args) -> String {
     table(&lines)
 }
 
+fn tabulated(table: &Tabulation) -> String {
+    let form = match table.form {
+        Form::Dense => "dense",
+        Form::Compact => "compact",
+        Form::Own => "the file's own",
+    };
+    let [azimuths, polar] = table.incident;
+    format!(
+        "{form}, {side} × {side} half vectors under light from {azimuths} azimuths × {polar} polar angles: {}",
+        table.why,
+        side = table.side
+    )
+}
+
 fn read_back(exported: &Exported) -> String {
     let Some(trip) = exported.round_trip else {
         return "no".to_owned();
     };
+    let within = trip.within_half_sigma.map_or_else(String::new, |share| {
+        format!(
+            ", {:.2} % of them within half of the standard uncertainty",
+            100.0 * share
+        )
+    });
     match (trip.median, trip.below_99, trip.largest) {
         (Some(median), Some(most), Some(largest)) => format!(
-            "differs by {:.3} % (median), 99 % below {:.2} %, at most {:.2} %, from {} pairs; {} have no value there",
+            "differs by {:.3} % (median), 99 % below {:.2} %, at most {:.2} %, from {} pairs{within}; {} have no value there",
             100.0 * median,
             100.0 * most,
             100.0 * largest,

@@ -6,6 +6,7 @@ use std::io::{self, Write as _};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
 use rcg::brdf::reflectance::Missing;
+use rcg::brdf::sample::MeasuredRgl;
 use rcg::brdf::{Source, Stated};
 use rcg::hemisphere::direction::from_degrees;
 use rcg::judge::quantity::Quantity;
@@ -23,7 +24,8 @@ const BATCH: usize = 1 << 18;
 ///
 /// Reads lines `theta_i phi_i theta_o phi_o` (degrees; both directions point away from the surface; blank
 /// lines and what follows a # are skipped) and answers each with `r g b` (f in 1/sr, without the
-/// cosine), or with `- reason`.
+/// cosine), or with `- reason`. Of a `.bsdf` with spectra, r g b are linear sRGB as the CIE 1931 standard
+/// observer (2°) sees them under D65.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
     /// A brdf.zarr, a measured .bsdf file, or a model such as ward:brass
@@ -114,8 +116,13 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         })
     };
     let answered = answer(&answers, output.is_json())?;
+    let colours = match &source {
+        Source::Measured(_) => None,
+        Source::Known(sample) => sample.tensor().and_then(MeasuredRgl::colours),
+    };
     let value = json!({
         "brdf": args.brdf,
+        "spectra": colours,
         "quantity": quantity,
         "azimuth": measured.map(|brdf| brdf.azimuth()),
         "common_uncertainty": measured.and_then(|brdf| brdf.common_uncertainty()),

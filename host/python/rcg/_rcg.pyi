@@ -40,6 +40,7 @@ def export(
     resolution: int | None,
     incident_deg: tuple[float, float] | None,
     zeros: bool,
+    table: str | None,
     written: str,
 ) -> str: ...
 def fill(brdfs: list[Path], out: Path, without: list[str], any_scale: bool) -> str: ...

@@ -34,14 +34,15 @@ def export(
     resolution: int | None = None,
     incident_deg: tuple[float, float] | None = None,
     zeros: bool = False,
+    table: Literal["dense", "compact"] | None = None,
 ) -> dict[str, Any]:
     """Writes ``source`` (as :class:`rcg.Brdf` takes it) as the file ``out`` of another program and reads it back.
 
     ``to`` is the format; without it the end of ``out`` says it (``.bsdf`` is that of Mitsuba). ``step_deg``, 0.5 to 45, is the step of the
     table's angles, ``resolution`` the points along each side of a ``.bsdf``'s table, ``incident_deg`` the one incident direction (θ, φ) of a
-    ``.csv``. A format without missing values takes none, unless ``zeros`` writes 0.
+    ``.csv``, ``table`` how a ``.bsdf`` tabulates half vectors (``compact`` where that is smaller and as good, if nobody says). A format without missing values takes none, unless ``zeros`` writes 0.
 
-    Answers with ``bytes``, ``pairs``, ``missing`` (share), ``round_trip`` (how far the file is from its source) and ``warnings``. The file
+    Answers with ``bytes``, ``pairs``, ``missing`` (share), ``table`` (of a ``.bsdf``: which it is, and why), ``round_trip`` (how far the file is from its source) and ``warnings``. The file
     appears whole or not at all.
 
     Raises ``ValueError`` for what the format cannot carry, ``OSError`` for a file that cannot be written.
@@ -53,7 +54,7 @@ def export(
         if not known:
             raise ValueError(f"{path}: expected a file name that ends as one of a known format, or `to`, found {path.name}")
         to = known[0]
-    written = _rcg.export(os.fsdecode(source), to, path, step_deg, resolution, incident_deg, zeros, now())
+    written = _rcg.export(os.fsdecode(source), to, path, step_deg, resolution, incident_deg, zeros, table, now())
     return json.loads(written)
 
 

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use rcg::assemble::fill::{self as filling, Options, Way};
 use rcg::base::file_format::Formats;
 use rcg::brdf::Source;
-use rcg::brdf::format::{self, About, Format, Resolution};
+use rcg::brdf::format::{self, About, Form, Format, Resolution};
 
 use crate::failure::Failure;
 use crate::long_work;
@@ -44,6 +44,7 @@ pub(crate) fn export(
     resolution: Option<usize>,
     incident_deg: Option<[f64; 2]>,
     zeros: bool,
+    table: Option<&str>,
     written: String,
 ) -> PyResult<String> {
     let known = Format::ALL.into_iter().find(|format| format.name() == to);
@@ -70,11 +71,23 @@ pub(crate) fn export(
     if resolution.is_some() && to != Format::Bsdf {
         return Err(Failure::input(format!("resolution: expected to=\"bsdf\", found {}", to.name())).into());
     }
+    let form = match table {
+        None => None,
+        Some(_) if to != Format::Bsdf => {
+            return Err(Failure::input(format!("table: expected to=\"bsdf\", found {}", to.name())).into());
+        }
+        Some("dense") => Some(Form::Dense),
+        Some("compact") => Some(Form::Compact),
+        Some(other) => {
+            return Err(Failure::input(format!("table: expected dense or compact, found {other}")).into());
+        }
+    };
     let resolution = Resolution {
         step_deg: step_deg.unwrap_or(0.0),
         side: resolution.unwrap_or(0),
         incident_deg,
         zeros,
+        form,
     };
     long_work::run(py, |patience| {
         Formats::new(to.endings()).of(&out)?;

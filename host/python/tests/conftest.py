@@ -21,9 +21,9 @@ def drawn(count: int, largest_deg: float, seed: int = 1) -> np.ndarray:
 
 @pytest.fixture(scope="session")
 def cloth(tmp_path_factory) -> Path:
-    """Anisotropic cloth, measured without noise: the directory of the measurement."""
+    """Anisotropic cloth, measured with the noise of the camera: the directory of the measurement."""
     out = tmp_path_factory.mktemp("measured") / "cloth"
-    rcg.measure(out, rig="rcg-2", sample="satin", step_deg=10, image_size=48, noise=False)
+    rcg.measure(out, rig="rcg-2", sample="satin", step_deg=10, image_size=48)
     return out
 
 

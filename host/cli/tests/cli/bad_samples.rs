@@ -3,7 +3,7 @@
 use std::fs;
 
 use crate::command::{quick, refuses, run, text};
-use crate::tensor_file::{bytes, material, named};
+use crate::tensor_file::{bytes, material, named, spectral};
 
 /// The `content` as a `.bsdf`, refused by every command that takes a sample.
 fn refused(content: &[u8], parts: &[&str]) {
@@ -38,6 +38,45 @@ fn a_sound_file_has_values() {
     // The file holds f·cosθo.
     assert_eq!(values.len(), 3);
     assert!(values.iter().all(|f| (f - 0.1 / 0.5).abs() < 1e-5), "{values:?}");
+}
+
+#[test]
+fn spectra_become_colours_wherever_a_sample_is_read() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| text(&scratch.path().join(name)).to_owned();
+    let path = at("sample.bsdf");
+    // As much of all light, and more of what is long.
+    for (slope, file) in [(0.0, at("grey.bsdf")), (0.5, path.clone())] {
+        fs::write(file, bytes(&spectral(0.1, slope))).unwrap();
+    }
+    let values = |file: &str| -> Vec<f64> {
+        let answered = run(&["value", file], "30 0 60 120\n");
+        let words = answered.done().split_whitespace();
+        words.map(|word| word.parse().unwrap()).collect()
+    };
+    let grey = values(&at("grey.bsdf"));
+    assert!(grey.iter().all(|f| (f - 0.1 / 0.5).abs() < 1e-5), "{grey:?}");
+    let reddish = values(&path);
+    assert!(reddish[0] > reddish[1] && reddish[1] > reddish[2], "{reddish:?}");
+    let info = run(&["info", &path, "--json"], "").object();
+    let told = info["facts"].to_string();
+    assert!(
+        told.contains("7 wavelengths from 400 to 700 nm")
+            && told.contains("CIE 1931")
+            && told.contains("D65"),
+        "{told}"
+    );
+    let picture = at("sphere.exr");
+    run(&["render", &path, "--size", "16", "--out", &picture], "").done();
+    let again = at("again.bsdf");
+    let told = run(&["export", &path, "--to", "bsdf", "--out", &again, "--json"], "").object();
+    assert!(told["warnings"].to_string().contains("D65"), "{told}");
+    assert_eq!(values(&again), reddish);
+    // Without blue nobody knows a colour.
+    let mut fields = spectral(0.1, 0.0);
+    let wavelengths = (0..7_u8).map(|n| 500.0 + 25.0 * f32::from(n));
+    named(&mut fields, "wavelengths").data = wavelengths.flat_map(f32::to_le_bytes).collect();
+    refused(&bytes(&fields), &["wavelengths", "420 to 680 nm", "500 to 650"]);
 }
 
 #[test]

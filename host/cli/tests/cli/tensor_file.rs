@@ -42,6 +42,24 @@ pub(crate) fn material(level: f32) -> Vec<Field> {
     ]
 }
 
+/// As [`material`], with spectra every 50 nm from 400 to 700 nm, which are `level` and grow by `slope` of it from end to end.
+pub(crate) fn spectral(level: f32, slope: f32) -> Vec<Field> {
+    let mut fields = material(level);
+    fields.retain(|field| field.name != "rgb");
+    let shares: Vec<f32> = (0..7_u8).map(|n| f32::from(n) / 6.0).collect();
+    let wavelengths: Vec<f32> = shares
+        .iter()
+        .map(|share| 300.0_f32.mul_add(*share, 400.0))
+        .collect();
+    let one: Vec<f32> = shares
+        .iter()
+        .flat_map(|share| [level * (1.0 + slope * share); 4])
+        .collect();
+    fields.push(field("spectra", &[1, 2, 7, 2, 2], &[one.clone(), one].concat()));
+    fields.push(field("wavelengths", &[7], &wavelengths));
+    fields
+}
+
 /// The field of `fields` with this name.
 pub(crate) fn named<'a>(fields: &'a mut [Field], name: &str) -> &'a mut Field {
     let found = fields.iter_mut().find(|field| field.name == name);

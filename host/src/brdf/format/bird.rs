@@ -1,7 +1,13 @@
 //! The universal BRDF format of the European metrology projects 16NRM08 (`BiRD`) and 18SIB03 (`.brdf`, `.json`): one JSON document.
 //!
-//! Lanevski et al., Color Research and Application 47, 1177 (2022), and the projects' schema. Checked here as read: the keys below are there,
-//! lists are equally long, angles in range.
+//! Lanevski et al., Color Research and Application 47, 1177 (2022), and the projects' schema. No validator of theirs is asked; what is written
+//! keeps these rules of the schema, as they are read here, and a test walks a file by them:
+//! - All keys of `metadata` below are there and none is null or empty, but that of an environment nobody recorded; what nobody knows of the
+//!   instrument is left out.
+//! - Each list of `data` has a `unit` of those below and `values`, finite numbers as many as in each other list, and there are some.
+//!   In degrees, as the schema has azimuths in radians end at π.
+//! - f and its uncertainty are not negative where the source is not.
+//! - Each list of `data.adhoc_variables` says in `description` what it is.
 //!
 //! | key | content |
 //! |---|---|
@@ -256,6 +262,12 @@ fn metadata(exporting: &Exporting) -> Value {
             .cloned()
     };
     let software = format!("rcg {}", env!("CARGO_PKG_VERSION"));
+    let mut instrumentation = json!({ "name": "RCG, rapid catadioptric gonioreflectometer" });
+    for name in ["rig", "spot_deg", "standards", "measured_area"] {
+        if let Some(known) = attribute(name) {
+            instrumentation[name] = known;
+        }
+    }
     json!({
         "schema": "BiRD universal BRDF",
         "id": exporting.about.name,
@@ -264,13 +276,7 @@ fn metadata(exporting: &Exporting) -> Value {
         "provenance": attribute("lineage").unwrap_or_else(|| json!({ "program": software })),
         "description": exporting.description(),
         "method": if exporting.is_measurement() { "measurement" } else { "simulation" },
-        "instrumentation": {
-            "name": "RCG, rapid catadioptric gonioreflectometer",
-            "rig": attribute("rig"),
-            "spot_deg": attribute("spot_deg"),
-            "standards": attribute("standards"),
-            "measured_area": attribute("measured_area"),
-        },
+        "instrumentation": instrumentation,
         "software": software,
         "sample": exporting.about.name,
         "environment": attribute("environment").unwrap_or_else(|| json!({})),

@@ -8,6 +8,7 @@ use glam::DVec3;
 
 use super::ExportError;
 use crate::base::progress::Progress;
+use crate::brdf::sample::MeasuredRgl;
 use crate::brdf::{MEASUREMENT, METHOD, Source, Stated};
 use crate::store::provenance::Provenance;
 use crate::store::whole_file::{FileError, WholeFile};
@@ -74,6 +75,14 @@ impl<'a> Exporting<'a> {
         }
     }
 
+    /// The tensor file that it is; `None` of anything else.
+    pub(super) fn tensor(&self) -> Option<&MeasuredRgl> {
+        match self.source {
+            Source::Measured(_) => None,
+            Source::Known(sample) => sample.tensor(),
+        }
+    }
+
     /// Channels that differ.
     pub(super) fn channels(&self) -> usize {
         match self.source {
@@ -108,6 +117,13 @@ impl<'a> Exporting<'a> {
 
     /// As [`values`](Self::values), with uncertainty and provenance.
     pub(super) fn entries(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Option<Entry>>, ExportError> {
+        let entries = self.peek_entries(pairs)?;
+        self.count(&entries);
+        Ok(entries)
+    }
+
+    /// As [`entries`](Self::entries), without counting what is missing.
+    pub(super) fn peek_entries(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Option<Entry>>, ExportError> {
         let entries: Vec<Option<Entry>> = match self.source {
             Source::Measured(brdf) => {
                 let of = |stated: Stated| Entry {
@@ -127,7 +143,6 @@ impl<'a> Exporting<'a> {
                 self.peek(pairs)?.into_iter().map(|f| f.map(of)).collect()
             }
         };
-        self.count(&entries);
         Ok(entries)
     }
 
@@ -135,6 +150,11 @@ impl<'a> Exporting<'a> {
         let missing = found.iter().filter(|one| one.is_none()).count();
         self.pairs.fetch_add(found.len() as u64, Ordering::Relaxed);
         self.missing.fetch_add(missing as u64, Ordering::Relaxed);
+    }
+
+    /// Counts pairs that are written as they were read.
+    pub(super) fn counted(&self, pairs: usize) {
+        self.pairs.fetch_add(pairs as u64, Ordering::Relaxed);
     }
 
     /// Pairs that were asked for.

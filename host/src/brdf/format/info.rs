@@ -11,7 +11,7 @@ use serde::Serialize;
 use super::{Format, luminance};
 use crate::base::median::median;
 use crate::brdf::Source;
-use crate::brdf::sample::file_of;
+use crate::brdf::sample::{MeasuredRgl, file_of};
 use crate::hemisphere::direction::{drawn, from_angles, from_degrees};
 use crate::hemisphere::judged::RECIPROCAL_THETA_DEG;
 use crate::store::StoreError;
@@ -186,6 +186,9 @@ fn facts(source: &Source) -> Vec<(String, String)> {
                 }
                 .to_owned(),
             );
+            if let Some(colours) = sample.tensor().and_then(MeasuredRgl::colours) {
+                add("spectra", colours);
+            }
         }
     }
     facts

@@ -109,6 +109,11 @@ impl Klems {
             let child = node.descendants().find(|child| named(child, name))?;
             Some(child.text()?.trim().to_owned())
         };
+        let structure = text_of(document.root(), "IncidentDataStructure");
+        if let Some(tree) = structure.filter(|name| name.starts_with("TensorTree")) {
+            let expected = "Columns, as tensor trees are not read here";
+            return Err(wrong("IncidentDataStructure", expected, &shown(&tree)));
+        }
         let blocks: Vec<roxmltree::Node> = document
             .descendants()
             .filter(|node| named(node, "WavelengthData"))

@@ -1,7 +1,7 @@
 //! Files of other programs: what is read, what is written, and what gets lost on the way.
 //!
 //! # Design
-//! One file per format, with its table of bytes or keys. Readers make a [`Sample`] of a file, for which all commands then serve; writers ask an
+//! One module per format, with its table of bytes or keys. Readers make a [`Sample`] of a file, for which all commands then serve; writers ask an
 //! `Exporting` for values and stream them. What a format cannot carry is told: missing values, uncertainty, provenance, azimuths that
 //! were averaged away. An export is read back, and how far it is from its source is what [`export`] answers.
 //!
@@ -47,6 +47,7 @@ use crate::brdf::sample::{MeasuredRgl, Sample, SampleError};
 use crate::store::StoreError;
 use crate::store::whole_file::FileError;
 
+pub use bsdf::{Form, Tabulation};
 pub use exporting::About;
 use exporting::Exporting;
 pub use round_trip::RoundTrip;
@@ -265,6 +266,8 @@ pub struct Resolution {
     pub incident_deg: Option<[f64; 2]>,
     /// Whether a format without missing values has 0 in their place, and is not refused.
     pub zeros: bool,
+    /// How a `.bsdf` tabulates half vectors, dense or compact; `None` for the smaller of those that are as good.
+    pub form: Option<Form>,
 }
 
 /// What was exported.
@@ -278,6 +281,8 @@ pub struct Exported {
     pub pairs: u64,
     /// Share of them without a value.
     pub missing: f64,
+    /// How half vectors are tabulated; `None` of formats that have no choice.
+    pub table: Option<Tabulation>,
     /// Relative standard deviation over the azimuths of a sample that a format without them averaged away, which a tenth of the entries
     /// exceed; `None` if nothing was.
     pub averaged_azimuths: Option<f64>,
@@ -312,8 +317,12 @@ pub fn export(
         });
     }
     let exporting = Exporting::new(source, about, out, progress);
+    let mut table = None;
     let averaged_azimuths = match to {
-        Format::Bsdf => bsdf::write(&exporting, resolution).map(|()| None),
+        Format::Bsdf => bsdf::write(&exporting, resolution).map(|told| {
+            table = Some(told);
+            None
+        }),
         Format::Merl => merl::write(&exporting),
         Format::Ssdd => ssdd::write(&exporting, resolution).map(|()| None),
         Format::Klems => klems::write(&exporting, resolution).map(|()| None),
@@ -324,7 +333,8 @@ pub fn export(
         Format::Exr => exr::write(&exporting, resolution).map(|()| None),
     }?;
     progress.end();
-    let mut warnings = Vec::new();
+    let colours = exporting.tensor().and_then(MeasuredRgl::colours);
+    let mut warnings = Vec::from_iter(colours.map(|colours| format!("spectra: written are {colours}")));
     let round_trip = match to {
         Format::Csv | Format::Exr => None,
         // What is written is there all the same.
@@ -344,6 +354,7 @@ pub fn export(
         bytes,
         pairs: exporting.pairs(),
         missing: exporting.missing(),
+        table,
         averaged_azimuths,
         round_trip,
         warnings,

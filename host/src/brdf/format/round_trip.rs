@@ -29,45 +29,89 @@ pub struct RoundTrip {
     pub below_99: Option<f64>,
     /// The largest.
     pub largest: Option<f64>,
+    /// Share of the differences that are within half of the standard uncertainty that the source states; `None` of one that states none.
+    pub within_half_sigma: Option<f64>,
     /// Pairs that the source has and the file has not.
     pub lost: usize,
 }
 
-/// Of the file that was read back as `file`.
-pub(super) fn of(exporting: &Exporting, file: &dyn Sample) -> Result<RoundTrip, ExportError> {
-    let mut rng = Xoshiro256PlusPlus::seed_from_u64(17);
-    let mut draw = || drawn(&mut rng, LAST_DEG);
-    let pairs: Vec<(DVec3, DVec3)> = (0..PAIRS).map(|_| (draw(), draw())).collect();
-    let values = exporting.peek(&pairs)?;
-    let known: Vec<f64> = values.iter().flatten().map(|f| super::luminance(*f)).collect();
-    let faint = FAINT * median(known).unwrap_or(0.0);
-    let (mut differences, mut lost) = (Vec::new(), 0);
-    for ((wi, wo), value) in pairs.into_iter().zip(values) {
-        let Some(value) = value
-            .map(super::luminance)
-            .filter(|value| *value > 0.0 && *value >= faint)
-        else {
-            continue;
+/// Pairs of directions at which a file is compared with its source.
+pub(super) struct Trial {
+    /// Those that count.
+    pub(super) pairs: Vec<(DVec3, DVec3)>,
+    /// Luminance of f there, sr⁻¹.
+    values: Vec<f64>,
+    /// The least relative standard uncertainty of its channels; NaN where nobody states one.
+    uncertainties: Vec<f64>,
+}
+
+impl Trial {
+    /// Of what is exported.
+    pub(super) fn of(exporting: &Exporting) -> Result<Self, ExportError> {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(17);
+        let mut draw = || drawn(&mut rng, LAST_DEG);
+        let pairs: Vec<(DVec3, DVec3)> = (0..PAIRS).map(|_| (draw(), draw())).collect();
+        let entries = exporting.peek_entries(&pairs)?;
+        let known = entries.iter().flatten();
+        let known: Vec<f64> = known.map(|entry| super::luminance(entry.f)).collect();
+        let faint = FAINT * median(known).unwrap_or(0.0);
+        let mut trial = Self {
+            pairs: Vec::new(),
+            values: Vec::new(),
+            uncertainties: Vec::new(),
         };
-        let read = super::luminance(file.f(wi, wo).map(|f| f as f32));
-        if read.is_finite() {
-            differences.push((read / value - 1.0).abs());
-        } else {
-            lost += 1;
+        for (pair, entry) in pairs.into_iter().zip(entries) {
+            let Some(entry) = entry else { continue };
+            let value = super::luminance(entry.f);
+            if value > 0.0 && value >= faint {
+                trial.pairs.push(pair);
+                trial.values.push(value);
+                let relative = entry.f.into_iter().zip(entry.sigma);
+                let relative = relative.map(|(f, sigma)| f64::from(sigma / f));
+                trial.uncertainties.push(
+                    relative
+                        .reduce(|a, b| if a.is_nan() { a } else { a.min(b) })
+                        .unwrap_or(f64::NAN),
+                );
+            }
+        }
+        Ok(trial)
+    }
+
+    /// Of what was `read` at the pairs: luminance of f, sr⁻¹.
+    pub(super) fn against(&self, read: impl IntoIterator<Item = f64>) -> RoundTrip {
+        let (mut differences, mut lost, mut within) = (Vec::new(), 0, 0_usize);
+        for ((read, value), uncertainty) in read.into_iter().zip(&self.values).zip(&self.uncertainties) {
+            if read.is_finite() {
+                let difference = (read / value - 1.0).abs();
+                within += usize::from(difference <= 0.5 * uncertainty);
+                differences.push(difference);
+            } else {
+                lost += 1;
+            }
+        }
+        differences.sort_unstable_by(f64::total_cmp);
+        let count = differences.len();
+        let at = |share: f64| {
+            differences
+                .get(((count as f64 * share) as usize).min(count.saturating_sub(1)))
+                .copied()
+        };
+        RoundTrip {
+            pairs: count,
+            median: at(0.5),
+            below_99: at(0.99),
+            largest: at(1.0),
+            within_half_sigma: (count > 0 && self.uncertainties.iter().any(|of| !of.is_nan()))
+                .then(|| within as f64 / count as f64),
+            lost,
         }
     }
-    differences.sort_unstable_by(f64::total_cmp);
-    let count = differences.len();
-    let at = |share: f64| {
-        differences
-            .get(((count as f64 * share) as usize).min(count.saturating_sub(1)))
-            .copied()
-    };
-    Ok(RoundTrip {
-        pairs: count,
-        median: at(0.5),
-        below_99: at(0.99),
-        largest: at(1.0),
-        lost,
-    })
+}
+
+/// Of the file that was read back as `file`.
+pub(super) fn of(exporting: &Exporting, file: &dyn Sample) -> Result<RoundTrip, ExportError> {
+    let trial = Trial::of(exporting)?;
+    let luminance = |(wi, wo): &(DVec3, DVec3)| super::luminance(file.f(*wi, *wo).map(|f| f as f32));
+    Ok(trial.against(trial.pairs.iter().map(luminance)))
 }

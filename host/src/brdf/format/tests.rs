@@ -78,16 +78,17 @@ fn azimuths_of_light_and_view_are_where_they_were() {
         side: 48,
         ..Resolution::default()
     };
-    for (to, most) in [
-        (Format::Bsdf, 0.03),
-        (Format::Ssdd, 0.05),
-        (Format::Npy, 0.05),
-        (Format::Bird, 0.05),
-        (Format::Zemax, 0.05),
-        (Format::Klems, 0.15),
+    for (to, form, most) in [
+        (Format::Bsdf, Some(Form::Dense), 0.03),
+        (Format::Bsdf, Some(Form::Compact), 0.03),
+        (Format::Ssdd, None, 0.05),
+        (Format::Npy, None, 0.05),
+        (Format::Bird, None, 0.05),
+        (Format::Zemax, None, 0.05),
+        (Format::Klems, None, 0.15),
     ] {
         let out = folder.path().join(format!("a.{}", to.endings()[0]));
-        written(spec, to, fine, &out);
+        written(spec, to, Resolution { form, ..fine }, &out);
         let file = open(&out).unwrap();
         for (theta_i, phi_i, theta_o, phi_o) in [
             (30.0, 20.0, 40.0, 170.0),
@@ -102,6 +103,70 @@ fn azimuths_of_light_and_view_are_where_they_were() {
                 "{to:?} {phi_i} {phi_o}: {read} {expected}"
             );
         }
+    }
+}
+
+#[test]
+fn a_compact_table_is_written_where_it_is_smaller_and_as_good() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.bsdf");
+    let of = |spec: &str, form| {
+        let coarse = Resolution {
+            step_deg: 30.0,
+            form,
+            ..Resolution::default()
+        };
+        written(spec, Format::Bsdf, coarse, &out)
+    };
+    let errors = |of: &Exported| {
+        let trip = of.round_trip.unwrap();
+        [trip.median.unwrap(), trip.below_99.unwrap()]
+    };
+    for (spec, is_compact) in [("ggx:satin", true), ("lambert", false)] {
+        let dense = of(spec, Some(Form::Dense));
+        let chosen = of(spec, None);
+        let table = chosen.table.as_ref().unwrap();
+        println!(
+            "{spec}: {}, {:?} {:?}",
+            table.why,
+            errors(&chosen),
+            errors(&dense)
+        );
+        assert_eq!(table.form == Form::Compact, is_compact, "{spec}: {table:?}");
+        if is_compact {
+            assert!(chosen.bytes < dense.bytes / 2, "{} {}", chosen.bytes, dense.bytes);
+            for (found, most) in errors(&chosen).into_iter().zip(errors(&dense)) {
+                assert!(found < 1.001 * most, "{spec}: {found} {most}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_tensor_file_keeps_its_own_tables() {
+    let folder = tempfile::tempdir().unwrap();
+    let [first, again] = ["first.bsdf", "again.bsdf"].map(|name| folder.path().join(name));
+    let small = Resolution {
+        step_deg: 30.0,
+        side: 12,
+        form: Some(Form::Compact),
+        ..Resolution::default()
+    };
+    for spec in ["ggx:satin", "ggx:metal,ax=0.2,ay=0.2"] {
+        written(spec, Format::Bsdf, small, &first);
+        let exported = written(
+            first.to_str().unwrap(),
+            Format::Bsdf,
+            Resolution::default(),
+            &again,
+        );
+        assert_eq!(exported.table.as_ref().unwrap().form, Form::Own, "{exported:?}");
+        assert!(
+            exported.round_trip.unwrap().largest.unwrap() < 1e-5,
+            "{exported:?}"
+        );
+        let other = written(first.to_str().unwrap(), Format::Bsdf, every(30.0), &again);
+        assert_ne!(other.table.as_ref().unwrap().form, Form::Own, "{other:?}");
     }
 }
 
@@ -296,6 +361,17 @@ fn no_file_is_trusted() {
             }
         }
     }
+    let klems = folder.path().join("d.xml");
+    written("lambert", Format::Klems, coarse, &klems);
+    let tree = std::fs::read_to_string(&klems)
+        .unwrap()
+        .replace(">Columns<", ">TensorTree4<");
+    std::fs::write(&klems, tree).unwrap();
+    let told = open(&klems).unwrap_err().to_string();
+    assert!(
+        told.contains("IncidentDataStructure: expected Columns") && told.contains("found `TensorTree4`"),
+        "{told}"
+    );
     let merl = folder.path().join("e.binary");
     for bytes in [
         &b"\x5a\0\0\0\x5a\0\0\0\xb4\0\0\0"[..],

@@ -11,7 +11,7 @@
 mod certified;
 mod ggx;
 mod lambert;
-mod rgl;
+pub(crate) mod rgl;
 mod satin;
 mod spec;
 mod surface;
@@ -20,7 +20,7 @@ pub(crate) mod tensor_writer;
 mod turned;
 mod velvet;
 mod ward;
-mod warp;
+pub(crate) mod warp;
 
 use std::path::{Path, PathBuf};
 
@@ -54,6 +54,11 @@ pub trait Sample: Send + Sync + std::fmt::Debug {
 
     /// Whether f depends on the azimuths only through their difference.
     fn is_isotropic(&self) -> bool;
+
+    /// The tensor file that it is, whose tables can be written as they are; `None` of every other.
+    fn tensor(&self) -> Option<&MeasuredRgl> {
+        None
+    }
 }
 
 /// A material under one fixed incident direction.

@@ -5,7 +5,8 @@
 //!
 //! The warp carries uniform points s to points u distributed like the density p: `s_y` is the marginal cumulative
 //! distribution of the rows up to `u_y`, `s_x` the conditional one up to `u_x` within the row at `u_y`. Along a line of a
-//! bilinear patch p is linear, so both are quadratic inside a cell and known exactly; only u → s is needed here.
+//! bilinear patch p is linear, so both are quadratic inside a cell and known exactly, and so are their inverses. Look-ups take u → s,
+//! writers of tables s → u.
 //!
 //! Source: J. Dupuy and W. Jakob, "An adaptive parameterization for efficient material acquisition and
 //! rendering", ACM TOG 37(6), 2018.
@@ -24,9 +25,20 @@ fn lerp(a: f64, b: f64, t: f64) -> f64 {
     a + t * (b - a)
 }
 
+/// Where inside a cell, 0–1, the integral of a density that is linear from `low` to `high` reaches `area`.
+fn reached(low: f64, high: f64, area: f64) -> f64 {
+    let root = (low * low + 2.0 * (high - low) * area).max(0.0).sqrt();
+    // Not divided by the slope, which may be 0.
+    if low + root > 0.0 {
+        (2.0 * area / (low + root)).clamp(0.0, 1.0)
+    } else {
+        0.0
+    }
+}
+
 /// Bilinear interpolation of the four neighbours of a position among `rows` × `columns` vertices.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Patch {
+pub(crate) struct Patch {
     /// Index of the vertex at the lower corner, in row-major order.
     corner: usize,
     columns: usize,
@@ -36,7 +48,7 @@ pub(super) struct Patch {
 
 impl Patch {
     /// The patch around (x, y), clamped to [0,1]².
-    pub(super) fn at(x: f64, y: f64, rows: usize, columns: usize) -> Self {
+    pub(crate) fn at(x: f64, y: f64, rows: usize, columns: usize) -> Self {
         let (column, tx) = cell(x, columns);
         let (row, ty) = cell(y, rows);
         Self {
@@ -54,7 +66,7 @@ impl Patch {
     }
 
     /// The interpolated value of a one-channel table.
-    pub(super) fn value(&self, vertices: &[f32]) -> f64 {
+    pub(crate) fn value(&self, vertices: &[f32]) -> f64 {
         let (low, high) = self.corners(vertices);
         lerp(
             lerp(f64::from(low[0]), f64::from(low[1]), self.tx),
@@ -64,7 +76,7 @@ impl Patch {
     }
 
     /// The interpolated values of a three-channel table.
-    pub(super) fn values(&self, vertices: &[[f32; 3]]) -> [f64; 3] {
+    pub(crate) fn values(&self, vertices: &[[f32; 3]]) -> [f64; 3] {
         let (low, high) = self.corners(vertices);
         std::array::from_fn(|c| {
             lerp(
@@ -94,7 +106,7 @@ struct Row {
 
 /// A piecewise-bilinear density over the unit square with its cumulative distributions.
 #[derive(Debug)]
-pub(super) struct Density {
+pub(crate) struct Density {
     columns: usize,
     vertices: Vec<Vertex>,
     rows: Vec<Row>,
@@ -108,7 +120,7 @@ impl Density {
     /// From non-negative `densities` at the vertices, row by row, at least 2×2 of them; `None` if all are zero.
     ///
     /// They need not be normalised.
-    pub(super) fn new(densities: &[f32], columns: usize) -> Option<Self> {
+    pub(crate) fn new(densities: &[f32], columns: usize) -> Option<Self> {
         let cell_width = 1.0 / (columns - 1) as f64;
         let cell_height = 1.0 / (densities.len() / columns - 1) as f64;
         let mut vertices = Vec::with_capacity(densities.len());
@@ -143,7 +155,7 @@ impl Density {
     /// The mean of `densities` of one size, each normalised to an integral of 1, with weights that sum to 1.
     ///
     /// Nothing is integrated again: the integrals of a sum are the sums of the integrals.
-    pub(super) fn mean<'a>(densities: impl Iterator<Item = (&'a Self, f64)>) -> Option<Self> {
+    pub(crate) fn mean<'a>(densities: impl Iterator<Item = (&'a Self, f64)>) -> Option<Self> {
         let mut mean: Option<Self> = None;
         for (density, weight) in densities {
             let mean = mean.get_or_insert_with(|| Self {
@@ -166,12 +178,70 @@ impl Density {
     }
 
     /// The uniform point (`s_x`, `s_y`) ∈ [0,1]² that the warp carries to (`x`, `y`), clamped to [0,1]².
-    pub(super) fn invert(&self, x: f64, y: f64) -> (f64, f64) {
+    pub(crate) fn invert(&self, x: f64, y: f64) -> (f64, f64) {
         self.integrals(x, y).shares(x)
     }
 
+    /// The point (x, y) ∈ [0,1]² to which the warp carries the uniform (`s_x`, `s_y`), clamped to [0,1]²: what [`invert`](Self::invert) undoes.
+    pub(crate) fn warp(&self, s_x: f64, s_y: f64) -> (f64, f64) {
+        let share = s_y.clamp(0.0, 1.0) / self.inv_total;
+        let row = self.rows.partition_point(|row| row.cumulative <= share);
+        let row = row.saturating_sub(1).min(self.rows.len() - 2);
+        let (below, above) = (self.rows[row], self.rows[row + 1]);
+        let ty = reached(
+            below.total,
+            above.total,
+            (share - below.cumulative) / self.cell_height,
+        );
+        let (low, high) = self.vertices[row * self.columns..].split_at(self.columns);
+        let share = s_x.clamp(0.0, 1.0) * lerp(below.total, above.total, ty);
+        let cumulative = |column: usize| lerp(low[column].cumulative, high[column].cumulative, ty);
+        let density = |column: usize| lerp(low[column].density, high[column].density, ty);
+        let (mut column, mut end) = (0, self.columns - 1);
+        while end - column > 1 {
+            let middle = usize::midpoint(column, end);
+            *(if cumulative(middle) <= share {
+                &mut column
+            } else {
+                &mut end
+            }) = middle;
+        }
+        let area = (share - cumulative(column)) / self.cell_width;
+        let tx = reached(density(column), density(column + 1), area);
+        let y = (row as f64 + ty) * self.cell_height;
+        ((column as f64 + tx) * self.cell_width, y)
+    }
+
+    /// The density at (`x`, `y`) with an integral of 1, clamped to [0,1]².
+    pub(crate) fn at(&self, x: f64, y: f64) -> f64 {
+        let (column, tx) = cell(x, self.columns);
+        let (row, ty) = cell(y, self.rows.len());
+        let of = |corner: usize| {
+            let [left, right] = [corner, corner + 1].map(|at| self.vertices[at].density);
+            lerp(left, right, tx)
+        };
+        let corner = row * self.columns + column;
+        lerp(of(corner), of(corner + self.columns), ty) * self.inv_total
+    }
+
+    /// The densities at the vertices with an integral of 1, row by row.
+    pub(crate) fn densities(&self) -> impl Iterator<Item = f32> + '_ {
+        let densities = self.vertices.iter().map(|vertex| vertex.density);
+        densities.map(|density| (density * self.inv_total) as f32)
+    }
+
+    /// Rows of vertices.
+    pub(crate) fn rows(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Vertices of a row.
+    pub(crate) fn columns(&self) -> usize {
+        self.columns
+    }
+
     /// `mean(densities).invert(x, y)` for a single position, without the mean of all vertices.
-    pub(super) fn invert_mean<'a>(
+    pub(crate) fn invert_mean<'a>(
         densities: impl Iterator<Item = (&'a Self, f64)>,
         x: f64,
         y: f64,
@@ -289,6 +359,9 @@ mod tests {
             let (x, y) = density.sample(s_x, s_y);
             let (found_x, found_y) = density.invert(x, y);
             prop_assert!((found_x - s_x).abs() < 1e-9 && (found_y - s_y).abs() < 1e-9);
+            // The closed form goes where bisection finds it.
+            let (closed_x, closed_y) = density.warp(s_x, s_y);
+            prop_assert!((closed_x - x).abs() < 1e-9 && (closed_y - y).abs() < 1e-9);
         }
 
         #[test]

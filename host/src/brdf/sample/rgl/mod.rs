@@ -14,6 +14,8 @@
 //! | `ndf`, `sigma` | \[≥2, ≥2\] | microfacet distribution, projected microfacet area, ≥ 0 |
 //! | `vndf` | \[P, T, ≥2, ≥2\] | density of visible normals, ≥ 0, not normalised |
 //! | `rgb` | \[P, T, 3, ≥2, ≥2\] | the warped and scaled values |
+//! | `spectra` | \[P, T, W, ≥2, ≥2\] | the same by wavelength, in place of `rgb`; RGB are made of them as `spectra` says |
+//! | `wavelengths` | \[W\] | nm, ascending |
 //! | `jacobian` | u8 \[1\] | 0: the factor ndf/(4 sigma) is left out |
 //!
 //! # Design
@@ -33,6 +35,7 @@
 
 mod azimuth;
 mod read;
+mod spectra;
 
 use std::f64::consts::{PI, TAU};
 use std::path::PathBuf;
@@ -57,6 +60,8 @@ pub struct MeasuredRgl {
     vndf: Vec<Density>,
     /// As many slices.
     rgb: Tables<[f32; 3]>,
+    /// Those of spectra; none of a file that has RGB.
+    wavelengths_nm: Vec<f64>,
 }
 
 /// Statistics of the microfacets, independent of the incident direction.
@@ -68,21 +73,24 @@ struct Facets {
 
 /// Equally large 2-D tables one after another.
 #[derive(Debug)]
-struct Tables<T> {
-    rows: usize,
-    columns: usize,
-    values: Vec<T>,
+pub(crate) struct Tables<T> {
+    /// Along the axis before the last one.
+    pub(crate) rows: usize,
+    /// Along the last axis.
+    pub(crate) columns: usize,
+    /// Row by row, table by table.
+    pub(crate) values: Vec<T>,
 }
 
 impl<T> Tables<T> {
     /// Table number `index`, row by row.
-    fn slice(&self, index: usize) -> &[T] {
+    pub(crate) fn slice(&self, index: usize) -> &[T] {
         let size = self.rows * self.columns;
         &self.values[index * size..(index + 1) * size]
     }
 
     /// Where (`x`, `y`) is in any of them.
-    fn patch(&self, x: f64, y: f64) -> Patch {
+    pub(crate) fn patch(&self, x: f64, y: f64) -> Patch {
         Patch::at(x, y, self.rows, self.columns)
     }
 }
@@ -112,7 +120,50 @@ impl Incidence {
     }
 }
 
+/// The tables of a file, as it has them.
+pub(crate) struct Content<'a> {
+    /// Radians.
+    pub(crate) phi_i: &'a [f64],
+    /// Radians.
+    pub(crate) theta_i: &'a [f64],
+    /// `ndf` and `sigma`; `None` if the values do not contain the factor ndf/(4 sigma).
+    pub(crate) facets: Option<[&'a Tables<f32>; 2]>,
+    /// One for each pair of incident angles, φi by φi.
+    pub(crate) vndf: &'a [Density],
+    /// As many tables of R, G and B.
+    pub(crate) rgb: &'a Tables<[f32; 3]>,
+}
+
 impl MeasuredRgl {
+    /// How R, G and B were made of spectra, in words; `None` of a file that has them itself.
+    #[must_use]
+    pub fn colours(&self) -> Option<String> {
+        // As the file has them, in single precision.
+        match self.wavelengths_nm[..] {
+            [] => None,
+            [one] => Some(format!("one wavelength, {} nm, in each channel", one as f32)),
+            [first, .., last] => Some(format!(
+                "{} wavelengths from {} to {} nm as {}",
+                self.wavelengths_nm.len(),
+                first as f32,
+                last as f32,
+                spectra::WORDS
+            )),
+        }
+    }
+
+    /// Its tables.
+    pub(crate) fn content(&self) -> Content<'_> {
+        let facets = self.facets.as_ref();
+        Content {
+            phi_i: &self.phi_i_rad,
+            theta_i: &self.theta_i_rad,
+            facets: facets.map(|Facets { ndf, sigma }| [ndf, sigma]),
+            vndf: &self.vndf,
+            rgb: &self.rgb,
+        }
+    }
+
     /// What all look-ups from `wi` share; `None` where f is zero.
     fn incidence(&self, wi: DVec3) -> Option<Incidence> {
         if below_horizon(wi) {
@@ -230,6 +281,10 @@ impl Sample for MeasuredRgl {
 
     fn is_isotropic(&self) -> bool {
         self.isotropic
+    }
+
+    fn tensor(&self) -> Option<&MeasuredRgl> {
+        Some(self)
     }
 }
 

@@ -5,7 +5,7 @@ use std::io::{Read, Seek};
 use std::path::Path;
 
 use super::azimuth::{ANGLE_TOLERANCE_RAD, Azimuth};
-use super::{Facets, MeasuredRgl, Tables};
+use super::{Facets, MeasuredRgl, Tables, spectra};
 use crate::brdf::sample::SampleError;
 use crate::brdf::sample::tensor_file::{Extent, TensorFile, file_error};
 use crate::brdf::sample::warp::Density;
@@ -15,16 +15,13 @@ impl MeasuredRgl {
     ///
     /// # Errors
     /// [`SampleError::Unreadable`] if it cannot be read, [`SampleError::File`] if it is no RGL tensor file with
-    /// RGB values, or if a field is missing, malformed or has values that it must not have.
+    /// RGB values or spectra from which they follow, or if a field is missing, malformed or has values that it must not have.
     pub fn open(path: &Path) -> Result<Self, SampleError> {
         Self::read(TensorFile::open(path)?, path)
     }
 
     pub(super) fn read<R: Read + Seek>(mut file: TensorFile<R>, path: &Path) -> Result<Self, SampleError> {
         use Extent::{AtLeast, Exactly};
-        if !file.has("rgb") && file.has("spectra") {
-            return Err(file_error(path, "rgb", "RGB values", "only spectra"));
-        }
         let phi_i_rad = ascending(&mut file, "phi_i", path)?;
         let theta_i_rad = ascending(&mut file, "theta_i", path)?;
         if let [first, .., last] | [first @ last] = theta_i_rad[..]
@@ -34,6 +31,11 @@ impl MeasuredRgl {
             return Err(file_error(path, "theta_i", "angles from 0 to π/2", &found));
         }
         let azimuth = Azimuth::of(&phi_i_rad, path)?;
+        let wavelengths_nm = if !file.has("rgb") && file.has("spectra") {
+            ascending(&mut file, "wavelengths", path)?
+        } else {
+            Vec::new()
+        };
         let (p, t) = (Exactly(phi_i_rad.len()), Exactly(theta_i_rad.len()));
         let side = AtLeast(2);
         let mut read = |name: &str, extents: &[Extent], lowest: f32| {
@@ -50,11 +52,14 @@ impl MeasuredRgl {
         let ndf = read("ndf", &[side, side], 0.0)?;
         let sigma = read("sigma", &[side, side], 0.0)?;
         let vndf = read("vndf", &[p, t, side, side], 0.0)?;
-        let rgb = read("rgb", &[p, t, Exactly(3), side, side], f32::MIN)?;
+        let rgb = if wavelengths_nm.is_empty() {
+            read("rgb", &[p, t, Exactly(3), side, side], f32::MIN)?.interleaved()
+        } else {
+            seen(&mut file, [p, t], &spectra::weights(&wavelengths_nm, path)?)?
+        };
         let with_jacobian = file.read_u8("jacobian", &[Exactly(1)])?.first() != Some(&0);
 
         // Two azimuths make a file isotropic by convention; f is isotropic in fact if both say the same.
-        let halves_agree = |values: &[f32]| values[..values.len() / 2] == values[values.len() / 2..];
         let isotropic = match phi_i_rad.len() {
             1 => true,
             2 => halves_agree(&vndf.values) && halves_agree(&rgb.values),
@@ -72,11 +77,49 @@ impl MeasuredRgl {
             isotropic,
             facets: with_jacobian.then_some(Facets { ndf, sigma }),
             vndf: densities.collect::<Result<_, _>>()?,
-            rgb: rgb.interleaved(),
+            rgb,
+            wavelengths_nm,
             phi_i_rad,
             theta_i_rad,
         })
     }
+}
+
+/// Whether the first half of the values is the second one again.
+fn halves_agree<T: PartialEq>(values: &[T]) -> bool {
+    values[..values.len() / 2] == values[values.len() / 2..]
+}
+
+/// The tables of `spectra`, summed with the `weights` of their wavelengths on the way: spectra are many times as large.
+fn seen<R: Read + Seek>(
+    file: &mut TensorFile<R>,
+    [p, t]: [Extent; 2],
+    weights: &[[f64; 3]],
+) -> Result<Tables<[f32; 3]>, SampleError> {
+    let extents = [
+        p,
+        t,
+        Extent::Exactly(weights.len()),
+        Extent::AtLeast(2),
+        Extent::AtLeast(2),
+    ];
+    let weights: Vec<[f32; 3]> = weights.iter().map(|of| of.map(|weight| weight as f32)).collect();
+    let mut values: Vec<[f32; 3]> = Vec::new();
+    let shape = file.each_f32("spectra", &extents, f32::MIN, |shape, at, value| {
+        let size = shape[3] * shape[4];
+        if at % (size * weights.len()) == 0 {
+            values.resize(values.len() + size, [0.0; 3]);
+        }
+        let first = values.len() - size;
+        let sum = &mut values[first + at % size];
+        let weights = weights[at / size % weights.len()];
+        *sum = std::array::from_fn(|c| weights[c].mul_add(value, sum[c]));
+    })?;
+    Ok(Tables {
+        rows: shape[3],
+        columns: shape[4],
+        values,
+    })
 }
 
 impl Tables<f32> {

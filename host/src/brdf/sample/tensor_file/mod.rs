@@ -175,29 +175,53 @@ impl<R: Read + Seek> TensorFile<R> {
         extents: &[Extent],
         lowest: f32,
     ) -> Result<Tensor, SampleError> {
+        let mut values = Vec::new();
+        let shape = self.each_f32(name, extents, lowest, |shape, at, value| {
+            if at == 0 {
+                values.reserve_exact(shape.iter().product());
+            }
+            values.push(value);
+        })?;
+        Ok(Tensor { shape, values })
+    }
+
+    /// Hands the shape of the floating-point field `name`, and number and value of each of its entries in order, to `take`; answers the shape.
+    ///
+    /// # Errors
+    /// Those of [`read_f32`](Self::read_f32).
+    pub(super) fn each_f32(
+        &mut self,
+        name: &str,
+        extents: &[Extent],
+        lowest: f32,
+        mut take: impl FnMut(&[usize], usize, f32),
+    ) -> Result<Vec<usize>, SampleError> {
         let (dtype, offset, shape) = self.locate(name, extents, &["f32", "f16", "f64"])?;
         let count: usize = shape.iter().product();
-        let mut values = Vec::with_capacity(count);
+        let (mut at, mut wrong) = (0, None);
         self.read_elements(offset, count, DTYPES[dtype].1 as usize, |bytes| {
-            values.push(match *bytes {
+            let value = match *bytes {
                 [a, b] => f16::from_le_bytes([a, b]).to_f32(),
                 [a, b, c, d] => f32::from_le_bytes([a, b, c, d]),
                 [a, b, c, d, e, f, g, h] => f64::from_le_bytes([a, b, c, d, e, f, g, h]) as f32,
                 _ => f32::NAN,
-            });
-        })?;
-        match values.iter().position(|v| !v.is_finite() || *v < lowest) {
-            None => Ok(Tensor { shape, values }),
-            Some(at) => {
-                let expected = if lowest > f32::MIN {
-                    format!("a finite value of at least {lowest}")
-                } else {
-                    "a finite value".to_owned()
-                };
-                let field = format!("{name}, entry {at}");
-                Err(file_error(&self.path, &field, &expected, &values[at].to_string()))
+            };
+            if wrong.is_none() && (!value.is_finite() || value < lowest) {
+                wrong = Some((at, value));
             }
-        }
+            take(&shape, at, value);
+            at += 1;
+        })?;
+        let Some((at, value)) = wrong else {
+            return Ok(shape);
+        };
+        let expected = if lowest > f32::MIN {
+            format!("a finite value of at least {lowest}")
+        } else {
+            "a finite value".to_owned()
+        };
+        let field = format!("{name}, entry {at}");
+        Err(file_error(&self.path, &field, &expected, &value.to_string()))
     }
 
     /// The values of the u8 field `name`.

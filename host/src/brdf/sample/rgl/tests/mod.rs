@@ -108,6 +108,79 @@ fn small_lambert() -> Plain {
 }
 
 #[test]
+fn spectra_are_read_as_the_colours_they_have() {
+    // f is that of red, green and blue; as spectra the three bands reach as far as one sees them.
+    let of = |change: &dyn Fn(&mut Vec<Field>)| {
+        let plain = Plain::of(&[0.0], &steps(0.0, FRAC_PI_2, 2), 9, |_, _| 0.1);
+        let bytes = plain.bytes(|fields| change(fields));
+        read(&bytes)
+    };
+    let (wi, wo) = (from_degrees(30.0, 10.0), from_degrees(45.0, 100.0));
+    let rgb = of(&|_| ()).unwrap();
+    assert_eq!(rgb.colours(), None);
+    let spectral = |wavelengths: &'static [f32], of_band: &dyn Fn(f32) -> f32| {
+        let size = 81;
+        let mut values = Vec::new();
+        for theta in 0..3 {
+            for nm in wavelengths {
+                values.extend((0..size).map(|cell| of_band(*nm) * plain_value(theta, cell)));
+            }
+        }
+        let shape = [1, 3, wavelengths.len() as u64, 9, 9];
+        of(&|fields| {
+            fields.retain(|(name, ..)| *name != "rgb");
+            // The test ends before they do.
+            let (shape, values) = (Vec::leak(shape.to_vec()), Vec::leak(values.clone()));
+            fields.push(("spectra", shape, Data::F32(values)));
+            fields.push((
+                "wavelengths",
+                Vec::leak(vec![wavelengths.len() as u64]),
+                Data::F32(wavelengths),
+            ));
+        })
+    };
+    let grey = spectral(
+        &[400.0, 440.0, 480.0, 520.0, 560.0, 600.0, 640.0, 680.0, 720.0],
+        &|_| 1.0,
+    )
+    .unwrap();
+    let [red, green, blue] = grey.f(wi, wo);
+    let expected = rgb.f(wi, wo)[0];
+    for channel in [red, green, blue] {
+        assert!((channel / expected - 1.0).abs() < 1e-5, "{channel} {expected}");
+    }
+    assert!(
+        grey.colours()
+            .unwrap()
+            .contains("9 wavelengths from 400 to 720 nm")
+    );
+    let reddish = spectral(
+        &[400.0, 440.0, 480.0, 520.0, 560.0, 600.0, 640.0, 680.0, 720.0],
+        &|nm| nm / 1000.0,
+    )
+    .unwrap();
+    let [red, green, blue] = reddish.f(wi, wo).map(|f| f / expected);
+    assert!(
+        red > green && green > blue && (green - 0.55).abs() < 0.05,
+        "{red} {green} {blue}"
+    );
+    let alone = spectral(&[650.0], &|_| 0.5).unwrap();
+    assert!(alone.f(wi, wo).iter().all(|f| (f / expected - 0.5).abs() < 1e-5));
+    let told = spectral(&[500.0, 550.0], &|_| 1.0).unwrap_err().to_string();
+    assert!(
+        told.contains("wavelengths") && told.contains("420 to 680"),
+        "{told}"
+    );
+}
+
+/// Entry `cell` of the red table of that polar angle of [`small_lambert`]'s kind, with f = 0.1 and 9 × 9 entries.
+fn plain_value(theta: usize, cell: usize) -> f32 {
+    let wi = from_angles(theta as f64 * FRAC_PI_2 / 2.0, 0.0);
+    let wo = mirrored(wi, vertex(cell / 9, cell % 9, 9, 0.0));
+    (0.1 * wo.z) as f32
+}
+
+#[test]
 fn a_lambert_file_returns_its_constant() {
     for phi_i in [vec![0.0], vec![0.0, 1.0], steps(-PI, PI, 24)] {
         let (theta_i, side) = (steps(0.0, 1.4, 8), 33);
@@ -272,10 +345,8 @@ fn a_wrong_field_is_named() {
         message(&|fields| fields[1].2 = Data::F32(&[0.0, 45.0, 90.0])),
         "x.bsdf, theta_i: expected angles from 0 to π/2, found 0 to 90"
     );
-    assert_eq!(
-        message(&|fields| fields[5].0 = "spectra"),
-        "x.bsdf, rgb: expected RGB values, found only spectra"
-    );
+    let told = message(&|fields| fields[5].0 = "spectra");
+    assert!(told.starts_with("x.bsdf, wavelengths: expected f32"), "{told}");
 }
 
 #[test]
