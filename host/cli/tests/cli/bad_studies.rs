@@ -75,11 +75,11 @@ fn a_plot_of_what_is_not_there_is_refused() {
             "{arguments:?}"
         );
     };
-    for name in ["plot.pdf", "plot", ".svg"] {
+    for name in ["plot.bmp", "plot", ".svg"] {
         plot(
             &["satin", "--out", &out(name)],
             2,
-            &[&out(name), "expected", ".svg, .png or .csv"],
+            &[&out(name), "expected", ".svg, .pdf, .png or .csv"],
         );
     }
     for name in ["none/plot.svg", "none/plot.png", "none/plot.csv"] {
@@ -111,6 +111,40 @@ fn a_plot_of_what_is_not_there_is_refused() {
         2,
         &["--azimuths", "expected", "`3`"],
     );
+    // Maps.
+    for (arguments, parts) in [
+        (&["--show", "error"][..], &["--hemisphere"][..]),
+        (&["--hemisphere", "--in-plane"], &["--in-plane", "--hemisphere"]),
+        (
+            &["--hemisphere", "--show", "error"],
+            &["--show error", "--reference", "found none"],
+        ),
+        (
+            &["--hemisphere", "--reference", "lambert"],
+            &["--reference", "--show error", "found lambert"],
+        ),
+        (
+            &[
+                "--hemisphere",
+                "--show",
+                "error",
+                "--reference",
+                "lambert",
+                "--log",
+            ],
+            &["--log", "found --show error"],
+        ),
+        (
+            &["--hemisphere", "--show", "uncertainty"],
+            &["--show uncertainty", "brdf.zarr", "found satin"],
+        ),
+        (
+            &["--hemisphere", "--show", "error", "--reference", "no/such.bsdf"],
+            &["no/such.bsdf", "expected", "found"],
+        ),
+    ] {
+        plot(&[&["satin", "--out", &svg][..], arguments].concat(), 2, parts);
+    }
 }
 
 #[test]

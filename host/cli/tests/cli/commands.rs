@@ -144,21 +144,29 @@ impl Scene {
             }
             "value" | "info" => vec![brdf],
             "evaluate" => vec![format!("{brdf} --reference ward:brass")],
-            "fit" => each(&["svg", "png"], "ward:brass --model ward --residuals", "fit"),
-            "compare" => each(&["svg", "png", "csv"], &format!("ward:brass {brdf} --out"), "c"),
+            "fit" => each(
+                &["svg", "pdf", "png"],
+                "ward:brass --model ward --residuals",
+                "fit",
+            ),
+            "compare" => each(
+                &["svg", "pdf", "png", "csv"],
+                &format!("ward:brass {brdf} --out"),
+                "c",
+            ),
             "export" => exports(&brdf, &file),
             "fill" => vec![format!("{brdf} --out {}", file("whole.zarr"))],
             "combine" => vec![format!("{brdf} {repeated} --out {}", file("mean.zarr"))],
-            "history" => vec![
-                format!("{measured} {repeated} --out {}", file("h.svg")),
-                format!("{measured} {repeated} --out {}", file("h.png")),
-                format!("{repeated} {measured} --csv {}", file("h.csv")),
-            ],
+            "history" => {
+                let charts = format!("{measured} {repeated} --out");
+                let table = format!("{repeated} {measured} --csv {}", file("h.csv"));
+                [each(&["svg", "pdf", "png"], &charts, "h"), vec![table]].concat()
+            }
             "turn" => vec![format!("{brdf} --azimuth 20 --out {}", file("turned.zarr"))],
             "budget" => vec![format!("{brdf} --region 45,40")],
             "reflectance" => vec![format!("{brdf} --theta 10,40"), "lambert:0.5".to_owned()],
             "render" => each(&["png", "exr"], "lambert --scene torus --size 8 --out", "a"),
-            "plot" => each(&["svg", "png", "csv"], "lambert --azimuths 8 --out", "a"),
+            "plot" => each(&["svg", "pdf", "png", "csv"], "lambert --azimuths 8 --out", "a"),
             "report" => vec![format!("{brdf} --out {}", file("a.html"))],
             "multiplex" => vec!["--step 30 --image-size 8 --order 3".to_owned()],
             "standard" => vec![standard()],

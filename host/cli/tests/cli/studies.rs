@@ -193,6 +193,84 @@ fn a_measured_plot_has_gaps_where_the_mirror_has_its_hole() {
 }
 
 #[test]
+fn maps_of_the_hemisphere_show_values_their_uncertainty_and_error_and_what_is_missing() {
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("m");
+    crate::command::quick_measurement(&out);
+    let (brdf, table) = (out.join("brdf.zarr"), scratch.path().join("map.csv"));
+    let rows = |show: &[&str]| -> Vec<[String; 3]> {
+        let plot = [
+            "plot",
+            text(&brdf),
+            "--hemisphere",
+            "--incident",
+            "45,30",
+            "--out",
+            text(&table),
+        ];
+        let answer = run(&[&plot[..], show, &["--json"]].concat(), "").object();
+        let rows: Vec<[String; 3]> = fs::read_to_string(&table)
+            .unwrap()
+            .lines()
+            .skip(1)
+            .map(|row| {
+                row.split(',')
+                    .map(str::to_owned)
+                    .collect::<Vec<_>>()
+                    .split_off(5)
+                    .try_into()
+                    .unwrap()
+            })
+            .collect();
+        let without = rows.iter().filter(|row| row[0].is_empty()).count();
+        assert_eq!(number(&answer, "without_value"), without as f64);
+        rows
+    };
+    let values = rows(&[]);
+    // The mirror of the rig has a hole, in which a tenth of the hemisphere lies.
+    let hole = values.iter().filter(|row| row[1] == "hole").count();
+    assert!(
+        (0.05..0.25).contains(&(hole as f64 / values.len() as f64)),
+        "{hole}"
+    );
+    let of =
+        |rows: &[[String; 3]]| -> Vec<f64> { rows.iter().filter_map(|row| row[0].parse().ok()).collect() };
+    assert!(
+        of(&values).len() > 3000
+            && values
+                .iter()
+                .any(|row| row[2] == "measured" || row[2] == "merged")
+    );
+    let uncertain = of(&rows(&["--show", "uncertainty"]));
+    assert!(uncertain.iter().all(|percent| *percent > 0.0) && uncertain.len() > 3000);
+    // Against a white standard the error says what the values are.
+    let errors = of(&rows(&["--show", "error", "--reference", "lambert:1"]));
+    for (value, error) in of(&values).into_iter().zip(errors) {
+        assert!(
+            (value * std::f64::consts::PI - 1.0 - error / 100.0).abs() < 1e-4,
+            "{value} {error}"
+        );
+    }
+    for ending in ["svg", "png", "pdf"] {
+        let picture = scratch.path().join(format!("map.{ending}"));
+        run(
+            &[
+                "plot",
+                "lambert",
+                "--hemisphere",
+                "--incident",
+                "45,30",
+                "--out",
+                text(&picture),
+            ],
+            "",
+        )
+        .done();
+        assert!(fs::metadata(&picture).unwrap().len() > 2000, "{ending}");
+    }
+}
+
+#[test]
 fn cloth_in_folds_is_drawn_beside_the_sphere() {
     let scratch = tempfile::tempdir().unwrap();
     let picture = scratch.path().join("cloth.png");

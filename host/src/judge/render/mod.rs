@@ -255,6 +255,21 @@ where
         path: path.display().to_string(),
         source,
     };
+    let bytes = coded_png(image, description).map_err(|error| fail(error.into()))?;
+    whole_file::write(path, &bytes).map_err(fail)
+}
+
+/// The bytes of a PNG, with what a person has to know of the picture.
+///
+/// # Errors
+/// What the encoder says.
+pub(crate) fn coded_png<P>(
+    image: &ImageBuffer<P, Vec<u8>>,
+    description: Option<&str>,
+) -> Result<Vec<u8>, png::EncodingError>
+where
+    P: Pixel<Subpixel = u8>,
+{
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, image.width(), image.height());
     encoder.set_color(match P::CHANNEL_COUNT {
@@ -266,14 +281,10 @@ where
     encoder.set_compression(png::Compression::Fast);
     encoder.set_filter(png::Filter::Up);
     if let Some(description) = description {
-        encoder
-            .add_itxt_chunk("Description".to_owned(), description.to_owned())
-            .map_err(|error| fail(error.into()))?;
+        encoder.add_itxt_chunk("Description".to_owned(), description.to_owned())?;
     }
-    let mut writer = encoder.write_header().map_err(|error| fail(error.into()))?;
-    writer
-        .write_image_data(image.as_raw())
-        .map_err(|error| fail(error.into()))?;
-    writer.finish().map_err(|error| fail(error.into()))?;
-    whole_file::write(path, &bytes).map_err(fail)
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(image.as_raw())?;
+    writer.finish()?;
+    Ok(bytes)
 }
