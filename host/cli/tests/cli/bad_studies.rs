@@ -162,6 +162,21 @@ fn a_scene_that_is_none_is_refused() {
             ["--tilt", "0 to 75", "found 80"],
         ),
         (&["--tilt", "nan"], ["--tilt", "0 to 75", "found NaN"]),
+        (&["--turn", "30"], ["--turn", "--environment", "required"]),
+        (
+            &["--environment", "a.hdr", "--scene", "torus"],
+            ["--environment", "--scene sphere", "found"],
+        ),
+        (
+            &["--environment", "a.hdr", "--turn", "361"],
+            ["--turn", "-360 to 360", "found 361"],
+        ),
+        (
+            &["--environment", "a.hdr", "--light", "9,9"],
+            ["--environment", "--light", "cannot"],
+        ),
+        (&["--environment", "a.hdr"], ["a.hdr", "Radiance", "found"]),
+        (&["--colours", "no.csv"], ["no.csv", "expected a table", "found"]),
         (
             &[
                 "--size", "8192", "--scene", "both", "--light", "0,0", "--light", "9,9", "--light", "1,1",

@@ -1,12 +1,15 @@
 //! Pictures of the sample: what it looks like on a sphere, on a corrugated sheet and on a ring.
 //!
 //! # Design
-//! One distant light, seen from +z by a distant camera. The picture is linear radiance f·cosθi; exposure and sRGB
+//! One distant light, or an environment map, seen from +z by a distant camera. The picture is linear radiance f·cosθi; exposure and sRGB
 //! come last. At each point of the sphere the sample's frame has its normal along the sphere's and its +x along
 //! the parallel of latitude, so that a brushed metal is brushed around the sphere's upright axis; on the corrugated
 //! sheet it follows the sheet. Directions that were not measured are drawn as a hatch, never invented.
 
+mod around;
+mod camera_colours;
 mod corrugated;
+mod environment;
 mod linear;
 mod sphere;
 mod torus;
@@ -21,7 +24,10 @@ use crate::base::file_format::{FormatError, PICTURE};
 use crate::brdf::reflectance::Value;
 use crate::store::whole_file;
 
+pub use around::{Around, sphere_in};
+pub use camera_colours::{CameraColours, ColourError};
 pub use corrugated::corrugated;
+pub use environment::{Environment, EnvironmentError};
 pub use linear::save_linear;
 pub use sphere::{LitSphere, sphere};
 pub use torus::torus;
