@@ -43,16 +43,16 @@ pub(crate) struct Args {
     #[arg(long, conflicts_with_all = ["theta_r", "azimuths"])]
     in_plane: bool,
     /// The plane of incidence as lobes: the angle around the middle is the outgoing polar angle, the distance from it the value
-    #[arg(long, requires = "in_plane", conflicts_with = "hemisphere")]
+    #[arg(long, conflicts_with = "hemisphere")]
     polar: bool,
     /// Maps of the outgoing hemisphere instead, equal areas for equal solid angles
     #[arg(long, conflicts_with_all = ["theta_r", "azimuths", "in_plane"])]
     hemisphere: bool,
     /// What the maps show: the quantity, its relative standard uncertainty (k = 1), or its relative error against --reference [default: value]
-    #[arg(long, value_enum, requires = "hemisphere")]
+    #[arg(long, value_enum)]
     show: Option<Show>,
     /// The BRDF, model or measured file that --show error compares with
-    #[arg(long, value_name = "BRDF", requires = "hemisphere")]
+    #[arg(long, value_name = "BRDF")]
     reference: Option<String>,
     /// A logarithmic axis; what is not above 0 is a gap
     #[arg(long)]
@@ -92,6 +92,23 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         if !((0.0..90.0).contains(&theta) && is_above_horizon(from_degrees(theta, 0.0))) {
             return Err(Failure::input(format!(
                 "{name}: expected a polar angle from 0 to below 90 degrees, found {theta}"
+            )));
+        }
+    }
+    // The parser asks for nothing that something else excludes.
+    for (name, is_given, needed, is_there) in [
+        ("--polar", args.polar, "--in-plane", args.in_plane),
+        ("--show", args.show.is_some(), "--hemisphere", args.hemisphere),
+        (
+            "--reference",
+            args.reference.is_some(),
+            "--hemisphere",
+            args.hemisphere,
+        ),
+    ] {
+        if is_given && !is_there {
+            return Err(Failure::input(format!(
+                "{name}: expected {needed} beside it, found none"
             )));
         }
     }

@@ -49,12 +49,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "FILE", conflicts_with = "light")]
     environment: Option<PathBuf>,
     /// Degrees by which the environment is turned to the right [default: 0]
-    #[arg(
-        long,
-        value_name = "DEG",
-        allow_negative_numbers = true,
-        requires = "environment"
-    )]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
     turn: Option<f64>,
     /// Patches of known colours (.csv): columns r,g,b of the camera and X,Y,Z under D65, or sR,sG,sB, from which a matrix is fitted
     #[arg(long, value_name = "FILE")]
@@ -118,6 +113,11 @@ fn check(args: &Args) -> Done {
     if let Some(turn) = args.turn.filter(|turn| !(-360.0..=360.0).contains(turn)) {
         return Err(Failure::input(format!(
             "--turn: expected a number of degrees from -360 to 360, found {turn}"
+        )));
+    }
+    if let Some(turn) = args.turn.filter(|_| args.environment.is_none()) {
+        return Err(Failure::input(format!(
+            "--turn: expected --environment beside it, found {turn} without"
         )));
     }
     if args.environment.is_some() && args.scene != Scene::Sphere {

@@ -113,7 +113,12 @@ fn a_plot_of_what_is_not_there_is_refused() {
     );
     // Maps.
     for (arguments, parts) in [
-        (&["--show", "error"][..], &["--hemisphere"][..]),
+        (&["--show", "error"][..], &["--show", "--hemisphere"][..]),
+        (
+            &["--reference", "lambert", "--azimuths", "8"],
+            &["--reference", "--hemisphere"],
+        ),
+        (&["--polar", "--azimuths", "8"], &["--polar", "--in-plane"]),
         (&["--hemisphere", "--in-plane"], &["--in-plane", "--hemisphere"]),
         (
             &["--hemisphere", "--show", "error"],
@@ -162,7 +167,10 @@ fn a_scene_that_is_none_is_refused() {
             ["--tilt", "0 to 75", "found 80"],
         ),
         (&["--tilt", "nan"], ["--tilt", "0 to 75", "found NaN"]),
-        (&["--turn", "30"], ["--turn", "--environment", "required"]),
+        (
+            &["--turn", "30"],
+            ["--turn", "expected --environment", "found 30"],
+        ),
         (
             &["--environment", "a.hdr", "--scene", "torus"],
             ["--environment", "--scene sphere", "found"],

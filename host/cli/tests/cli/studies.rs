@@ -236,13 +236,13 @@ fn maps_of_the_hemisphere_show_values_their_uncertainty_and_error_and_what_is_mi
     let of =
         |rows: &[[String; 3]]| -> Vec<f64> { rows.iter().filter_map(|row| row[0].parse().ok()).collect() };
     assert!(
-        of(&values).len() > 3000
+        of(&values).len() > 500
             && values
                 .iter()
                 .any(|row| row[2] == "measured" || row[2] == "merged")
     );
     let uncertain = of(&rows(&["--show", "uncertainty"]));
-    assert!(uncertain.iter().all(|percent| *percent > 0.0) && uncertain.len() > 3000);
+    assert!(uncertain.iter().all(|percent| *percent > 0.0) && uncertain.len() == of(&values).len());
     // Against a white standard the error says what the values are.
     let errors = of(&rows(&["--show", "error", "--reference", "lambert:1"]));
     for (value, error) in of(&values).into_iter().zip(errors) {
