@@ -220,7 +220,7 @@ fn maps(args: &Args, incident: &[(f64, f64)], output: &Output) -> Done {
     let maps = OutgoingMaps::new(&sources, &asked)?;
     let mut title = args.brdf.join(", ");
     if let Some(reference) = &args.reference {
-        title += &format!(" against {reference}");
+        title = format!("{title} against {reference}");
     }
     maps.save(&title, &args.out)?;
     let value = json!({

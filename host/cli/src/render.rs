@@ -224,12 +224,12 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
                 "file": args.environment, "turn_deg": args.turn.unwrap_or(0.0), "rms_error": rms, "largest_error": largest, "unseen": unseen,
             });
             let [rms, largest] = [rms, largest].map(|error| 100.0 * error * f64::from(exposure));
-            text += &format!(
-                "integral over the environment: off by {rms:.3} % of white (root mean square), {largest:.3} % at most\n"
+            text = format!(
+                "{text}integral over the environment: off by {rms:.3} % of white (root mean square), {largest:.3} % at most\n"
             );
             if unseen > 0.0 {
-                text += &format!(
-                    "light from directions without a value: up to {:.2} %, replaced by the rest\n",
+                text = format!(
+                    "{text}light from directions without a value: up to {:.2} %, replaced by the rest\n",
                     100.0 * unseen
                 );
             }

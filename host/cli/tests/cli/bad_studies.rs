@@ -111,7 +111,12 @@ fn a_plot_of_what_is_not_there_is_refused() {
         2,
         &["--azimuths", "expected", "`3`"],
     );
-    // Maps.
+}
+
+#[test]
+fn maps_and_lobes_that_cannot_be_are_refused() {
+    let scratch = tempfile::tempdir().unwrap();
+    let svg = scratch.path().join("map.svg");
     for (arguments, parts) in [
         (&["--show", "error"][..], &["--show", "--hemisphere"][..]),
         (
@@ -148,7 +153,13 @@ fn a_plot_of_what_is_not_there_is_refused() {
             &["no/such.bsdf", "expected", "found"],
         ),
     ] {
-        plot(&[&["satin", "--out", &svg][..], arguments].concat(), 2, parts);
+        refuses(
+            &[&["plot", "satin", "--out", text(&svg)][..], arguments].concat(),
+            "",
+            2,
+            parts,
+        );
+        assert!(!svg.exists(), "{arguments:?}");
     }
 }
 

@@ -157,11 +157,7 @@ impl Scene {
             "export" => exports(&brdf, &file),
             "fill" => vec![format!("{brdf} --out {}", file("whole.zarr"))],
             "combine" => vec![format!("{brdf} {repeated} --out {}", file("mean.zarr"))],
-            "history" => {
-                let charts = format!("{measured} {repeated} --out");
-                let table = format!("{repeated} {measured} --csv {}", file("h.csv"));
-                [each(&["svg", "pdf", "png"], &charts, "h"), vec![table]].concat()
-            }
+            "history" => histories(&[measured, repeated], &file),
             "turn" => vec![format!("{brdf} --azimuth 20 --out {}", file("turned.zarr"))],
             "budget" => vec![format!("{brdf} --region 45,40")],
             "reflectance" => vec![format!("{brdf} --theta 10,40"), "lambert:0.5".to_owned()],
@@ -205,6 +201,13 @@ impl Scene {
             })
             .collect()
     }
+}
+
+/// Uses of `history` on the two measurements.
+fn histories([one, other]: &[String; 2], file: &dyn Fn(&str) -> String) -> Vec<String> {
+    let charts = ["h.svg", "h.pdf", "h.png"].map(|name| format!("{one} {other} --out {}", file(name)));
+    let table = format!("{other} {one} --csv {}", file("h.csv"));
+    charts.into_iter().chain([table]).collect()
 }
 
 /// Words behind `rcg export`.
