@@ -27,7 +27,7 @@ const BELOW: i32 = 50;
 const COLUMNS: usize = 3;
 /// Pixels of the title, of the column of scale and legend, and of the scale.
 const TITLE: i32 = 90;
-const SIDEBAR: i32 = 640;
+const SIDEBAR: i32 = 760;
 const BAR: (i32, i32) = (46, 480);
 /// Pixels of a row of the legend.
 const ROW: i32 = 52;
