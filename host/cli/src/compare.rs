@@ -29,7 +29,7 @@ pub(crate) struct Args {
     /// is no excuse for a difference
     #[arg(long)]
     same_standard: bool,
-    /// Also write a chart of the biases (.svg, .png) or the table (.csv)
+    /// Also write a chart of the biases (.svg, .pdf, .png) or the table (.csv)
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
 }

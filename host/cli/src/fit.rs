@@ -25,7 +25,7 @@ pub(crate) struct Args {
     /// What to fit
     #[arg(long, value_enum)]
     model: Kind,
-    /// Draw the residuals against the angle of the half vector (.svg, .png)
+    /// Draw the residuals against the angle of the half vector (.svg, .pdf, .png)
     #[arg(long, value_name = "FILE")]
     residuals: Option<PathBuf>,
 }

@@ -26,7 +26,7 @@ pub(crate) struct Args {
     /// What values are over: the mean of all, or the first in time
     #[arg(long, value_enum, default_value = "mean")]
     over: Reference,
-    /// Also write the charts of all channels, one above the other (.svg, .png)
+    /// Also write the charts of all channels, one above the other (.svg, .pdf, .png)
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Also write the table (.csv)

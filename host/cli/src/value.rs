@@ -5,6 +5,8 @@ use std::io::{self, Write as _};
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use glam::DVec3;
+use rayon::prelude::*;
+use rcg::base::text::lines;
 use rcg::brdf::reflectance::Missing;
 use rcg::brdf::sample::MeasuredRgl;
 use rcg::brdf::{Source, Stated};
@@ -14,11 +16,15 @@ use serde_json::{Value as Json, json};
 
 use crate::Done;
 use crate::failure::Failure;
-use crate::numbers::directions_of;
+use crate::numbers::next_directions;
 use crate::output::Output;
 
 /// Lines that are answered together: large tables are read once for all of them.
 const BATCH: usize = 1 << 18;
+/// What a line holds.
+const NAMES: &str = "theta_i phi_i theta_o phi_o in degrees";
+/// Answers that one thread makes text of.
+const TOGETHER: usize = 1 << 12;
 
 /// Pairs of directions on stdin to values of a BRDF.
 ///
@@ -55,39 +61,49 @@ fn named() -> impl TypedValueParser<Value = Quantity> {
         .map(|name| Quantity::named(&name).unwrap_or_default())
 }
 
-/// What is answered of one pair of directions.
-type Answer = Result<(Json, String), Missing>;
+/// What is answered of one pair of directions: f per channel, with what is stated of it if that was asked.
+type Answer = Result<([f32; 3], Option<Stated>), Missing>;
 
 /// Answers pairs of directions (incident, outgoing) in the order asked.
 type Answers<'a> = dyn Fn(&[(DVec3, DVec3)]) -> Result<Vec<Answer>, Failure> + 'a;
 
-/// The answer of a value in the `quantity`, seen along `wo`.
-fn plain(quantity: Quantity, wo: DVec3, f: [f32; 3]) -> (Json, String) {
-    let value = f.map(|f| quantity.factor(wo) as f32 * f);
-    let [r, g, b] = value;
-    (
-        json!({ (quantity.key()): value }),
-        format!("{r:.6e} {g:.6e} {b:.6e}"),
-    )
+/// An answer as it is shown: the `quantity`, seen along `wo`.
+fn scaled(quantity: Quantity, wo: DVec3, f: [f32; 3]) -> [f32; 3] {
+    let factor = quantity.factor(wo) as f32;
+    f.map(|f| factor * f)
 }
 
-/// The answer with its uncertainty.
-fn with_uncertainty(quantity: Quantity, wo: DVec3, stated: &Stated) -> (Json, String) {
-    let (mut value, mut line) = plain(quantity, wo, stated.f);
-    let scaled = |sigma: [f32; 3]| sigma.map(|sigma| quantity.factor(wo) as f32 * sigma);
-    let [r, g, b] = scaled(stated.sigma);
-    let share = stated.common_share();
-    value["standard_uncertainty"] = json!([r, g, b]);
-    value["by_interpolation"] = json!(scaled(stated.interpolation));
-    value["common_share"] = json!(share);
-    value["provenance"] = json!(stated.provenance.name());
-    write!(
-        line,
-        " {r:.3e} {g:.3e} {b:.3e} {share:.3} {}",
-        stated.provenance.name()
-    )
-    .expect("strings take everything");
-    (value, line)
+/// The answer as an object.
+fn object(quantity: Quantity, wo: DVec3, answer: Answer) -> Json {
+    let (f, stated) = match answer {
+        Ok(found) => found,
+        Err(reason) => return json!({ "reason": reason.to_string() }),
+    };
+    let mut value = json!({ (quantity.key()): scaled(quantity, wo, f) });
+    if let Some(stated) = stated {
+        value["standard_uncertainty"] = json!(scaled(quantity, wo, stated.sigma));
+        value["by_interpolation"] = json!(scaled(quantity, wo, stated.interpolation));
+        value["common_share"] = json!(stated.common_share());
+        value["provenance"] = json!(stated.provenance.name());
+    }
+    value
+}
+
+/// Adds the answer to `text` as a line.
+fn line(text: &mut String, quantity: Quantity, wo: DVec3, answer: Answer) -> std::fmt::Result {
+    let (f, stated) = match answer {
+        Ok(found) => found,
+        Err(reason) => return writeln!(text, "- {reason}"),
+    };
+    let [r, g, b] = scaled(quantity, wo, f);
+    write!(text, "{r:.6e} {g:.6e} {b:.6e}")?;
+    if let Some(stated) = stated {
+        let [r, g, b] = scaled(quantity, wo, stated.sigma);
+        let (share, origin) = (stated.common_share(), stated.provenance.name());
+        write!(text, " {r:.3e} {g:.3e} {b:.3e} {share:.3} {origin}")?;
+    }
+    text.push('\n');
+    Ok(())
 }
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
@@ -105,17 +121,16 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
     }
     let answers = |pairs: &[(DVec3, DVec3)]| -> Result<Vec<Answer>, Failure> {
         Ok(if let Some(brdf) = measured.filter(|_| args.uncertainty) {
-            let stated = brdf.stated(pairs)?.into_iter().zip(pairs);
-            let answer = |stated: &Stated, wo| with_uncertainty(quantity, wo, stated);
+            let stated = brdf.stated(pairs)?.into_iter();
             stated
-                .map(|(stated, (_, wo))| Ok(answer(&stated?, *wo)))
+                .map(|stated| stated.map(|stated| (stated.f, Some(stated))))
                 .collect()
         } else {
-            let values = source.reflectance().values(pairs)?.into_iter().zip(pairs);
-            values.map(|(f, (_, wo))| Ok(plain(quantity, *wo, f?))).collect()
+            let values = source.reflectance().values(pairs)?.into_iter();
+            values.map(|f| f.map(|f| (f, None))).collect()
         })
     };
-    let answered = answer(&answers, output.is_json())?;
+    let answered = answer(&answers, quantity, output.is_json())?;
     let colours = match &source {
         Source::Measured(_) => None,
         Source::Known(sample) => sample.tensor().and_then(MeasuredRgl::colours),
@@ -132,39 +147,44 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
 }
 
 /// Answers the lines on stdin by `answers`: at once, or, for `is_json`, all together.
-fn answer(answers: &Answers<'_>, is_json: bool) -> Result<Vec<Json>, Failure> {
-    let mut out = io::BufWriter::new(io::stdout().lock());
-    let mut lines = directions_of(io::stdin().lock(), "theta_i phi_i theta_o phi_o in degrees");
+fn answer(answers: &Answers<'_>, quantity: Quantity, is_json: bool) -> Result<Vec<Json>, Failure> {
+    let mut out = io::stdout().lock();
+    let mut lines = lines(io::stdin().lock());
     let mut all = Vec::new();
     loop {
         // What stands before a bad line is answered; then the line is named.
-        let mut pairs = Vec::new();
-        let mut bad = None;
-        for line in lines.by_ref().take(BATCH) {
-            match line {
-                Ok([theta_i, phi_i, theta_o, phi_o]) => {
-                    pairs.push((from_degrees(theta_i, phi_i), from_degrees(theta_o, phi_o)));
-                }
-                Err(failure) => {
-                    bad = Some(failure);
-                    break;
-                }
+        let (angles, end) = next_directions(&mut lines, BATCH, NAMES);
+        let pairs: Vec<(DVec3, DVec3)> = angles
+            .par_iter()
+            .map(|&[theta_i, phi_i, theta_o, phi_o]| {
+                (from_degrees(theta_i, phi_i), from_degrees(theta_o, phi_o))
+            })
+            .collect();
+        let answered = answers(&pairs)?;
+        if is_json {
+            let objects = answered.into_iter().zip(&pairs);
+            all.extend(objects.map(|(answer, (_, wo))| object(quantity, *wo, answer)));
+        } else {
+            let texts: Vec<String> = answered
+                .par_chunks(TOGETHER)
+                .zip(pairs.par_chunks(TOGETHER))
+                .map(|(answered, pairs)| {
+                    let mut text = String::new();
+                    for (answer, (_, wo)) in answered.iter().zip(pairs) {
+                        line(&mut text, quantity, *wo, *answer).expect("strings take everything");
+                    }
+                    text
+                })
+                .collect();
+            for text in texts {
+                out.write_all(text.as_bytes())?;
             }
+            out.flush()?;
         }
-        for answer in answers(&pairs)? {
-            match (answer, is_json) {
-                (Ok((_, line)), false) => writeln!(out, "{line}")?,
-                (Err(reason), false) => writeln!(out, "- {reason}")?,
-                (Ok((value, _)), true) => all.push(value),
-                (Err(reason), true) => all.push(json!({ "reason": reason.to_string() })),
-            }
-        }
-        out.flush()?;
-        if let Some(failure) = bad {
-            return Err(failure);
-        }
-        if pairs.len() < BATCH {
-            return Ok(all);
+        match end {
+            None => {}
+            Some(Ok(())) => return Ok(all),
+            Some(Err(failure)) => return Err(failure),
         }
     }
 }

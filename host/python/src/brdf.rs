@@ -13,8 +13,9 @@ use rcg::instrument::optics::Unmeasurable;
 
 use crate::failure::Failure;
 
-/// Pairs that are answered between two looks at signals: some tens of milliseconds.
-const BATCH: usize = 1 << 17;
+/// Pairs that are answered between two looks at signals: some tenths of a second, and so many that they can be answered in the order of
+/// memory.
+const BATCH: usize = 1 << 20;
 /// How far from 1 the length of a direction may be: more than single precision rounds.
 const UNIT: f64 = 1e-5;
 /// Codes after those of [`Unmeasurable`].
@@ -90,12 +91,7 @@ impl Brdf {
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let shape = self.channels();
         answered(py, [&wi, &wo], shape, |pairs, out| {
-            if let Values::Held(held) = &self.values {
-                let rows = out.par_chunks_exact_mut(shape).zip(pairs);
-                rows.for_each(|(row, &(wi, wo))| write(row, held.value(wi, wo).ok()));
-                return Ok(());
-            }
-            let rows = out.chunks_exact_mut(shape).zip(self.values.of(pairs)?);
+            let rows = out.par_chunks_exact_mut(shape).zip(self.values.of(pairs)?);
             rows.for_each(|(row, value)| write(row, value.ok()));
             Ok(())
         })

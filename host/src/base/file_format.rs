@@ -9,9 +9,9 @@ pub const PICTURE: Formats = Formats(&["png"]);
 /// Pictures as a screen shows them, or as they are.
 pub const RENDERED: Formats = Formats(&["png", "exr"]);
 /// Charts: vectors or pixels.
-pub const CHART: Formats = Formats(&["svg", "png"]);
+pub const CHART: Formats = Formats(&["svg", "pdf", "png"]);
 /// Charts, or their numbers.
-pub const CHART_OR_TABLE: Formats = Formats(&["svg", "png", "csv"]);
+pub const CHART_OR_TABLE: Formats = Formats(&["svg", "pdf", "png", "csv"]);
 /// Tables.
 pub const TABLE: Formats = Formats(&["csv"]);
 /// Records of the trigger box: a table, or one JSON object a line.
@@ -100,10 +100,10 @@ mod tests {
         ] {
             assert_eq!(
                 of(name).unwrap_err().to_string(),
-                format!("{name}: expected a file name that ends in .svg, .png or .csv, found {found}")
+                format!("{name}: expected a file name that ends in .svg, .pdf, .png or .csv, found {found}")
             );
         }
-        assert_eq!(CHART.to_string(), ".svg or .png");
+        assert_eq!(CHART.to_string(), ".svg, .pdf or .png");
         assert_eq!(PICTURE.to_string(), ".png");
     }
 }

@@ -142,13 +142,13 @@ pub fn numbers<const N: usize>(line: &str) -> Result<Option<[f64; N]>, String> {
         return Ok(None);
     }
     let number = |word: &str| word.parse().ok().filter(|number: &f64| number.is_finite());
-    content
-        .split([' ', '\t'])
-        .filter(|word| !word.is_empty())
-        .map(number)
-        .collect::<Option<Vec<f64>>>()
-        .and_then(|numbers| <[f64; N]>::try_from(numbers).ok())
-        .map(Some)
+    let mut words = content.split([' ', '\t']).filter(|word| !word.is_empty());
+    let mut all = [0.0; N];
+    let is_read = all
+        .iter_mut()
+        .all(|slot| words.next().and_then(number).map(|read| *slot = read).is_some());
+    (is_read && words.next().is_none())
+        .then_some(Some(all))
         .ok_or_else(|| shown(content))
 }
 

@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 
 use super::images::Images;
 use super::{Brdf, BrdfError, evidence};
-use crate::brdf::interpolation::Cells;
+use crate::brdf::interpolation::{Cells, Readable as _};
 use crate::brdf::sample::{Outgoing, Sample};
 use crate::hemisphere::direction::is_above_horizon;
 use crate::hemisphere::incident::{IncidentSet, Neighbours};
@@ -69,7 +69,7 @@ impl Outgoing for Lit<'_> {
             if weight <= 0.0 {
                 continue;
             }
-            let read = self.known.cells.read(self.known.images.of(row), wo);
+            let read = self.known.images.of(row).read(&self.known.cells, wo);
             sum += weight as f32 * read.value;
             found += weight as f32 * read.weight;
         }

@@ -35,6 +35,7 @@ mod values;
 
 pub use azimuth::Azimuth;
 pub use budget::{BANDS_DEG, CAUSES, RegionBudget};
+use held::Busy;
 pub use held::HeldBrdf;
 pub use known::KnownBrdf;
 pub use source::{Source, SourceError};
@@ -120,6 +121,8 @@ pub struct Brdf {
     errors: Option<BranchErrors>,
     budget: Vec<RegionBudget>,
     azimuth: Azimuth,
+    /// Of a file that may be held in memory.
+    busy: Option<Busy>,
 }
 
 impl Brdf {
@@ -194,8 +197,8 @@ impl Brdf {
             Err(error) => return Err(error.into()),
         };
         let budget = budget::read(&reader)?;
-        let cells = Cells::new(disk, |cell| outgoing[cell].is_none());
         Ok(Self {
+            cells: Cells::new(disk, |cell| outgoing[cell].is_none()),
             path: path.to_owned(),
             reader,
             grid,
@@ -204,11 +207,29 @@ impl Brdf {
             outgoing,
             pixel_sr,
             spot_deg,
-            cells,
             errors,
             budget,
             azimuth,
+            busy: None,
         })
+    }
+
+    /// The same file, which is held in memory once a quarter of a million values were asked of it, if it takes no more than 4 GB there: 16
+    /// bytes for each incident direction and cell, 8 of a grey one. What it answers stays the same to the bit.
+    #[must_use]
+    pub fn held_when_busy(self) -> Self {
+        Self {
+            busy: Some(Busy::default()),
+            ..self
+        }
+    }
+
+    /// Whether `other` is another capture than this one, so that both can be compared.
+    ///
+    /// # Errors
+    /// [`BrdfError`] if both hold the same capture.
+    pub fn check_apart(&self, other: &Self) -> Result<(), BrdfError> {
+        evidence::check_apart(self, other)
     }
 
     /// The complaint that its incident directions make no set.

@@ -48,7 +48,7 @@ pub enum Source {
 }
 
 impl Source {
-    /// Opens `spec`: a `brdf.zarr`, the directory of a measurement that has one, or a sample as in [`parse`].
+    /// Opens `spec`, to be held in memory where many values are asked of a file ([`Brdf::held_when_busy`]): a `brdf.zarr`, the directory of a measurement that has one, or a sample as in [`parse`].
     ///
     /// # Errors
     /// [`SourceError`].
@@ -56,9 +56,9 @@ impl Source {
         let path = Path::new(spec);
         let own = path.join(MEASURED);
         if own.is_dir() {
-            Ok(Self::Measured(Box::new(Brdf::open(&own)?)))
+            Ok(Self::Measured(Box::new(Brdf::open(&own)?.held_when_busy())))
         } else if path.is_dir() || path.extension().is_some_and(|extension| extension == "zarr") {
-            Ok(Self::Measured(Box::new(Brdf::open(path)?)))
+            Ok(Self::Measured(Box::new(Brdf::open(path)?.held_when_busy())))
         } else {
             Ok(Self::Known(parse(spec)?))
         }

@@ -107,7 +107,11 @@ impl Brdf {
     /// # Errors
     /// [`StoreError`].
     pub fn values(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Value>, StoreError> {
-        self.interpolated(pairs, Interpolation::Blended)
+        let held = self.busy.as_ref().map(|busy| busy.held(self, pairs.len()));
+        match held.transpose()?.flatten() {
+            Some(held) => Ok(held.values(self, pairs)),
+            None => self.interpolated(pairs, Interpolation::Blended),
+        }
     }
 
     /// As [`values`](Self::values), found by `interpolation`.

@@ -35,6 +35,11 @@ impl Disk {
         }
     }
 
+    /// Cosine and sine of the azimuth of the frame's +x on the grid.
+    pub(crate) const fn x_axis(&self) -> DVec2 {
+        self.x
+    }
+
     /// Cells along a side.
     #[must_use]
     pub const fn size(&self) -> usize {

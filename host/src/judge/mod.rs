@@ -6,6 +6,7 @@ pub mod differences;
 pub mod evaluate;
 pub mod fit;
 pub mod history;
+pub mod outgoing_map;
 pub mod quantity;
 pub mod reflectance;
 pub mod region;

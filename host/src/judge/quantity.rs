@@ -11,6 +11,12 @@ use std::fmt;
 use glam::DVec3;
 use serde::Serialize;
 
+/// Luma (BT.601) of three channels.
+pub(crate) fn luma(rgb: [f32; 3]) -> f64 {
+    let [r, g, b] = rgb.map(f64::from);
+    0.299 * r + 0.587 * g + 0.114 * b
+}
+
 /// What is stated of a pair of directions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]

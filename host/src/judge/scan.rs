@@ -14,7 +14,7 @@ use crate::brdf::reflectance::{Reflectance, Value};
 use crate::brdf::{Source, Stated};
 use crate::hemisphere::direction::from_degrees;
 use crate::judge::chart::{Axis, Chart, Curve, Scale};
-use crate::judge::quantity::Quantity;
+use crate::judge::quantity::{Quantity, luma};
 use crate::store::StoreError;
 
 /// Incident directions of the paper's figure 16: polar angle and azimuth in degrees.
@@ -205,10 +205,6 @@ impl Scan {
 
     /// Luma (BT.601) of what is at a place, and its expanded uncertainty (k = 2), if it is stated.
     fn shown(&self, place: &Place) -> Option<Shown> {
-        let luma = |rgb: [f32; 3]| -> f64 {
-            let [r, g, b] = rgb.map(f64::from);
-            0.299 * r + 0.587 * g + 0.114 * b
-        };
         let [theta_deg, phi_deg] = place.outgoing_deg;
         let factor = self.quantity.factor(from_degrees(theta_deg, phi_deg));
         // As if the channels had the same error.
@@ -328,7 +324,7 @@ pub fn chart(scans: &[(&str, Scan)], title: &str, log: bool) -> Chart {
 }
 
 /// The name of a source as a legend has room for it: the end of a path tells more than its beginning.
-fn shortened(source: &str) -> String {
+pub(crate) fn shortened(source: &str) -> String {
     match source.chars().count().checked_sub(MOST_NAME) {
         None | Some(0) => source.to_owned(),
         Some(more) => std::iter::once('…')

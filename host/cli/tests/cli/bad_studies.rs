@@ -75,11 +75,11 @@ fn a_plot_of_what_is_not_there_is_refused() {
             "{arguments:?}"
         );
     };
-    for name in ["plot.pdf", "plot", ".svg"] {
+    for name in ["plot.bmp", "plot", ".svg"] {
         plot(
             &["satin", "--out", &out(name)],
             2,
-            &[&out(name), "expected", ".svg, .png or .csv"],
+            &[&out(name), "expected", ".svg, .pdf, .png or .csv"],
         );
     }
     for name in ["none/plot.svg", "none/plot.png", "none/plot.csv"] {
@@ -114,6 +114,56 @@ fn a_plot_of_what_is_not_there_is_refused() {
 }
 
 #[test]
+fn maps_and_lobes_that_cannot_be_are_refused() {
+    let scratch = tempfile::tempdir().unwrap();
+    let svg = scratch.path().join("map.svg");
+    for (arguments, parts) in [
+        (&["--show", "error"][..], &["--show", "--hemisphere"][..]),
+        (
+            &["--reference", "lambert", "--azimuths", "8"],
+            &["--reference", "--hemisphere"],
+        ),
+        (&["--polar", "--azimuths", "8"], &["--polar", "--in-plane"]),
+        (&["--hemisphere", "--in-plane"], &["--in-plane", "--hemisphere"]),
+        (
+            &["--hemisphere", "--show", "error"],
+            &["--show error", "--reference", "found none"],
+        ),
+        (
+            &["--hemisphere", "--reference", "lambert"],
+            &["--reference", "--show error", "found lambert"],
+        ),
+        (
+            &[
+                "--hemisphere",
+                "--show",
+                "error",
+                "--reference",
+                "lambert",
+                "--log",
+            ],
+            &["--log", "found --show error"],
+        ),
+        (
+            &["--hemisphere", "--show", "uncertainty"],
+            &["--show uncertainty", "brdf.zarr", "found satin"],
+        ),
+        (
+            &["--hemisphere", "--show", "error", "--reference", "no/such.bsdf"],
+            &["no/such.bsdf", "expected", "found"],
+        ),
+    ] {
+        refuses(
+            &[&["plot", "satin", "--out", text(&svg)][..], arguments].concat(),
+            "",
+            2,
+            parts,
+        );
+        assert!(!svg.exists(), "{arguments:?}");
+    }
+}
+
+#[test]
 fn a_scene_that_is_none_is_refused() {
     let scratch = tempfile::tempdir().unwrap();
     let picture = scratch.path().join("cloth.png");
@@ -128,6 +178,24 @@ fn a_scene_that_is_none_is_refused() {
             ["--tilt", "0 to 75", "found 80"],
         ),
         (&["--tilt", "nan"], ["--tilt", "0 to 75", "found NaN"]),
+        (
+            &["--turn", "30"],
+            ["--turn", "expected --environment", "found 30"],
+        ),
+        (
+            &["--environment", "a.hdr", "--scene", "torus"],
+            ["--environment", "--scene sphere", "found"],
+        ),
+        (
+            &["--environment", "a.hdr", "--turn", "361"],
+            ["--turn", "-360 to 360", "found 361"],
+        ),
+        (
+            &["--environment", "a.hdr", "--light", "9,9"],
+            ["--environment", "--light", "cannot"],
+        ),
+        (&["--environment", "a.hdr"], ["a.hdr", "Radiance", "found"]),
+        (&["--colours", "no.csv"], ["no.csv", "expected a table", "found"]),
         (
             &[
                 "--size", "8192", "--scene", "both", "--light", "0,0", "--light", "9,9", "--light", "1,1",

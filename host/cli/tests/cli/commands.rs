@@ -144,21 +144,25 @@ impl Scene {
             }
             "value" | "info" => vec![brdf],
             "evaluate" => vec![format!("{brdf} --reference ward:brass")],
-            "fit" => each(&["svg", "png"], "ward:brass --model ward --residuals", "fit"),
-            "compare" => each(&["svg", "png", "csv"], &format!("ward:brass {brdf} --out"), "c"),
+            "fit" => each(
+                &["svg", "pdf", "png"],
+                "ward:brass --model ward --residuals",
+                "fit",
+            ),
+            "compare" => each(
+                &["svg", "pdf", "png", "csv"],
+                &format!("ward:brass {brdf} --out"),
+                "c",
+            ),
             "export" => exports(&brdf, &file),
             "fill" => vec![format!("{brdf} --out {}", file("whole.zarr"))],
             "combine" => vec![format!("{brdf} {repeated} --out {}", file("mean.zarr"))],
-            "history" => vec![
-                format!("{measured} {repeated} --out {}", file("h.svg")),
-                format!("{measured} {repeated} --out {}", file("h.png")),
-                format!("{repeated} {measured} --csv {}", file("h.csv")),
-            ],
+            "history" => histories(&[measured, repeated], &file),
             "turn" => vec![format!("{brdf} --azimuth 20 --out {}", file("turned.zarr"))],
             "budget" => vec![format!("{brdf} --region 45,40")],
             "reflectance" => vec![format!("{brdf} --theta 10,40"), "lambert:0.5".to_owned()],
             "render" => each(&["png", "exr"], "lambert --scene torus --size 8 --out", "a"),
-            "plot" => each(&["svg", "png", "csv"], "lambert --azimuths 8 --out", "a"),
+            "plot" => each(&["svg", "pdf", "png", "csv"], "lambert --azimuths 8 --out", "a"),
             "report" => vec![format!("{brdf} --out {}", file("a.html"))],
             "multiplex" => vec!["--step 30 --image-size 8 --order 3".to_owned()],
             "standard" => vec![standard()],
@@ -198,6 +202,13 @@ impl Scene {
             })
             .collect()
     }
+}
+
+/// Uses of `history` on the two measurements.
+fn histories([one, other]: &[String; 2], file: &dyn Fn(&str) -> String) -> Vec<String> {
+    let charts = ["h.svg", "h.pdf", "h.png"].map(|name| format!("{one} {other} --out {}", file(name)));
+    let table = format!("{other} {one} --csv {}", file("h.csv"));
+    charts.into_iter().chain([table]).collect()
 }
 
 /// Words behind `rcg export`.

@@ -193,6 +193,148 @@ fn a_measured_plot_has_gaps_where_the_mirror_has_its_hole() {
 }
 
 #[test]
+fn maps_of_the_hemisphere_show_values_their_uncertainty_and_error_and_what_is_missing() {
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("m");
+    crate::command::quick_measurement(&out);
+    let (brdf, table) = (out.join("brdf.zarr"), scratch.path().join("map.csv"));
+    let rows = |show: &[&str]| -> Vec<[String; 3]> {
+        let plot = [
+            "plot",
+            text(&brdf),
+            "--hemisphere",
+            "--incident",
+            "45,30",
+            "--out",
+            text(&table),
+        ];
+        let answer = run(&[&plot[..], show, &["--json"]].concat(), "").object();
+        let rows: Vec<[String; 3]> = fs::read_to_string(&table)
+            .unwrap()
+            .lines()
+            .skip(1)
+            .map(|row| {
+                row.split(',')
+                    .map(str::to_owned)
+                    .collect::<Vec<_>>()
+                    .split_off(5)
+                    .try_into()
+                    .unwrap()
+            })
+            .collect();
+        let without = rows.iter().filter(|row| row[0].is_empty()).count();
+        assert_eq!(number(&answer, "without_value"), without as f64);
+        rows
+    };
+    let values = rows(&[]);
+    // The mirror of the rig has a hole, in which a tenth of the hemisphere lies.
+    let hole = values.iter().filter(|row| row[1] == "hole").count();
+    assert!(
+        (0.05..0.25).contains(&(hole as f64 / values.len() as f64)),
+        "{hole}"
+    );
+    let of =
+        |rows: &[[String; 3]]| -> Vec<f64> { rows.iter().filter_map(|row| row[0].parse().ok()).collect() };
+    assert!(
+        of(&values).len() > 500
+            && values
+                .iter()
+                .any(|row| row[2] == "measured" || row[2] == "merged")
+    );
+    let uncertain = of(&rows(&["--show", "uncertainty"]));
+    assert!(uncertain.iter().all(|percent| *percent > 0.0) && uncertain.len() == of(&values).len());
+    // Against a white standard the error says what the values are.
+    let errors = of(&rows(&["--show", "error", "--reference", "lambert:1"]));
+    for (value, error) in of(&values).into_iter().zip(errors) {
+        assert!(
+            (value * std::f64::consts::PI - 1.0 - error / 100.0).abs() < 1e-4,
+            "{value} {error}"
+        );
+    }
+    for ending in ["svg", "png", "pdf"] {
+        let picture = scratch.path().join(format!("map.{ending}"));
+        run(
+            &[
+                "plot",
+                "lambert",
+                "--hemisphere",
+                "--incident",
+                "45,30",
+                "--out",
+                text(&picture),
+            ],
+            "",
+        )
+        .done();
+        assert!(fs::metadata(&picture).unwrap().len() > 2000, "{ending}");
+    }
+}
+
+#[test]
+fn a_sphere_in_light_from_everywhere_is_that_light_in_the_colours_of_a_chart() {
+    let scratch = tempfile::tempdir().unwrap();
+    let at = |name: &str| text(&scratch.path().join(name)).to_owned();
+    let map = |width: usize, pixel: [u8; 4]| {
+        let head = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 8 +X {width}\n");
+        [head.into_bytes(), pixel.repeat(8 * width)].concat()
+    };
+    // Radiance 0.5.
+    fs::write(at("even.hdr"), map(16, [64, 64, 64, 129])).unwrap();
+    fs::write(at("square.hdr"), map(8, [64, 64, 64, 129])).unwrap();
+    fs::write(at("dark.hdr"), map(16, [0; 4])).unwrap();
+    // Red and blue of this camera are those of the screen the other way round.
+    let chart = "r,g,b,sR,sG,sB\n1,0,0,0,0,255\n0,1,0,0,255,0\n0,0,1,255,0,0\n1,1,1,255,255,255\n";
+    fs::write(at("chart.csv"), chart).unwrap();
+    let render = ["render", "lambert:1", "--size", "16", "--exposure", "1", "--out"];
+    let picture = at("a.png");
+    let around = at("even.hdr");
+    let arguments = [
+        &picture[..],
+        "--environment",
+        &around,
+        "--colours",
+        &at("chart.csv"),
+        "--json",
+    ];
+    let answer = run(&[&render[..], &arguments].concat(), "").object();
+    assert!(answer["environment"]["largest_error"].as_f64().unwrap() < 1e-5);
+    assert!(answer["colours"]["delta_e"][1].as_f64().unwrap() < 1e-3);
+    let matrix = &answer["colours"]["matrix"];
+    assert!(matrix[0][2].as_f64().unwrap() > 0.999 && matrix[0][0].as_f64().unwrap().abs() < 1e-6);
+    // sRGB of 0.5 is 188.
+    let image = image::open(&picture).unwrap().into_rgb8();
+    assert_eq!(image.get_pixel(8, 8).0, [188; 3]);
+    for (name, parts) in [
+        ("square.hdr", ["size", "twice as wide as high", "8 × 8"]),
+        ("dark.hdr", ["radiance", "some light", "none"]),
+        ("chart.csv", ["file", "Radiance", ".csv"]),
+    ] {
+        let arguments = [&picture[..], "--environment", &at(name)];
+        refuses(
+            &[&render[..], &arguments].concat(),
+            "",
+            2,
+            &[&[name][..], &parts].concat(),
+        );
+    }
+    for (chart, part) in [
+        ("r,g,b\n1,1,1\n", "columns r,g,b"),
+        ("r,g,b,X,Y,Z\n1,1,1,1,1,1\n", "at least 4 patches"),
+        ("r,g,b,X,Y,Z\n1,1,x,1,1,1\n", "line 2"),
+        ("r,g,b,X,Y,Z\n1,1,1,95,100,108\n", "Y = 1"),
+    ] {
+        fs::write(at("bad.csv"), chart).unwrap();
+        let arguments = [&picture[..], "--colours", &at("bad.csv")];
+        refuses(
+            &[&render[..], &arguments].concat(),
+            "",
+            2,
+            &["bad.csv", part, "found"],
+        );
+    }
+}
+
+#[test]
 fn cloth_in_folds_is_drawn_beside_the_sphere() {
     let scratch = tempfile::tempdir().unwrap();
     let picture = scratch.path().join("cloth.png");

@@ -143,9 +143,14 @@ impl Blend {
     }
 
     /// Share of each branch at the pair (`wi`, `wo`), not normalised; 0 for those that are left out.
+    #[inline]
     pub(super) fn shares(&self, wi: DVec3, wo: DVec3) -> [f32; BRANCHES] {
         let logs = match self {
-            Self::One(rule) => return std::array::from_fn(|branch| f32::from(u8::from(branch == *rule))),
+            Self::One(rule) => {
+                let mut shares = [0.0; BRANCHES];
+                shares[*rule] = 1.0;
+                return shares;
+            }
             Self::ByError(logs) => logs,
         };
         let mut sum = [0.0_f32; BRANCHES];
@@ -157,12 +162,13 @@ impl Blend {
         }
         let best = sum.iter().copied().fold(f32::INFINITY, f32::min);
         let worst = best - LEAST_SHARE.ln() / POWER;
-        sum.map(|log| {
-            if log > worst {
+        for share in &mut sum {
+            *share = if *share > worst {
                 0.0
             } else {
-                (POWER * (best - log)).exp()
-            }
-        })
+                (POWER * (best - *share)).exp()
+            };
+        }
+        sum
     }
 }

@@ -2,6 +2,7 @@
 
 use glam::{DVec2, DVec3, Vec3};
 
+use super::packed::Four;
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::IncidentSet;
 use crate::store::StoreError;
@@ -35,6 +36,34 @@ pub(crate) struct Image<'a> {
     /// Codes of [`Provenance`] per cell; `None` if what has no value is NaN.
     pub(crate) provenance: Option<&'a [u8]>,
     pub(crate) channels: usize,
+}
+
+/// Something of the outgoing directions of one incident one that can be read between its cells.
+pub(crate) trait Readable: Copy {
+    /// f in sr⁻¹ of a cell that may have a value, and its code of [`Provenance`], 0 if nobody says; `None` if it is missing here alone.
+    fn cell(&self, cell: usize) -> Option<(Vec3, u8)>;
+
+    /// What is read at `wo`.
+    fn read(&self, cells: &Cells, wo: DVec3) -> Read {
+        cells
+            .place(wo)
+            .map_or_else(Read::default, |place| place.read(*self))
+    }
+
+    /// What is read between `four` cells if all of them have a value: as [`read`](Self::read) does, a shorter way.
+    fn read_four(&self, cells: &Cells, four: &Four) -> Option<Read> {
+        let (mut read, mut cosines) = (Read::default(), 0.0);
+        for (cell, weight) in four.cells() {
+            let cosine = cells.cosine(cell)?;
+            let (f, code) = self.cell(cell)?;
+            read.weakest = read.weakest.max(code);
+            read.weight += weight;
+            cosines += weight * cosine;
+            read.value += weight * cosine * f;
+        }
+        read.value *= read.weight / cosines;
+        Some(read)
+    }
 }
 
 /// Where images are read: the cells around a direction, each with its weight, 0 of those that never have a value, and its cosθo.
@@ -71,6 +100,14 @@ impl Cells {
         Self { disk, kinds }
     }
 
+    /// cosθo by which a cell counts; `None` if it never has a value.
+    pub(super) fn cosine(&self, cell: usize) -> Option<f32> {
+        match self.kinds[cell] {
+            Kind::Seen(cosine) => Some(cosine),
+            Kind::Beyond | Kind::Blind => None,
+        }
+    }
+
     /// The cells around `wo`; at the horizon, where all four may lie beyond it, those one cell inwards.
     fn around(&self, wo: DVec3) -> Option<[(usize, f64); 4]> {
         let around = self.disk.neighbours(wo)?;
@@ -103,16 +140,10 @@ impl Cells {
         Some(Place { cells, rest })
     }
 
-    /// Reads `image` at `wo`.
-    pub(crate) fn read(&self, image: Image, wo: DVec3) -> Read {
-        self.place(wo)
-            .map_or_else(Read::default, |place| place.read(image))
-    }
-
     /// What linear interpolation between the cells of `image` is off by at `wo`, in sr⁻¹: along each axis t·(1 − t)/2 of the second
     /// difference, t being the place between two cells.
-    pub(crate) fn bend(&self, image: Image, wo: DVec3) -> Vec3 {
-        let here = self.read(image, wo);
+    pub(crate) fn bend(&self, image: impl Readable, wo: DVec3) -> Vec3 {
+        let here = image.read(self, wo);
         let Some(position) = self.disk.position(wo).filter(|_| here.weight > 0.0) else {
             return Vec3::ZERO;
         };
@@ -120,7 +151,7 @@ impl Cells {
         let here = here.value / here.weight;
         let along = |axis: DVec2| {
             let sides = [axis, -axis].map(|step| {
-                let read = self.read(image, self.disk.at(position + step)?);
+                let read = image.read(self, self.disk.at(position + step)?);
                 (read.weight > 0.5).then(|| read.value / read.weight)
             });
             // Without both the slope would count.
@@ -136,25 +167,18 @@ impl Cells {
 
 impl Place {
     /// Reads `image` there.
-    pub(crate) fn read(&self, image: Image) -> Read {
+    pub(crate) fn read(&self, image: impl Readable) -> Read {
         let mut read = Read::default();
         let mut cosines = 0.0;
         for &(cell, weight, cosine) in &self.cells {
             if weight <= 0.0 {
                 continue;
             }
-            let f = image.at(cell);
-            let is_missing = match image.provenance {
-                Some(codes) => codes[cell] == Provenance::Missing.code(),
-                None => f.x.is_nan(),
-            };
-            if is_missing {
+            let Some((f, code)) = image.cell(cell) else {
                 read.saturated += weight;
                 continue;
-            }
-            if let Some(codes) = image.provenance {
-                read.weakest = read.weakest.max(codes[cell]);
-            }
+            };
+            read.weakest = read.weakest.max(code);
             read.weight += weight;
             cosines += weight * cosine;
             read.value += weight * cosine * f;
@@ -165,6 +189,18 @@ impl Place {
             read.saturated *= self.rest;
         }
         read
+    }
+}
+
+impl Readable for Image<'_> {
+    fn cell(&self, cell: usize) -> Option<(Vec3, u8)> {
+        let f = self.at(cell);
+        match self.provenance {
+            Some(codes) if codes[cell] == Provenance::Missing.code() => None,
+            None if f.x.is_nan() => None,
+            Some(codes) => Some((f, codes[cell])),
+            None => Some((f, 0)),
+        }
     }
 }
 
@@ -226,7 +262,7 @@ mod tests {
             };
             let read = |f: &[f32]| {
                 let image = Image { f, provenance: Some(&codes), channels };
-                let read = cells.read(image, from_degrees(theta_deg, phi_deg));
+                let read = image.read(&cells, from_degrees(theta_deg, phi_deg));
                 (read.value.to_array(), read.weight, read.saturated)
             };
             let (with_nan, with_number) = (read(&filled(f32::NAN)), read(&filled(1e30)));

@@ -14,9 +14,9 @@ use rayon::prelude::*;
 
 use super::BranchErrors;
 use super::blend::{BACK, BRANCHES, Tally};
-use super::captures::{Captures, Cells, ImageOf};
-use super::lookup::directions;
-use super::rule::{DIRECT, RULES, readings};
+use super::captures::{Captures, Cells, ImageOf, Readable as _};
+use super::lookup::captured;
+use super::rule::{Captured, DIRECT, Query, RULES};
 use crate::store::StoreError;
 
 /// Images that are left out, at most.
@@ -51,7 +51,7 @@ impl Probe {
     fn gather(
         &mut self,
         cells: &Cells,
-        directions: &[DVec3],
+        captured: &[Captured],
         group: &std::ops::Range<usize>,
         image: ImageOf,
     ) {
@@ -68,15 +68,15 @@ impl Probe {
             } else {
                 ((self.wi, self.wo), 0)
             };
-            for reading in readings(pair, directions[row], |_| true) {
-                let read = cells.read(image, reading.wo);
+            Query::new(pair, |_| true).readings(&captured[row], |reading| {
+                let read = image.read(cells, reading.wo);
                 let luminance = weight * read.value.dot(LUMINANCE);
                 for rule in reading.rules.clone() {
                     let sum = &mut self.sums[first + rule];
                     sum.0 += luminance * reading.factor(rule) as f32;
                     sum.1 += weight * read.weight;
                 }
-            }
+            });
         }
     }
 
@@ -193,11 +193,11 @@ pub(crate) fn learn(captures: &impl Captures) -> Result<Option<BranchErrors>, St
             wanted[part.0] = true;
         }
     }
-    let directions = directions(captures);
+    let captured = captured(captures);
     captures.scan(&wanted, &mut |group, image| {
         probes
             .par_iter_mut()
-            .for_each(|probe| probe.gather(captures.cells(), &directions, &group, image));
+            .for_each(|probe| probe.gather(captures.cells(), &captured, &group, image));
     })?;
     // One after the other: sums of floating-point numbers must not depend on the number of threads.
     let mut tally = Tally::new();

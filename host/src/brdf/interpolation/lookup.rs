@@ -4,12 +4,13 @@
 //! A query needs at most eight images: four around its incident direction, and four around its outgoing one, which are
 //! read with the directions exchanged. They may come in any order, from memory or chunk by chunk from a file.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::blend::{BACK, BRANCHES};
-use super::captures::{Captures, Cells, ImageOf};
-use super::rule::{DIRECT, readings};
+use super::captures::{Captures, Cells, Readable};
+use super::lanes::Side;
+use super::rule::{Captured, Query};
 use super::{Blend, BranchErrors};
 use crate::hemisphere::incident::IncidentSet;
 use crate::store::StoreError;
@@ -27,8 +28,8 @@ pub(crate) struct Lookup {
     rows: [u32; PARTS],
     weights: [f32; PARTS],
     shares: [f32; BRANCHES],
-    value: Vec3,
-    weight: f32,
+    /// Value × weight and weight of what was read forth, and of what was read back.
+    sums: [Vec4; 2],
     /// Weight of what direct reading found: without it nothing was measured there.
     pub(crate) found: f32,
     /// Weight of what direct reading found saturated.
@@ -44,10 +45,41 @@ pub(crate) struct Lookup {
 struct Apart {
     /// Value × weight and weight of each branch.
     branches: [(Vec3, f32); BRANCHES],
+    /// Value × weight and weight of all readings: what is compared with them is their own mean, whose rounding is theirs.
+    all: (Vec3, f32),
     /// Sum of weight × value² over all readings.
     squares: Vec3,
     /// Sum of weight × what linear interpolation between cells may be off by.
     bends: Vec3,
+}
+
+impl Apart {
+    /// Takes what the `images` of a side say, whose branches begin at `first`.
+    fn take<R: Readable>(&mut self, side: &Side<'_>, first: usize, cells: &Cells, images: &[Option<R>; 4]) {
+        let query = Query::new(side.pair, |rule| side.shares[rule] > 0.0);
+        for ((image, captured), weight) in images.iter().zip(side.captured).zip(side.weights) {
+            let Some(image) = image else { continue };
+            query.readings(captured, |reading| {
+                let read = image.read(cells, reading.wo);
+                if read.weight <= 0.0 {
+                    return;
+                }
+                let bend = cells.bend(*image, reading.wo);
+                for rule in reading.rules.clone().filter(|&rule| side.shares[rule] > 0.0) {
+                    let share = weight * side.shares[rule];
+                    let factor = reading.factor(rule) as f32;
+                    let value = factor * read.value;
+                    let branch = &mut self.branches[first + rule];
+                    branch.0 += weight * value;
+                    branch.1 += weight * read.weight;
+                    self.all.0 += share * value;
+                    self.all.1 += share * read.weight;
+                    self.squares += share * value * value / read.weight;
+                    self.bends += share * read.weight * factor * bend;
+                }
+            });
+        }
+    }
 }
 
 impl Lookup {
@@ -58,8 +90,11 @@ impl Lookup {
         let mut rows = [0; PARTS];
         let mut weights = [0.0; PARTS];
         let mut put = |first: usize, w: DVec3| {
-            for (place, (row, weight)) in (first..).zip(set.neighbours(w)) {
-                (rows[place], weights[place]) = (row as u32, weight as f32);
+            // A file hands its images out in this order: however many at a time, sums are the same.
+            let mut neighbours = set.neighbours(w);
+            neighbours.sort_by_key(|neighbour| neighbour.0);
+            for (place, (row, weight)) in neighbours.iter().enumerate() {
+                (rows[first + place], weights[first + place]) = (*row as u32, *weight as f32);
             }
         };
         put(0, wi);
@@ -72,8 +107,7 @@ impl Lookup {
             rows,
             weights,
             shares,
-            value: Vec3::ZERO,
-            weight: 0.0,
+            sums: [Vec4::ZERO; 2],
             found: 0.0,
             saturated: 0.0,
             weakest: 0,
@@ -81,17 +115,19 @@ impl Lookup {
         }
     }
 
-    /// The query for the pair (`wi`, `wo`), both above the horizon, answered from images that are all in memory; `set` has the incident
-    /// directions twice, the second time one by one.
-    pub(crate) fn of(
-        (set, directions): (&IncidentSet, &[DVec3]),
+    /// The query for the pair (`wi`, `wo`), both above the horizon, answered from images that are all in memory; `captured` has the
+    /// incident directions of `set`.
+    #[inline]
+    pub(crate) fn of<R: Readable>(
+        (set, captured): (&IncidentSet, &[Captured]),
         cells: &Cells,
         blend: &Blend,
         pair: (DVec3, DVec3),
-        image: ImageOf,
+        image: impl Fn(usize) -> Option<R>,
     ) -> Self {
         let mut lookup = Self::new(set, blend, pair, false);
-        lookup.gather(cells, directions, &(0..directions.len()), image);
+        lookup.gather_side(false, cells, captured, &image);
+        lookup.gather_side(true, cells, captured, &image);
         lookup
     }
 
@@ -105,71 +141,94 @@ impl Lookup {
     }
 
     /// Takes what the images of the rows `group` say.
-    fn gather(
+    fn gather<R: Readable>(
         &mut self,
         cells: &Cells,
-        directions: &[DVec3],
+        captured: &[Captured],
         group: &std::ops::Range<usize>,
-        image: ImageOf,
+        image: impl Fn(usize) -> Option<R>,
     ) {
-        for part in 0..PARTS {
-            let (row, weight) = (self.rows[part] as usize, self.weights[part]);
-            if weight == 0.0 || !group.contains(&row) {
-                continue;
-            }
-            let Some(image) = image(row) else { continue };
-            let back = part >= FORTH;
-            let pair = if back {
+        let image = |row: usize| group.contains(&row).then(|| image(row)).flatten();
+        self.gather_side(false, cells, captured, image);
+        self.gather_side(true, cells, captured, image);
+    }
+
+    /// Takes what the images of one side say.
+    #[inline]
+    fn gather_side<R: Readable>(
+        &mut self,
+        is_back: bool,
+        cells: &Cells,
+        captured: &[Captured],
+        image: impl Fn(usize) -> Option<R>,
+    ) {
+        let (begin, first) = if is_back { (FORTH, BACK) } else { (0, 0) };
+        let (rows, weights) = (&self.rows[begin..], &self.weights[begin..]);
+        let [a, b, c, d] = [rows[0], rows[1], rows[2], rows[3]].map(|row| row as usize);
+        let weights = [weights[0], weights[1], weights[2], weights[3]];
+        let of = |row: usize, weight: f32| if weight > 0.0 { image(row) } else { None };
+        let images = [
+            of(a, weights[0]),
+            of(b, weights[1]),
+            of(c, weights[2]),
+            of(d, weights[3]),
+        ];
+        if images.iter().all(Option::is_none) {
+            return;
+        }
+        let (forth, back) = self
+            .shares
+            .split_first_chunk()
+            .expect("invariant: both have as many");
+        let shares = if is_back { back.first_chunk() } else { Some(forth) };
+        let side = Side {
+            pair: if is_back {
                 (self.wo, self.wi)
             } else {
                 (self.wi, self.wo)
-            };
-            let shares = if back {
-                &self.shares[BACK..]
-            } else {
-                &self.shares[..BACK]
-            };
-            // Direct reading forth says whether anything was measured here, even if its share is nothing.
-            let wanted = |rule: usize| shares[rule] > 0.0 || (rule == DIRECT && !back);
-            for reading in readings(pair, directions[row], wanted) {
-                let read = cells.read(image, reading.wo);
-                if reading.rules.start == DIRECT && !back {
-                    self.found += weight * read.weight;
-                    self.saturated += weight * read.saturated;
-                }
-                let first = if back { BACK } else { 0 };
-                let bend = self.apart.is_some().then(|| cells.bend(image, reading.wo));
-                for rule in reading.rules.clone().filter(|&rule| shares[rule] > 0.0) {
-                    let share = weight * shares[rule];
-                    let factor = reading.factor(rule) as f32;
-                    self.value += share * factor * read.value;
-                    self.weight += share * read.weight;
-                    self.weakest = self.weakest.max(read.weakest);
-                    if let Some(apart) = self.apart.as_mut().filter(|_| read.weight > 0.0) {
-                        let (value, bend) = (factor * read.value, factor * bend.unwrap_or_default());
-                        let branch = &mut apart.branches[first + rule];
-                        branch.0 += weight * value;
-                        branch.1 += weight * read.weight;
-                        apart.squares += share * value * value / read.weight;
-                        apart.bends += share * read.weight * bend;
-                    }
-                }
-            }
+            },
+            captured: [&captured[a], &captured[b], &captured[c], &captured[d]],
+            weights,
+            shares: shares.expect("invariant: both have as many"),
+            is_back,
+        };
+        let said = side.read(cells, &images);
+        if let Some(apart) = &mut self.apart {
+            apart.take(&side, first, cells, &images);
         }
+        for sum in said.sums {
+            self.sums[usize::from(is_back)] += sum;
+        }
+        for (found, saturated) in said.found.into_iter().zip(said.saturated) {
+            self.found += found;
+            self.saturated += saturated;
+        }
+        self.weakest = self.weakest.max(said.weakest);
+    }
+
+    /// Value × weight, and weight of all that was read.
+    fn sum(&self) -> (Vec3, f32) {
+        let sum = self.sums[0] + self.sums[1];
+        (sum.truncate(), sum.w)
     }
 
     /// f in sr⁻¹ if at least half of what direct interpolation needs was measured.
     pub(crate) fn value(&self) -> Option<[f32; 3]> {
-        (self.found >= 0.5 && self.weight > 1e-6).then(|| (self.value / self.weight).to_array())
+        let (value, weight) = self.sum();
+        (self.found >= 0.5 && weight > 1e-6).then(|| (value / weight).to_array())
     }
 
     /// Standard uncertainty (k = 1) of the value in sr⁻¹ by interpolation, if it was looked up with that: what the branches are wrong by
     /// where images were left out (`errors`), as far as the pair lies from the images and no more than the images differ here; by how much
     /// the branches differ; what the images bend between their cells; and by as much of the value as is missing around it. Without `errors` it is the standard deviation of the images.
     pub(crate) fn interpolation_error(&self, errors: Option<&BranchErrors>) -> Option<[f32; 3]> {
-        let (apart, value) = (self.apart.as_ref()?, Vec3::from(self.value()?));
-        let bend = apart.bends / self.weight;
-        let spread = (apart.squares / self.weight - value * value).max(Vec3::ZERO);
+        self.value()?;
+        let apart = self.apart.as_ref()?;
+        let (sum, weight) = apart.all;
+        let weight = weight.max(1e-6);
+        let value = sum / weight;
+        let bend = apart.bends / weight;
+        let spread = (apart.squares / weight - value * value).max(Vec3::ZERO);
         let variance = match errors {
             None => spread,
             Some(errors) => {
@@ -202,6 +261,13 @@ impl Lookup {
         )
     }
 
+    /// Mean of what the readings say one by one, in double precision, if it was looked up with that.
+    #[cfg(test)]
+    pub(super) fn mean_of_readings(&self) -> Option<[f32; 3]> {
+        let (sum, weight) = self.apart.as_ref()?.all;
+        Some((sum / weight).to_array())
+    }
+
     /// How far the incident direction lies from the images around it, where 1 is half way between two: the error of linear interpolation,
     /// t(1 − t), over its largest.
     fn distance(&self) -> f32 {
@@ -211,9 +277,11 @@ impl Lookup {
 }
 
 /// Incident directions of all images, which would else be computed for every look-up.
-pub(super) fn directions(captures: &impl Captures) -> Vec<DVec3> {
+pub(crate) fn captured(captures: &impl Captures) -> Vec<Captured> {
     let set = captures.set();
-    (0..set.len()).map(|row| set.direction(row)).collect()
+    (0..set.len())
+        .map(|row| Captured::new(set.direction(row)))
+        .collect()
 }
 
 /// Looks the pairs (incident, outgoing) up, all above the horizon.
@@ -254,11 +322,11 @@ fn find(
     for row in lookups.iter().flat_map(Lookup::rows) {
         wanted[row] = true;
     }
-    let directions = directions(captures);
+    let captured = captured(captures);
     captures.scan(&wanted, &mut |group, image| {
         lookups
             .par_iter_mut()
-            .for_each(|lookup| lookup.gather(captures.cells(), &directions, &group, image));
+            .for_each(|lookup| lookup.gather(captures.cells(), &captured, &group, image));
     })?;
     Ok(lookups)
 }

@@ -22,8 +22,10 @@
 
 mod blend;
 mod captures;
+mod lanes;
 mod leave_one_out;
 mod lookup;
+mod packed;
 mod region;
 mod rule;
 mod table;
@@ -31,10 +33,12 @@ mod table;
 mod tests;
 
 pub use blend::{BRANCHES, Blend, BranchErrors};
-pub(crate) use captures::{Captures, Cells, Image, ImageOf};
+pub(crate) use captures::{Captures, Cells, Image, ImageOf, Readable};
 pub(crate) use leave_one_out::learn;
-pub(crate) use lookup::{Lookup, look_up, look_up_apart};
+pub(crate) use lookup::{Lookup, captured, look_up, look_up_apart};
+pub(crate) use packed::{BLOCK, Layout, Packed, PackedCell};
 pub use region::{REGIONS, Regions};
+pub(crate) use rule::Captured;
 pub use rule::{RULES, Rule};
 pub use table::Table;
 

@@ -14,13 +14,19 @@ pub type Regions = [(usize, f32); 8];
 ///
 /// θi and θo tell how near the horizon is; θh tells a highlight (small) from the rest, so that its axis is finer there:
 /// θh = 90°·(u/7)².
+#[inline]
 fn place(wi: DVec3, wo: DVec3) -> [f64; 3] {
     let share = |z: f64| z.clamp(0.0, 1.0).acos() / std::f64::consts::FRAC_PI_2;
     let half = (wi + wo).normalize_or(DVec3::Z);
-    let shares = [share(wi.z), share(wo.z), share(half.z).sqrt()];
-    std::array::from_fn(|axis| shares[axis] * COUNTS[axis] as f64)
+    let [i, o, h] = COUNTS;
+    [
+        share(wi.z) * i as f64,
+        share(wo.z) * o as f64,
+        share(half.z).sqrt() * h as f64,
+    ]
 }
 
+#[inline]
 const fn index([i, o, h]: [usize; 3]) -> usize {
     (i * COUNTS[1] + o) * COUNTS[2] + h
 }
@@ -34,19 +40,29 @@ pub(super) fn region(wi: DVec3, wo: DVec3) -> usize {
 }
 
 /// The regions whose centres are around the pair (`wi`, `wo`), with trilinear weights.
+#[inline]
 pub(super) fn around(wi: DVec3, wo: DVec3) -> Regions {
     let place = place(wi, wo);
-    let low: [f64; 3] = std::array::from_fn(|axis| (place[axis] - 0.5).floor());
-    std::array::from_fn(|corner| {
+    // Along each axis the two regions, and the weight of the second.
+    let mut ends = [[0; 2]; 3];
+    let mut shares = [0.0; 3];
+    let axes = ends.iter_mut().zip(&mut shares);
+    for ((ends, share), (place, count)) in axes.zip(place.into_iter().zip(COUNTS)) {
+        let low = (place - 0.5).floor();
+        *ends = [low, low + 1.0].map(|end| (end.max(0.0) as usize).min(count - 1));
+        *share = place - 0.5 - low;
+    }
+    let mut regions = [(0, 0.0); 8];
+    for (corner, region) in regions.iter_mut().enumerate() {
+        let up = [corner & 1, corner >> 1 & 1, corner >> 2 & 1];
         let mut weight = 1.0;
-        let at = std::array::from_fn(|axis| {
-            let t = place[axis] - 0.5 - low[axis];
-            let up = corner >> axis & 1;
-            weight *= if up == 1 { t } else { 1.0 - t };
-            ((low[axis] + up as f64).max(0.0) as usize).min(COUNTS[axis] - 1)
-        });
-        (index(at), weight as f32)
-    })
+        for (up, share) in up.into_iter().zip(shares) {
+            weight *= if up == 1 { share } else { 1.0 - share };
+        }
+        let [i, o, h] = ends;
+        *region = (index([i[up[0]], o[up[1]], h[up[2]]]), weight as f32);
+    }
+    regions
 }
 
 /// Groups of regions, coarser and coarser, in which to look for what is known if nothing is known of region `region`:

@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::lookup::look_up_apart;
 use super::region::{REGIONS, around, region};
 use super::{BRANCHES, Blend, BranchErrors, Interpolation, RULES, Table};
 use crate::brdf::reflectance::Reflectance as _;
@@ -73,6 +74,24 @@ fn a_captured_sample_is_itself_by_every_rule() {
                 "rule {rule}, {wi} {wo}: {found} {expected}"
             );
         }
+    }
+}
+
+#[test]
+fn places_in_single_precision_are_where_they_are_in_double() {
+    let brass = parse("ward:brass").unwrap();
+    let table = Table::of(brass.as_ref(), grid(9.0), Disk::new(96)).with(Interpolation::Blended);
+    let pairs: Vec<_> = between().into_iter().chain(highlights()).collect();
+    for (lookup, pair) in look_up_apart(&table, &table.blend, &pairs)
+        .unwrap()
+        .iter()
+        .zip(&pairs)
+    {
+        let (found, expected) = (lookup.value().unwrap()[1], lookup.mean_of_readings().unwrap()[1]);
+        assert!(
+            (found / expected - 1.0).abs() < 1e-4,
+            "{pair:?}: {found} {expected}"
+        );
     }
 }
 

@@ -16,12 +16,13 @@ use std::f64::consts::{PI, TAU};
 use glam::DVec3;
 
 use super::{IncidentError, Neighbours};
-use crate::hemisphere::direction::{from_degrees, to_angles};
+use crate::hemisphere::direction::from_degrees;
 
 /// Rings of equally spaced directions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rings {
     step_deg: f64,
+    step_rad: f64,
     /// Index of the first direction of each ring, and after the last one.
     starts: Vec<usize>,
     /// Tangent and cosine of half the angle of a side, of each ring: look-ups by the million ask for them.
@@ -74,6 +75,7 @@ impl Rings {
         }
         Ok(Self {
             step_deg,
+            step_rad: step_deg.to_radians(),
             starts,
             half_sides,
             azimuth_deg: 0.0,
@@ -108,6 +110,7 @@ impl Rings {
     }
 
     /// Number of directions of `ring`, from the pole.
+    #[inline]
     #[must_use]
     pub fn count(&self, ring: usize) -> usize {
         self.starts[ring + 1] - self.starts[ring]
@@ -147,11 +150,11 @@ impl Rings {
     /// See [`super::IncidentSet::neighbours`].
     #[must_use]
     pub fn neighbours(&self, w: DVec3) -> Neighbours {
-        let (theta_rad, phi_rad) = to_angles(w);
-        let phi_rad = phi_rad + self.azimuth_deg.to_radians();
+        let theta_rad = w.truncate().length().atan2(w.z);
+        let phi_rad = w.y.atan2(w.x) + self.azimuth_deg.to_radians();
         let last = self.rings() - 1;
         // The ring at or inside of w; its polygon lies within its circle.
-        let circle = theta_rad / self.step_deg.to_radians() - 0.5;
+        let circle = theta_rad / self.step_rad - 0.5;
         if circle < 0.0 {
             let outer = self.crossing(0, phi_rad);
             if theta_rad < outer.radius_rad {
@@ -173,20 +176,22 @@ impl Rings {
         [a, b, (a.0, 0.0), (b.0, 0.0)]
     }
 
-    /// Where the ray at azimuth `phi_rad` crosses the polygon of `ring`.
+    /// Where the ray at azimuth `phi_rad` crosses the polygon of `ring`. No division, remainder or second function of an angle more than has
+    /// to be: most of the time of a look-up would be spent here.
+    #[inline]
     fn crossing(&self, ring: usize, phi_rad: f64) -> Crossing {
         let count = self.count(ring);
-        let place = phi_rad.rem_euclid(TAU) / TAU * count as f64;
-        let low = place.floor();
-        // Angles from the middle of the side, at whose distance from the pole the radius is least.
-        let half = PI / count as f64;
-        let angle = (2.0 * (place - low) - 1.0) * half;
+        let turns = phi_rad * (1.0 / TAU);
+        let place = (turns - turns.floor()) * count as f64;
+        let low = place as usize;
         let [half_tan, half_cos] = self.half_sides[ring];
-        let t = 0.5 + 0.5 * angle.tan() / half_tan;
-        let index = |sector: usize| self.starts[ring] + sector % count;
+        // Angles from the middle of the side, at whose distance from the pole the radius is least.
+        let tan = ((2.0 * (place - low as f64) - 1.0) * (PI / count as f64)).tan();
+        let t = 0.5 + 0.5 * tan / half_tan;
+        let index = |sector: usize| self.starts[ring] + if sector < count { sector } else { sector - count };
         Crossing {
-            ends: [(index(low as usize), 1.0 - t), (index(low as usize + 1), t)],
-            radius_rad: (ring as f64 + 0.5) * self.step_deg.to_radians() * half_cos / angle.cos(),
+            ends: [(index(low), 1.0 - t), (index(low + 1), t)],
+            radius_rad: (ring as f64 + 0.5) * self.step_rad * half_cos * (1.0 + tan * tan).sqrt(),
         }
     }
 
@@ -230,6 +235,7 @@ pub(super) fn turned_deg(phi_deg: f64, azimuth_deg: f64) -> f64 {
 }
 
 /// Linear between two crossings of a ray, for a place at `theta_rad` on it; `inner` stands at `inner_rad`.
+#[inline]
 fn between(inner: &Crossing, inner_rad: f64, outer: &Crossing, theta_rad: f64) -> Neighbours {
     let t = ((theta_rad - inner_rad) / (outer.radius_rad - inner_rad)).clamp(0.0, 1.0);
     let ([a, b], [c, d]) = (inner.ends, outer.ends);

@@ -82,6 +82,20 @@ impl Axis {
         value.clamp(self.ticks[0], self.ticks[self.ticks.len() - 1])
     }
 
+    /// The number at a tick.
+    pub(crate) fn tick(&self, tick: f64) -> String {
+        self.format_ext(&tick)
+    }
+
+    /// Where `value` lies, 0 to 1 from the first tick to the last; less or more beyond them.
+    pub(crate) fn share(&self, value: f64) -> f64 {
+        let (first, last) = (self.ticks[0], self.ticks[self.ticks.len() - 1]);
+        if self.scale == Scale::Logarithmic && value <= 0.0 {
+            return f64::NEG_INFINITY;
+        }
+        (self.place(value) - self.place(first)) / (self.place(last) - self.place(first))
+    }
+
     fn place(&self, value: f64) -> f64 {
         match self.scale {
             Scale::Linear => value,

@@ -1,4 +1,4 @@
-//! Charts for print: curves over labelled axes, as SVG or PNG.
+//! Charts for print: curves over labelled axes, as SVG, PDF or PNG.
 //!
 //! # Design
 //! One kind of chart serves all commands. Curves are told apart by colour, by dashes or the shape of their marks,
@@ -8,6 +8,9 @@
 mod axis;
 mod captions;
 mod font;
+mod pdf;
+mod polar;
+mod sheet;
 
 use std::path::Path;
 
@@ -16,12 +19,14 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use crate::base::blame::Blame;
-use crate::base::file_format::{CHART, CHART_OR_TABLE, FormatError};
-use crate::judge::render::{PictureError, save};
+use crate::base::file_format::{CHART_OR_TABLE, FormatError};
+use crate::judge::render::PictureError;
 use crate::store::whole_file::{FileError, write_whole};
 
 pub use axis::{Axis, Scale};
 pub use captions::captioned;
+pub use polar::Lobes;
+pub use sheet::Sheet;
 
 /// Pixels of SVG and PNG: points fall on whole ones, so they must be fine.
 const SIZE: (u32, u32) = (2000, 1240);
@@ -70,57 +75,51 @@ pub struct Chart {
     pub curves: Vec<Curve>,
 }
 
+/// Charts one above the other.
+struct Charts<'a>(&'a [Chart]);
+
+impl Sheet for Charts<'_> {
+    fn title(&self) -> &str {
+        self.0.first().map_or("", |chart| &chart.title)
+    }
+
+    fn size(&self) -> (u32, u32) {
+        (SIZE.0, SIZE.1 * self.0.len() as u32)
+    }
+
+    fn draw<DB: DrawingBackend>(
+        &self,
+        root: &DrawingArea<DB, Shift>,
+    ) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
+        for (chart, area) in self.0.iter().zip(root.split_evenly((self.0.len(), 1))) {
+            chart.draw(&area, root)?;
+        }
+        Ok(())
+    }
+}
+
 /// Charts one above the other, as an SVG document.
 #[must_use]
 pub fn svg(charts: &[Chart]) -> String {
-    let mut document = String::new();
-    draw(charts, SVGBackend::with_string(&mut document, size(charts)))
-        .expect("invariant: a string takes everything");
-    document
+    Charts(charts).svg()
 }
 
 /// Charts one above the other, as pixels.
 #[must_use]
 pub fn picture(charts: &[Chart]) -> RgbImage {
-    let (width, height) = size(charts);
-    let mut bytes = vec![0; width as usize * height as usize * 3];
-    draw(charts, BitMapBackend::with_buffer(&mut bytes, (width, height)))
-        .expect("invariant: memory takes everything");
-    RgbImage::from_raw(width, height, bytes).expect("invariant: three bytes a pixel")
+    Charts(charts).picture()
 }
 
-/// Writes charts, one above the other: SVG or PNG, as the name of `path` ends.
+/// Writes charts, one above the other: SVG, PDF or PNG, as the name of `path` ends.
 ///
 /// # Errors
 /// [`ChartError`].
 pub fn save_all(charts: &[Chart], path: &Path) -> Result<(), ChartError> {
-    match CHART.of(path)? {
-        "svg" => write_whole(path, svg(charts).as_bytes())?,
-        _ => save(&picture(charts), path)?,
-    }
-    Ok(())
-}
-
-/// Pixels of charts one above the other.
-fn size(charts: &[Chart]) -> (u32, u32) {
-    (SIZE.0, SIZE.1 * charts.len() as u32)
-}
-
-fn draw<DB: DrawingBackend>(
-    charts: &[Chart],
-    backend: DB,
-) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
-    font::register();
-    let root = backend.into_drawing_area();
-    root.fill(&WHITE)?;
-    for (chart, area) in charts.iter().zip(root.split_evenly((charts.len(), 1))) {
-        chart.draw(&area, &root)?;
-    }
-    root.present()
+    Charts(charts).save(path)
 }
 
 impl Chart {
-    /// Writes the chart: SVG or PNG, as the name of `path` ends.
+    /// Writes the chart: SVG, PDF or PNG, as the name of `path` ends.
     ///
     /// # Errors
     /// [`ChartError`].
@@ -128,7 +127,7 @@ impl Chart {
         save_all(std::slice::from_ref(self), path)
     }
 
-    /// Writes the chart (SVG or PNG) or its `table` (CSV), as the name of `path` ends.
+    /// Writes the chart (SVG, PDF or PNG) or its `table` (CSV), as the name of `path` ends.
     ///
     /// # Errors
     /// [`ChartError`].

@@ -37,7 +37,7 @@ pub(super) mod repeat;
 pub(super) mod scoring;
 mod tally;
 #[cfg(test)]
-pub(super) mod tests;
+pub(crate) mod tests;
 mod warnings;
 
 pub use histogram::{Quantile, Quantiles};

@@ -1,11 +1,16 @@
 //! Pictures as they are, not as a screen shows them: linear radiance, for programs that go on with it.
 
-use std::io::Cursor;
+use std::fs::File;
+use std::io::{BufReader, Cursor};
 use std::path::Path;
 
 use exr::prelude::{
     Encoding, Image, Layer, LayerAttributes, SpecificChannels, Text, Vec2, WritableImage as _,
+    read_first_rgba_layer_from_file,
 };
+use glam::Vec3;
+use image::DynamicImage;
+use image::codecs::hdr::HdrDecoder;
 
 use super::{Picture, PictureError, extent};
 use crate::base::text::ascii;
@@ -46,6 +51,41 @@ pub fn save_linear(rows: &[Vec<Picture>], path: &Path, description: &str) -> Res
         .to_buffered(&mut bytes)
         .map_err(|error| fail(std::io::Error::other(error)))?;
     whole_file::write(path, bytes.get_ref()).map_err(fail)
+}
+
+/// Reads the linear picture at `path`: its width, and red, green and blue of its pixels, row-major.
+///
+/// # Errors
+/// What is there instead, in words.
+pub(super) fn read(path: &Path) -> Result<(usize, Vec<Vec3>), String> {
+    let ending = path
+        .extension()
+        .map(|ending| ending.to_string_lossy().to_lowercase());
+    match ending.as_deref() {
+        Some("exr") => {
+            let image = read_first_rgba_layer_from_file(
+                path,
+                |size, _| (size.width(), vec![Vec3::ZERO; size.area()]),
+                |(width, pixels), at, (r, g, b, _): (f32, f32, f32, f32)| {
+                    pixels[at.y() * *width + at.x()] = Vec3::new(r, g, b);
+                },
+            );
+            Ok(image
+                .map_err(|error| error.to_string())?
+                .layer_data
+                .channel_data
+                .pixels)
+        }
+        Some("hdr") => {
+            let file = File::open(path).map_err(|error| error.to_string())?;
+            let decoder = HdrDecoder::new(BufReader::new(file)).map_err(|error| error.to_string())?;
+            let image = DynamicImage::from_decoder(decoder).map_err(|error| error.to_string())?;
+            let width = image.width() as usize;
+            let pixels = image.into_rgb32f().into_raw();
+            Ok((width, pixels.chunks_exact(3).map(Vec3::from_slice).collect()))
+        }
+        other => Err(other.map_or_else(|| "no ending of its name".to_owned(), |other| format!(".{other}"))),
+    }
 }
 
 #[cfg(test)]

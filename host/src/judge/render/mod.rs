@@ -1,12 +1,15 @@
 //! Pictures of the sample: what it looks like on a sphere, on a corrugated sheet and on a ring.
 //!
 //! # Design
-//! One distant light, seen from +z by a distant camera. The picture is linear radiance f·cosθi; exposure and sRGB
+//! One distant light, or an environment map, seen from +z by a distant camera. The picture is linear radiance f·cosθi; exposure and sRGB
 //! come last. At each point of the sphere the sample's frame has its normal along the sphere's and its +x along
 //! the parallel of latitude, so that a brushed metal is brushed around the sphere's upright axis; on the corrugated
 //! sheet it follows the sheet. Directions that were not measured are drawn as a hatch, never invented.
 
+mod around;
+mod camera_colours;
 mod corrugated;
+mod environment;
 mod linear;
 mod sphere;
 mod torus;
@@ -21,7 +24,10 @@ use crate::base::file_format::{FormatError, PICTURE};
 use crate::brdf::reflectance::Value;
 use crate::store::whole_file;
 
+pub use around::{Around, sphere_in};
+pub use camera_colours::{CameraColours, ColourError};
 pub use corrugated::corrugated;
+pub use environment::{Environment, EnvironmentError};
 pub use linear::save_linear;
 pub use sphere::{LitSphere, sphere};
 pub use torus::torus;
@@ -255,6 +261,21 @@ where
         path: path.display().to_string(),
         source,
     };
+    let bytes = coded_png(image, description).map_err(|error| fail(error.into()))?;
+    whole_file::write(path, &bytes).map_err(fail)
+}
+
+/// The bytes of a PNG, with what a person has to know of the picture.
+///
+/// # Errors
+/// What the encoder says.
+pub(crate) fn coded_png<P>(
+    image: &ImageBuffer<P, Vec<u8>>,
+    description: Option<&str>,
+) -> Result<Vec<u8>, png::EncodingError>
+where
+    P: Pixel<Subpixel = u8>,
+{
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, image.width(), image.height());
     encoder.set_color(match P::CHANNEL_COUNT {
@@ -266,14 +287,10 @@ where
     encoder.set_compression(png::Compression::Fast);
     encoder.set_filter(png::Filter::Up);
     if let Some(description) = description {
-        encoder
-            .add_itxt_chunk("Description".to_owned(), description.to_owned())
-            .map_err(|error| fail(error.into()))?;
+        encoder.add_itxt_chunk("Description".to_owned(), description.to_owned())?;
     }
-    let mut writer = encoder.write_header().map_err(|error| fail(error.into()))?;
-    writer
-        .write_image_data(image.as_raw())
-        .map_err(|error| fail(error.into()))?;
-    writer.finish().map_err(|error| fail(error.into()))?;
-    whole_file::write(path, &bytes).map_err(fail)
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(image.as_raw())?;
+    writer.finish()?;
+    Ok(bytes)
 }

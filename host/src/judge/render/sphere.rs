@@ -1,6 +1,7 @@
 //! A sphere: every direction of the sample at once.
 
 use glam::DVec3;
+use rayon::prelude::*;
 
 use super::{Content, Picture};
 use crate::brdf::reflectance::Reflectance;
@@ -10,6 +11,21 @@ use crate::store::StoreError;
 
 /// Radius of the sphere in half widths of the picture.
 const RADIUS: f64 = 0.96;
+
+/// The normal of the sphere at a pixel (row-major index) of a picture of `size` pixels a side; `None` beside it.
+pub(super) fn normal(size: usize, place: usize) -> Option<DVec3> {
+    let half = size as f64 / 2.0;
+    let x = (((place % size) as f64 + 0.5) / half - 1.0) / RADIUS;
+    let y = (1.0 - ((place / size) as f64 + 0.5) / half) / RADIUS;
+    let rr = x * x + y * y;
+    (rr < 1.0).then(|| DVec3::new(x, y, (1.0 - rr).sqrt()))
+}
+
+/// +x and +y of the sample where the sphere has this `normal`: +x along the parallel of latitude.
+pub(super) fn frame(normal: DVec3) -> [DVec3; 2] {
+    let tangent = DVec3::Y.cross(normal).normalize_or(DVec3::X);
+    [tangent, normal.cross(tangent)]
+}
 
 /// The places of a sphere's picture that a light reaches, and the directions that matter there.
 #[derive(Clone, Debug)]
@@ -29,30 +45,32 @@ impl LitSphere {
     #[must_use]
     pub fn new(size: usize, light_deg: (f64, f64)) -> Self {
         let light = from_degrees(light_deg.0, light_deg.1);
-        let half = size as f64 / 2.0;
+        let row = |row: usize| {
+            let mut found = (Vec::new(), Vec::new(), Vec::new());
+            for place in row * size..(row + 1) * size {
+                let Some(n) = normal(size, place) else { continue };
+                if light.dot(n) <= HORIZON_COS {
+                    found.0.push(place);
+                    continue;
+                }
+                let [tangent, bitangent] = frame(n);
+                let local = |w: DVec3| DVec3::new(w.dot(tangent), w.dot(bitangent), w.dot(n));
+                found.1.push(place);
+                found.2.push((local(light), local(DVec3::Z)));
+            }
+            found
+        };
+        let rows: Vec<_> = (0..size).into_par_iter().map(row).collect();
         let mut sphere = Self {
             size,
             dark: Vec::new(),
             places: Vec::new(),
             pairs: Vec::new(),
         };
-        for place in 0..size * size {
-            let x = (((place % size) as f64 + 0.5) / half - 1.0) / RADIUS;
-            let y = (1.0 - ((place / size) as f64 + 0.5) / half) / RADIUS;
-            let rr = x * x + y * y;
-            if rr >= 1.0 {
-                continue;
-            }
-            let n = DVec3::new(x, y, (1.0 - rr).sqrt());
-            if light.dot(n) <= HORIZON_COS {
-                sphere.dark.push(place);
-                continue;
-            }
-            let tangent = DVec3::Y.cross(n).normalize_or(DVec3::X);
-            let bitangent = n.cross(tangent);
-            let local = |w: DVec3| DVec3::new(w.dot(tangent), w.dot(bitangent), w.dot(n));
-            sphere.places.push(place);
-            sphere.pairs.push((local(light), local(DVec3::Z)));
+        for (dark, places, pairs) in rows {
+            sphere.dark.extend(dark);
+            sphere.places.extend(places);
+            sphere.pairs.extend(pairs);
         }
         sphere
     }

@@ -24,10 +24,10 @@ const SIZE: usize = 12;
 const CHUNK: usize = 16;
 
 /// One sample: f, σ and where it comes from; `None` is missing.
-pub(in crate::judge) type One = Option<(Vec<f32>, f32, Provenance)>;
+pub(crate) type One = Option<(Vec<f32>, f32, Provenance)>;
 
 /// Writes what `of` says of each (incident direction, cell) and opens it. Chunks without a value are left out.
-pub(in crate::judge) fn file(path: &Path, channels: usize, of: &mut dyn FnMut(usize, usize) -> One) -> Brdf {
+pub(crate) fn file(path: &Path, channels: usize, of: &mut dyn FnMut(usize, usize) -> One) -> Brdf {
     let grid = Grid::ThetaPhi { step_deg: STEP_DEG }.build().unwrap();
     let disk = Disk::new(SIZE);
     let layout = BrdfLayout {
