@@ -239,6 +239,7 @@ fn equipped(rig: &Rig, camera: Ipv4Addr, format: &str, port: &str, folder: &Path
     rig.camera.driver = CameraDriver::Genicam;
     rig.camera.genicam = Some(Genicam {
         device: Some(camera.to_string()),
+        region_px: Some([0, 0, rig.camera.lens.width_px, rig.camera.lens.height_px]),
         pixel_format: Some(format.to_owned()),
         ..Genicam::default()
     });

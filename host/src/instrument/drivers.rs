@@ -62,12 +62,12 @@ pub struct Genicam {
     /// `None` for the only one there is.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub device: Option<String>,
-    /// Region of the sensor that is read, [x, y, width, height] in pixels, which `camera.lens` describes; `None` for the whole
-    /// sensor.
+    /// Region of the sensor that is read, [x, y, width, height] in pixels, which `camera.lens` describes; without a rig `None`
+    /// stands for the whole sensor.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub region_px: Option<[u32; 4]>,
-    /// `PixelFormat` (PFNC name); `None` for that of `camera.channels` and `camera.bits`: `Mono8`, `Mono10`, `Mono12`, `Mono16`,
-    /// `RGB8` or `RGB16`.
+    /// Name of the [`PixelFormat`](crate::instrument::pixel_format::PixelFormat), of as many channels and bits as the rig's camera has;
+    /// without a rig `None` stands for what is set.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pixel_format: Option<String>,
     /// `TriggerSource`: the line that CAM of the trigger box is wired to.

@@ -8,4 +8,5 @@ pub mod frame_format;
 pub mod monitor;
 pub mod optics;
 pub mod parts;
+pub mod pixel_format;
 pub mod rig;

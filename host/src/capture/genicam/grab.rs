@@ -6,8 +6,8 @@ use aravis::{AcquisitionMode, Buffer, BufferStatus, CameraExt as _, StreamExt as
 
 use super::{Refusal, open_device, set_image, set_levels, set_mode, set_network, stream_of};
 use crate::capture::camera::CameraError;
-use crate::capture::native::PixelFormat;
 use crate::instrument::drivers::Genicam;
+use crate::instrument::pixel_format::PixelFormat;
 use crate::store::whole_file::{FileError, write_whole};
 
 /// A frame as the sensor gave it.

@@ -29,9 +29,10 @@ use aravis::{
 };
 
 use crate::capture::camera::{Camera, CameraError, Frame};
-use crate::capture::native::{Binner, PixelFormat};
+use crate::capture::native::Binner;
 use crate::instrument::drivers::Genicam;
 use crate::instrument::frame_format::FrameFormat;
+use crate::instrument::pixel_format::PixelFormat;
 use crate::instrument::rig::Rig;
 
 pub use bench::{Throughput, bench};
@@ -149,15 +150,10 @@ impl GenicamCamera {
         let settings = rig.camera.genicam.clone().unwrap_or_default();
         let (name, camera) = open_device(settings.device.as_deref())?;
         let refusal = Refusal(&name);
-        let format_name = settings
-            .pixel_format
-            .as_deref()
-            .unwrap_or_else(|| PixelFormat::usual(usize::from(rig.camera.channels), rig.camera.bits));
-        let format = PixelFormat::of(format_name).ok_or_else(|| {
-            refusal.failed(format!(
-                "camera.genicam.pixel_format: expected Mono, Bayer or RGB of 8 to 16 bits, found {format_name}"
-            ))
-        })?;
+        // A rig that was read names one that is known.
+        let format_name = settings.pixel_format.as_deref().unwrap_or_default();
+        let format = PixelFormat::of(format_name)
+            .ok_or_else(|| refusal.failed("expected a pixel format in the rig file, found none"))?;
         let region_px = set_image(&refusal, &camera, &settings, format_name)?;
         let side = rig.camera.lens.width_px as usize;
         let binner = Binner::new(format, region_px, side, usize::from(rig.camera.channels))

@@ -3,7 +3,9 @@
 use std::path::Path;
 
 use super::{CameraPart, ProjectorPart, Rig, RigError};
-use crate::instrument::drivers::{CameraDriver, ProjectorDriver, Trigger};
+use crate::instrument::drivers::{CameraDriver, Genicam, ProjectorDriver, Trigger};
+use crate::instrument::parts::Binned;
+use crate::instrument::pixel_format::PixelFormat;
 
 impl Rig {
     /// Whether camera and projector stand on a table; they are virtual else.
@@ -120,13 +122,56 @@ impl Rig {
             let found = files.patience_s.to_string();
             return Err(error("projector.files.patience_s", "0 to 86400 seconds", &found));
         }
-        if self
-            .camera
-            .genicam
-            .as_ref()
-            .is_some_and(|camera| camera.buffers < 2)
-        {
-            return Err(error("camera.genicam.buffers", "2 or more", "fewer"));
+        match (camera, &self.camera.genicam) {
+            (CameraDriver::Genicam, None) => Err(error("camera.genicam", "a table", "nothing")),
+            (CameraDriver::Genicam, Some(genicam)) => self.check_genicam(genicam, error),
+            _ => Ok(()),
+        }
+    }
+
+    /// Checks that what is read of the sensor is what `camera` describes: no frame would tell.
+    fn check_genicam(
+        &self,
+        genicam: &Genicam,
+        error: impl Fn(&str, &str, &str) -> RigError,
+    ) -> Result<(), RigError> {
+        let (camera, lens) = (&self.camera, &self.camera.lens);
+        let field = "camera.genicam.region_px";
+        let Some([.., width, height]) = genicam.region_px else {
+            return Err(error(field, "[x, y, width, height] in pixels", "nothing"));
+        };
+        // The rig of a capture has fewer pixels than its sensor.
+        let is_sensor = camera.binned == Binned::default();
+        if is_sensor && (width, height) != (lens.width_px, lens.height_px) {
+            return Err(error(
+                field,
+                &format!("the {}×{} pixels of camera.lens", lens.width_px, lens.height_px),
+                &format!("{width}×{height}"),
+            ));
+        }
+        let field = "camera.genicam.pixel_format";
+        let name = genicam.pixel_format.as_deref().unwrap_or("nothing");
+        let Some(format) = PixelFormat::of(name) else {
+            return Err(error(
+                field,
+                "Mono, Bayer or RGB of 8 to 16 bits, such as BayerRG12",
+                name,
+            ));
+        };
+        let (channels, bits) = (usize::from(camera.channels), camera.bits);
+        if format.channels() != channels || is_sensor && format.bits() != bits {
+            return Err(error(
+                field,
+                &format!("one of {channels} channels and {bits} bits, as camera has"),
+                &format!("{name}, of {} and {}", format.channels(), format.bits()),
+            ));
+        }
+        if genicam.buffers < 2 {
+            return Err(error(
+                "camera.genicam.buffers",
+                "2 or more",
+                &genicam.buffers.to_string(),
+            ));
         }
         Ok(())
     }

@@ -470,7 +470,17 @@ fn the_example_of_a_real_rig_names_every_driver_and_what_drives_it_is_no_part_of
 
 #[test]
 fn what_drives_the_parts_of_a_rig_goes_together_or_is_refused() {
-    let camera = ("[camera]", "[camera]\ndriver = \"genicam\"");
+    let genicam = |settings: &str| format!("[camera]\ndriver = \"genicam\"\ngenicam = {{ {settings} }}");
+    let [good, small, coarse, grey, unknown, bare] = [
+        "region_px = [0, 0, 2048, 2048], pixel_format = \"RGB16\"",
+        "region_px = [0, 0, 1024, 2048], pixel_format = \"RGB16\"",
+        "region_px = [0, 0, 2048, 2048], pixel_format = \"BayerRG12\"",
+        "region_px = [0, 0, 2048, 2048], pixel_format = \"Mono16\"",
+        "region_px = [0, 0, 2048, 2048], pixel_format = \"YUV422\"",
+        "trigger = \"Line1\"",
+    ]
+    .map(genicam);
+    let camera = ("[camera]", good.as_str());
     let projector = (
         "[projector]\n",
         "[projector]\ndriver = \"files\"\nfiles = { folder = \"p\" }\n",
@@ -494,16 +504,26 @@ fn what_drives_the_parts_of_a_rig_goes_together_or_is_refused() {
             "camera.driver",
             "virtual",
         ),
+        (&[projector, ("[camera]", &bare)], "camera", "trigger_line"),
         (
-            &[
-                projector,
-                (
-                    "[camera]",
-                    "[camera]\ndriver = \"genicam\"\ngenicam = { trigger = \"Line1\" }",
-                ),
-            ],
-            "camera",
-            "trigger_line",
+            &[projector, ("[camera]", &small)],
+            "camera.genicam.region_px",
+            "found 1024×2048",
+        ),
+        (
+            &[projector, ("[camera]", &coarse)],
+            "camera.genicam.pixel_format",
+            "3 channels and 16 bits",
+        ),
+        (
+            &[projector, ("[camera]", &grey)],
+            "camera.genicam.pixel_format",
+            "found Mono16, of 1 and 16",
+        ),
+        (
+            &[projector, ("[camera]", &unknown)],
+            "camera.genicam.pixel_format",
+            "found YUV422",
         ),
     ] {
         let sentence = sentence(changes);
