@@ -6,7 +6,9 @@ use aravis::{AcquisitionMode, Buffer, BufferStatus, CameraExt as _, StreamExt as
 use serde::Serialize;
 
 use super::ids::Ids;
-use super::{Refusal, open_device, set_image, set_network, stream_of};
+use super::set::{format_or_set, set_image, set_network};
+use super::stream::stream_of;
+use super::{Refusal, open_device};
 use crate::capture::camera::CameraError;
 use crate::instrument::drivers::Genicam;
 
@@ -53,13 +55,7 @@ pub fn bench(
 ) -> Result<Throughput, CameraError> {
     let (id, camera) = open_device(settings.device.as_deref())?;
     let refusal = Refusal(&id);
-    let pixel_format = match &settings.pixel_format {
-        Some(format) => format.clone(),
-        None => camera
-            .pixel_format_as_string()
-            .map_err(refusal.feature("PixelFormat"))?
-            .to_string(),
-    };
+    let pixel_format = format_or_set(&refusal, &camera, settings)?;
     let region_px = set_image(&refusal, &camera, settings, &pixel_format)?;
     camera.clear_triggers().map_err(refusal.feature("TriggerMode"))?;
     if let Some(rate) = frames_per_s {

@@ -2,9 +2,11 @@
 
 use std::path::Path;
 
-use aravis::{AcquisitionMode, Buffer, BufferStatus, CameraExt as _, StreamExt as _};
+use aravis::{Buffer, BufferStatus, CameraExt as _, StreamExt as _};
 
-use super::{Refusal, open_device, set_image, set_levels, set_mode, set_network, stream_of};
+use super::set::{format_or_set, let_software_trigger, set_image, set_levels, set_network};
+use super::stream::stream_of;
+use super::{Refusal, open_device};
 use crate::capture::camera::CameraError;
 use crate::instrument::drivers::Genicam;
 use crate::instrument::pixel_format::PixelFormat;
@@ -69,13 +71,7 @@ impl Grabbed {
 pub fn grab(settings: &Genicam, exposure_s: f64) -> Result<Grabbed, CameraError> {
     let (id, camera) = open_device(settings.device.as_deref())?;
     let refusal = Refusal(&id);
-    let pixel_format = match &settings.pixel_format {
-        Some(format) => format.clone(),
-        None => camera
-            .pixel_format_as_string()
-            .map_err(refusal.feature("PixelFormat"))?
-            .to_string(),
-    };
+    let pixel_format = format_or_set(&refusal, &camera, settings)?;
     let format = PixelFormat::of(&pixel_format).ok_or_else(|| {
         refusal.failed(format!(
             "PixelFormat: expected Mono, Bayer or RGB of 8 to 16 bits, found {pixel_format}"
@@ -84,16 +80,10 @@ pub fn grab(settings: &Genicam, exposure_s: f64) -> Result<Grabbed, CameraError>
     let region_px = set_image(&refusal, &camera, settings, &pixel_format)?;
     set_levels(&refusal, &camera, settings)?;
     set_network(&refusal, &camera, settings)?;
-    set_mode(&camera, "Timed").map_err(refusal.feature("ExposureMode"))?;
     camera
         .set_exposure_time(exposure_s * 1e6)
         .map_err(refusal.feature("ExposureTime"))?;
-    camera
-        .set_acquisition_mode(AcquisitionMode::Continuous)
-        .map_err(refusal.feature("AcquisitionMode"))?;
-    camera
-        .set_trigger("Software")
-        .map_err(refusal.feature("TriggerSource"))?;
+    let_software_trigger(&refusal, &camera)?;
     let stream = stream_of(&refusal, &camera)?;
     let payload = camera.payload().map_err(refusal.feature("PayloadSize"))?;
     for _ in 0..4 {

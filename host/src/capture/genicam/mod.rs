@@ -16,17 +16,15 @@ mod bench;
 mod grab;
 mod ids;
 mod list;
+mod set;
+mod stream;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use aravis::glib;
-use aravis::glib::prelude::ObjectExt as _;
-use aravis::{
-    AcquisitionMode, Buffer, BufferStatus, CameraExt as _, CameraExtManual as _, DeviceExt as _,
-    ExposureMode, StreamExt as _,
-};
+use aravis::{Buffer, BufferStatus, CameraExt as _, DeviceExt as _, StreamExt as _};
 
 use crate::capture::camera::{Camera, CameraError, Frame};
 use crate::capture::native::Binner;
@@ -39,13 +37,9 @@ pub use bench::{Throughput, bench};
 pub use grab::{Grabbed, grab};
 use ids::Ids;
 pub use list::{Details, Listed, details, list};
+use set::{set_image, set_levels, set_network, set_strobe, set_trigger};
+use stream::{probe, stream_of, take_back};
 
-/// How many packets of a frame are asked for again at most, as a share of its packets.
-const PACKET_REQUESTS: &str = "packet-request-ratio";
-/// What a frame by software may take.
-const SOFTWARE: Duration = Duration::from_secs(1);
-/// How many of them are tried.
-const PROBES: u64 = 4;
 /// A camera that is told to begin needs no longer.
 const POLL: Duration = Duration::from_millis(50);
 
@@ -323,220 +317,4 @@ impl Drop for GenicamCamera {
             self.camera.stop_acquisition().ok();
         }
     }
-}
-
-/// The stream of frames. Packets that are lost are asked for again as often as it takes: with few packets to a frame, libaravis' limit
-/// of a quarter of them is none.
-fn stream_of(refusal: &Refusal, camera: &aravis::Camera) -> Result<aravis::Stream, CameraError> {
-    let stream = camera.create_stream().map_err(refusal.feature("stream"))?;
-    if stream.find_property(PACKET_REQUESTS).is_some() {
-        stream.set_property(PACKET_REQUESTS, 2.0_f64);
-    }
-    Ok(stream)
-}
-
-/// Gives the buffers that are full back to the `stream`.
-fn take_back(stream: &aravis::Stream) {
-    while let Some(buffer) = stream.try_pop_buffer() {
-        stream.push_buffer(buffer);
-    }
-}
-
-/// Sets pixel format and region. Returns the region's size, (width, height).
-fn set_image(
-    refusal: &Refusal,
-    camera: &aravis::Camera,
-    settings: &Genicam,
-    format_name: &str,
-) -> Result<(usize, usize), CameraError> {
-    let available = camera
-        .dup_available_pixel_formats_as_strings()
-        .map_err(refusal.feature("PixelFormat"))?;
-    if !available.iter().any(|one| one == format_name) {
-        let names: Vec<&str> = available.iter().map(glib::GString::as_str).collect();
-        return Err(refusal.failed(format!(
-            "camera.genicam.pixel_format: expected one of {}, found {format_name}",
-            names.join(", ")
-        )));
-    }
-    camera
-        .set_pixel_format_from_string(format_name)
-        .map_err(refusal.feature("PixelFormat"))?;
-    let (sensor_width, sensor_height) = camera.sensor_size().map_err(refusal.feature("SensorWidth"))?;
-    let [x, y, width, height] = match settings.region_px {
-        None => [0, 0, sensor_width, sensor_height],
-        Some(region) => region.map(|pixels| i32::try_from(pixels).unwrap_or(i32::MAX)),
-    };
-    let fits =
-        |at: i32, size: i32, sensor: i32| size > 0 && at.checked_add(size).is_some_and(|end| end <= sensor);
-    if !fits(x, width, sensor_width) || !fits(y, height, sensor_height) {
-        return Err(refusal.failed(format!(
-            "camera.genicam.region_px: expected [x, y, width, height] within the sensor of {sensor_width}×{sensor_height} \
-             pixels, found [{x}, {y}, {width}, {height}]"
-        )));
-    }
-    camera
-        .set_region(x, y, width, height)
-        .map_err(refusal.feature("Width, Height, OffsetX, OffsetY"))?;
-    let found = camera.region().map_err(refusal.feature("Width, Height"))?;
-    if found != (x, y, width, height) {
-        let (x_px, y_px, width_px, height_px) = found;
-        return Err(refusal.failed(format!(
-            "camera.genicam.region_px: expected a region that the camera can read, found that it takes [{x_px}, {y_px}, \
-             {width_px}, {height_px}] for [{x}, {y}, {width}, {height}]"
-        )));
-    }
-    Ok((width as usize, height as usize))
-}
-
-/// Switches off what would change by itself, and sets gain and black level.
-fn set_levels(refusal: &Refusal, camera: &aravis::Camera, settings: &Genicam) -> Result<(), CameraError> {
-    for feature in ["ExposureAuto", "GainAuto", "BlackLevelAuto", "BalanceWhiteAuto"] {
-        if camera.is_feature_available(feature).unwrap_or(false) {
-            camera
-                .set_string(feature, "Off")
-                .map_err(refusal.feature(feature))?;
-        }
-    }
-    for (feature, value) in [("Gain", settings.gain), ("BlackLevel", settings.black_level)] {
-        if let Some(value) = value {
-            camera
-                .set_float(feature, value)
-                .map_err(refusal.feature(feature))?;
-        }
-    }
-    Ok(())
-}
-
-/// Lets a line put out that the sensor is exposed.
-fn set_strobe(refusal: &Refusal, camera: &aravis::Camera, settings: &Genicam) -> Result<(), CameraError> {
-    if settings.strobe_line.is_empty() {
-        return Ok(());
-    }
-    let line = settings.strobe_line.as_str();
-    let set = |feature: &str, value: &str| {
-        camera.set_string(feature, value).map_err(|error| {
-            refusal.failed(format!(
-                "camera.genicam.strobe_line: expected a line {line} that puts out ExposureActive, found that {feature} = {value} \
-                 is not to be had: {} (an empty strobe_line leaves it as it is)",
-                error.message()
-            ))
-        })
-    };
-    set("LineSelector", line)?;
-    // Many lines are outputs by their wiring, and cannot be set.
-    if camera.string("LineMode").is_ok_and(|mode| mode != "Output") {
-        set("LineMode", "Output")?;
-    }
-    set("LineSource", "ExposureActive")
-}
-
-fn set_network(refusal: &Refusal, camera: &aravis::Camera, settings: &Genicam) -> Result<(), CameraError> {
-    if !camera.is_gv_device() {
-        return Ok(());
-    }
-    match settings.packet_bytes {
-        None => camera
-            .gv_auto_packet_size()
-            .map_err(refusal.feature("GevSCPSPacketSize")),
-        Some(bytes) => camera
-            .gv_set_packet_size(i32::try_from(bytes).unwrap_or(i32::MAX))
-            .map_err(refusal.feature("camera.genicam.packet_bytes")),
-    }
-}
-
-/// Block ids of an acquisition of frames that software triggers, until one arrives whole.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Probe {
-    /// The id that arrived.
-    id: u64,
-    /// How many frames before it did not.
-    lost: u64,
-}
-
-/// Triggers frames by software.
-fn probe(refusal: &Refusal, camera: &aravis::Camera, stream: &aravis::Stream) -> Result<Probe, CameraError> {
-    let feature = "TriggerSoftware";
-    if !camera.is_feature_available(feature).unwrap_or(false) {
-        return Err(refusal.failed(
-            "expected a software trigger, by which is learnt how the camera numbers its frames, found none",
-        ));
-    }
-    set_mode(camera, "Timed").map_err(refusal.feature("ExposureMode"))?;
-    camera
-        .set_acquisition_mode(AcquisitionMode::Continuous)
-        .map_err(refusal.feature("AcquisitionMode"))?;
-    camera
-        .set_trigger("Software")
-        .map_err(refusal.feature("TriggerSource"))?;
-    take_back(stream);
-    camera
-        .start_acquisition()
-        .map_err(refusal.feature("AcquisitionStart"))?;
-    let mut found = Ok(None);
-    for lost in 0..PROBES {
-        let came = camera.software_trigger().map(|()| whole(stream, SOFTWARE));
-        let is_over = !matches!(came, Ok(None));
-        found = came.map(|id| id.map(|id| Probe { id, lost }));
-        if is_over {
-            break;
-        }
-    }
-    camera
-        .stop_acquisition()
-        .map_err(refusal.feature("AcquisitionStop"))?;
-    match found.map_err(refusal.feature(feature))? {
-        Some(probe) => Ok(probe),
-        None => Err(refusal.failed(format!(
-            "expected a whole frame within {} s of one of {PROBES} triggers by software, found none",
-            SOFTWARE.as_secs()
-        ))),
-    }
-}
-
-/// The id of the next frame that arrives whole within `patience`.
-fn whole(stream: &aravis::Stream, patience: Duration) -> Option<u64> {
-    let began = Instant::now();
-    while let Some(left) = patience.checked_sub(began.elapsed()) {
-        let buffer = stream.timeout_pop_buffer(left.as_micros() as u64)?;
-        let id = (buffer.status() == BufferStatus::Success).then(|| buffer.frame_id());
-        stream.push_buffer(buffer);
-        if id.is_some() {
-            return id;
-        }
-    }
-    None
-}
-
-/// Sets `ExposureMode`, where the camera has one.
-fn set_mode(camera: &aravis::Camera, mode: &str) -> Result<(), glib::Error> {
-    if camera.is_feature_available("ExposureMode")? {
-        camera.set_string("ExposureMode", mode)?;
-    }
-    Ok(())
-}
-
-/// Lets the trigger line fire it, for as long as the line is active.
-fn set_trigger(refusal: &Refusal, camera: &aravis::Camera, settings: &Genicam) -> Result<(), CameraError> {
-    let line = settings.trigger_line.as_str();
-    let sources = camera
-        .dup_available_trigger_sources()
-        .map_err(refusal.feature("TriggerSource"))?;
-    if !sources.iter().any(|one| one == line) {
-        let names: Vec<&str> = sources.iter().map(glib::GString::as_str).collect();
-        return Err(refusal.failed(format!(
-            "camera.genicam.trigger_line: expected one of {}, found {line}",
-            names.join(", ")
-        )));
-    }
-    camera
-        .set_trigger(line)
-        .map_err(refusal.feature("TriggerSource"))?;
-    camera.set_exposure_mode(ExposureMode::TriggerWidth).map_err(|error| {
-        refusal.failed(format!(
-            "ExposureMode: expected TriggerWidth, with which the trigger line says how long is exposed, found that the camera \
-             has none: {}",
-            error.message()
-        ))
-    })
 }
