@@ -36,16 +36,6 @@ use crate::bridge::{Bridge, BridgeError};
 use crate::dut::EmulatedPico;
 use crate::gige::{Counts, Faults, GigeCamera, GigeError, PixelFormat, Settings};
 
-/// Where the camera stands.
-struct Slot {
-    /// The camera, while it has power.
-    camera: Option<GigeCamera>,
-    settings: Settings,
-    format: PixelFormat,
-    /// After how many further frames it has none.
-    dies_after: Option<u64>,
-}
-
 /// How often the folder of patterns and the camera are looked at.
 const LOOK: Duration = Duration::from_millis(2);
 
@@ -80,15 +70,16 @@ pub enum TableError {
 /// What stands on the table. It is cleared when this is dropped.
 pub struct Table {
     rig: Rig,
-    bridge: Bridge,
+    /// There until the table is cleared.
+    bridge: Option<Bridge>,
     slot: Arc<Mutex<Slot>>,
     over: Arc<AtomicBool>,
     workers: Vec<JoinHandle<Result<(), TableError>>>,
 }
 
 impl Table {
-    /// Lays a table: `dut` as trigger box, a camera with `settings` but for its sensor and formats, and the patterns in `folder`. `rig` is the instrument, its
-    /// camera's image of the size that is to be stored, and `light` what the virtual rig shows.
+    /// Lays a table: `dut` as trigger box, a camera with `settings` but for its sensor and formats, and the patterns in `folder`.
+    /// `rig` is the instrument, its camera's image of the size that is to be stored, and `light` what the virtual rig shows.
     ///
     /// # Errors
     /// [`TableError`].
@@ -137,7 +128,7 @@ impl Table {
         };
         Ok(Self {
             rig,
-            bridge,
+            bridge: Some(bridge),
             slot,
             over,
             workers: vec![patterns, frames],
@@ -190,7 +181,8 @@ impl Table {
     /// Whether all of it works.
     #[must_use]
     pub fn is_running(&self) -> bool {
-        self.bridge.is_running() && !self.workers.iter().any(JoinHandle::is_finished)
+        self.bridge.as_ref().is_some_and(Bridge::is_running)
+            && !self.workers.iter().any(JoinHandle::is_finished)
     }
 
     /// Clears the table. Returns the firmware's log, as it came over RTT.
@@ -203,8 +195,14 @@ impl Table {
             worker.join().expect("workers do not panic")?;
         }
         // The Pico goes last: the others hold its wires.
-        let Self { bridge, .. } = self;
+        let bridge = self.bridge.take().expect("invariant: it is taken here only");
         Ok(bridge.stop()?)
+    }
+}
+
+impl Drop for Table {
+    fn drop(&mut self) {
+        self.over.store(true, Ordering::Relaxed);
     }
 }
 
@@ -252,6 +250,16 @@ fn equipped(rig: &Rig, camera: Ipv4Addr, format: &str, port: &str, folder: &Path
         port: port.to_owned(),
     });
     rig
+}
+
+/// Where the camera stands.
+struct Slot {
+    /// The camera, while it has power.
+    camera: Option<GigeCamera>,
+    settings: Settings,
+    format: PixelFormat,
+    /// After how many further frames it has none.
+    dies_after: Option<u64>,
 }
 
 /// Sends the frames that are exposed.
