@@ -6,7 +6,9 @@
 //! would see and show comes from the virtual rig: PROJ edges of the firmware advance through the pictures in the folder, CAM edges
 //! expose, STROBE answers, and the images go out as frames of the camera.
 //!
-//! The table knows nothing of plans: what is measured, in which order and how often, is the command's affair alone.
+//! The table knows nothing of plans: what is measured, in which order and how often, is the command's affair alone. What stands in
+//! the holder is what a file beside the patterns says, `holder`: nothing for the sample, else as `put` takes it while views are
+//! captured by hand (`mirror 15 120`, `lambert:0.98`).
 //!
 //! # Tradeoffs
 //! Noise is a function of the pictures that are shown, and of how often the same sequence was shown before. So the images are those of the
@@ -23,6 +25,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use rcg::calibrate::by_hand::held_of;
 use rcg::capture::camera::{Camera as _, CameraError};
 use rcg::capture::files::{CURRENT, READY, name_of, read_pattern};
 use rcg::capture::projector::{Projector as _, ProjectorError};
@@ -30,12 +33,14 @@ use rcg::instrument::drivers::{CameraDriver, Files, Genicam, ProjectorDriver, Tr
 use rcg::instrument::rig::Rig;
 use rcg::plan::Virtual;
 use rcg::virtual_rig::setup::{SetupError, World};
-use rcg::virtual_rig::{VirtualCamera, VirtualProjector, Wires};
+use rcg::virtual_rig::{Held, VirtualCamera, VirtualProjector, Wires};
 
 use crate::bridge::{Bridge, BridgeError};
 use crate::dut::EmulatedPico;
 use crate::gige::{Counts, Faults, GigeCamera, GigeError, PixelFormat, Settings};
 
+/// Name of the file that says what stands in the holder.
+pub const HOLDER: &str = "holder";
 /// How often the folder of patterns and the camera are looked at.
 const LOOK: Duration = Duration::from_millis(2);
 
@@ -57,6 +62,9 @@ pub enum TableError {
     /// The patterns.
     #[error(transparent)]
     Projector(#[from] ProjectorError),
+    /// What is to stand in the holder.
+    #[error("holder: {0}")]
+    Holder(String),
     /// The answer to those who hand patterns over.
     #[error("{}: {source}", path.display())]
     Ready {
@@ -107,9 +115,16 @@ impl Table {
 
         let world = World::read(light, None)?;
         let wires = Wires::connect(&bridge.wires().to_string()).map_err(SetupError::from)?;
-        let (camera, projector) = world.optics(&rig.without_drivers(), wires)?;
-        let camera = Arc::new(Mutex::new(camera));
+        let bare = rig.without_drivers();
+        let sample = Held::Sample(world.sample.clone());
+        let (camera, projector) = world.optics(&bare, sample, wires)?;
+        let camera = Arc::new(Mutex::new(Some(camera)));
         let mut shown = Shown {
+            rig: bare,
+            world,
+            wires: bridge.wires().to_string(),
+            holder: folder.with_file_name(HOLDER),
+            held: String::new(),
             folder: folder.to_owned(),
             projector,
             camera: Arc::clone(&camera),
@@ -263,8 +278,13 @@ struct Slot {
 }
 
 /// Sends the frames that are exposed.
-fn pass_on(camera: &Mutex<VirtualCamera>, slot: &Mutex<Slot>) -> Result<(), TableError> {
-    while let Some(frame) = lock(camera).next_frame(Duration::ZERO)? {
+fn pass_on(camera: &Mutex<Option<VirtualCamera>>, slot: &Mutex<Slot>) -> Result<(), TableError> {
+    let next = || {
+        lock(camera)
+            .as_mut()
+            .map_or(Ok(None), |camera| camera.next_frame(Duration::ZERO))
+    };
+    while let Some(frame) = next()? {
         let mut slot = lock(slot);
         if slot.dies_after == Some(0) {
             slot.camera = None;
@@ -280,9 +300,15 @@ fn pass_on(camera: &Mutex<VirtualCamera>, slot: &Mutex<Slot>) -> Result<(), Tabl
 
 /// The projector: shows the pictures of a folder, one after the other.
 struct Shown {
+    rig: Rig,
+    world: World,
+    wires: String,
+    /// The file that says what stands in the holder, and what it said.
+    holder: PathBuf,
+    held: String,
     folder: PathBuf,
     projector: VirtualProjector,
-    camera: Arc<Mutex<VirtualCamera>>,
+    camera: Arc<Mutex<Option<VirtualCamera>>>,
     /// Name of the sequence that is shown.
     sequence: Option<String>,
     /// How often sequences were shown, by their content.
@@ -290,6 +316,28 @@ struct Shown {
 }
 
 impl Shown {
+    /// Puts into the holder what its file says, if that is something else.
+    fn change_held(&mut self) -> Result<(), TableError> {
+        let text = fs::read_to_string(&self.holder).unwrap_or_default();
+        let text = text.trim();
+        if text == self.held {
+            return Ok(());
+        }
+        let held = match text {
+            "" => Held::Sample(self.world.sample.clone()),
+            text => held_of(text, &self.rig).map_err(TableError::Holder)?,
+        };
+        // The wires bear one rig at a time.
+        *lock(&self.camera) = None;
+        let wires = Wires::connect(&self.wires).map_err(SetupError::from)?;
+        let (camera, projector) = self.world.optics(&self.rig, held, wires)?;
+        *lock(&self.camera) = Some(camera);
+        self.projector = projector;
+        self.times.clear();
+        text.clone_into(&mut self.held);
+        Ok(())
+    }
+
     /// Takes up a sequence that has come, and says so.
     fn load(&mut self) -> Result<(), TableError> {
         let current = fs::read_to_string(self.folder.join(CURRENT)).unwrap_or_default();
@@ -297,6 +345,7 @@ impl Shown {
         if current.is_empty() || self.sequence.as_deref() == Some(current) {
             return Ok(());
         }
+        self.change_held()?;
         self.projector.clear()?;
         let mut hasher = DefaultHasher::new();
         for number in 0.. {
@@ -309,8 +358,7 @@ impl Shown {
             (pattern.bytes(), pattern.level(), pattern.primary()).hash(&mut hasher);
         }
         let times = self.times.entry(hasher.finish()).or_default();
-        {
-            let mut camera = lock(&self.camera);
+        if let Some(camera) = lock(&self.camera).as_mut() {
             camera.begin_part(*times);
             camera.arm()?;
         }

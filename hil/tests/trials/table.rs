@@ -1,6 +1,7 @@
 //! The whole chain with a camera on the network: the host's command, libaravis, a GigE Vision camera, the firmware's edges.
 
 use std::collections::BTreeMap;
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
@@ -11,7 +12,7 @@ use rcg_hil::dut::EmulatedPico;
 use rcg_hil::figures::Limit;
 use rcg_hil::gige::{Faults, GigeCamera, Settings};
 use rcg_hil::places;
-use rcg_hil::table::{Table, own_address};
+use rcg_hil::table::{HOLDER, Table, own_address};
 use serde_json::Value;
 
 use crate::chain::{contents, rcg};
@@ -21,6 +22,7 @@ crate::trials!("table":
     what_a_camera_on_the_network_sees_has_the_bits_of_the_simulated_measurement [Emulator FastLink Camera],
     frames_that_are_lost_or_doubled_on_the_network_change_no_bit [Emulator FastLink Camera],
     a_camera_that_dies_ends_the_run_and_a_resumed_one_completes_it [Emulator FastLink Camera],
+    a_rig_on_the_table_is_calibrated_by_hand_as_the_simulated_one [Emulator FastLink Camera],
     what_is_not_as_the_rig_file_says_is_named [Emulator FastLink Camera],
     the_command_tries_cameras_of_ours_and_of_others [Emulator FastLink Camera],
 );
@@ -43,6 +45,11 @@ const MEASURE: [&str; 9] = [
 /// A table with the rig files `rig.toml` and `simulated.toml` in `folder`.
 fn table(bench: &Bench, folder: &Path, noise: bool, settings: Settings) -> Result<Table> {
     let rig = Rig::load("rcg-1-16bit")?.with_image_size(SIZE)?;
+    table_of(bench, folder, &rig, noise, settings)
+}
+
+/// As [`table`], of another `rig`.
+fn table_of(bench: &Bench, folder: &Path, rig: &Rig, noise: bool, settings: Settings) -> Result<Table> {
     let light = Virtual {
         noise,
         seed: 7,
@@ -56,7 +63,7 @@ fn table(bench: &Bench, folder: &Path, noise: bool, settings: Settings) -> Resul
         ..settings
     };
     let patterns = folder.join("patterns");
-    let table = Table::lay(&rig, &light, &EmulatedPico { link, image }, settings, &patterns)?;
+    let table = Table::lay(rig, &light, &EmulatedPico { link, image }, settings, &patterns)?;
     std::fs::write(folder.join("rig.toml"), table.rig().to_toml())?;
     std::fs::write(folder.join("simulated.toml"), rig.to_toml())?;
     Ok(table)
@@ -363,5 +370,78 @@ fn the_command_tries_cameras_of_ours_and_of_others(bench: &mut Bench) -> Outcome
         addresses.len() as f64,
         "cameras",
         Limit::AtLeast(1.0),
+    )
+}
+
+/// Somebody puts the targets in that the command asks for, one after the other; returns how it ended.
+fn calibrate_by_hand(folder: &Path) -> Result<String> {
+    let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
+    let mut command = Command::new(places::command())
+        .args(["calibrate", "geometry", "--by-hand", "-q", "--image-size", "64"])
+        .args(["--rig", &path("rig.toml"), "--out", &path("by-hand")])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()?;
+    let mut answers = command.stdin.take().ok_or("no stdin")?;
+    let mut said = String::new();
+    for line in BufReader::new(command.stderr.take().ok_or("no stderr")?).lines() {
+        let line = line?;
+        said += &line;
+        said += "\n";
+        let Some((_, asked)) = line
+            .split_once(": ")
+            .filter(|(_, asked)| asked.contains("; put it in"))
+        else {
+            continue;
+        };
+        let target = asked.split(';').next().unwrap_or_default();
+        // `flat mirror at 15° / 120°`
+        let put = match target.strip_prefix("flat mirror at ") {
+            Some(tilt) => format!("mirror {}", tilt.replace(['°', '/'], " ")),
+            None => "lambert:0.5".to_owned(),
+        };
+        std::fs::write(folder.join(HOLDER), put)?;
+        answers.write_all(b"\n")?;
+    }
+    let status = command.wait()?;
+    if status.success() {
+        Ok(said)
+    } else {
+        Err(format!("{status}: {said}").into())
+    }
+}
+
+fn a_rig_on_the_table_is_calibrated_by_hand_as_the_simulated_one(bench: &mut Bench) -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let folder = folder.path();
+    let rig = Rig::load("dmd")?.with_image_size(64)?;
+    let table = table_of(bench, folder, &rig, false, Settings::default())?;
+    let said = calibrate_by_hand(folder)?;
+    table.clear()?;
+    let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
+    rcg(&[
+        "calibrate",
+        "geometry",
+        "-q",
+        "--image-size",
+        "64",
+        "--noise",
+        "off",
+        "--rig",
+        &path("simulated.toml"),
+        "--out",
+        &path("simulated"),
+    ])?;
+    let read = |name: &str| std::fs::read(folder.join(name).join("geometry.json"));
+    let (by_hand, simulated) = (read("by-hand")?, read("simulated")?);
+    if by_hand != simulated {
+        return Err(format!("the two geometries differ; by hand was said: {said}").into());
+    }
+    bench.figure(
+        "geometry of a rig on the table, by hand, equal to the simulated one bit for bit",
+        by_hand.len() as f64,
+        "bytes",
+        Limit::AtLeast(1_000.0),
     )
 }

@@ -142,22 +142,14 @@ pub(crate) struct FaultArgs {
 impl VirtualArgs {
     /// Refuses what is asked for of the virtual rig where `rig` is a real one.
     pub(crate) fn check(&self, rig: &Rig) -> Result<(), Failure> {
-        let sample = self.sample.as_ref().map(|_| "--sample");
-        match sample
-            .or_else(|| self.conditions.given())
-            .filter(|_| rig.is_real())
-        {
-            None => Ok(()),
-            Some(option) => Err(Failure::input(format!(
-                "{option}: expected nothing of the virtual rig beside rig {}, whose camera and projector are real{}",
-                rig.name,
-                if option == "--sample" {
-                    " (--sample-name says what you call the sample)"
-                } else {
-                    ""
-                }
-            ))),
+        if self.sample.is_some() && rig.is_real() {
+            return Err(Failure::input(format!(
+                "--sample: expected nothing of the virtual rig beside rig {}, whose camera and projector are real (--sample-name \
+                 says what you call the sample)",
+                rig.name
+            )));
         }
+        self.conditions.check(rig)
     }
 
     /// The virtual rig, with that of `before` in place of the defaults if there is one.
@@ -171,6 +163,17 @@ impl VirtualArgs {
 }
 
 impl ConditionArgs {
+    /// Refuses what is asked for of the virtual rig where `rig` is a real one.
+    pub(crate) fn check(&self, rig: &Rig) -> Result<(), Failure> {
+        match self.given().filter(|_| rig.is_real()) {
+            None => Ok(()),
+            Some(option) => Err(Failure::input(format!(
+                "{option}: expected nothing of the virtual rig beside rig {}, whose camera and projector are real",
+                rig.name
+            ))),
+        }
+    }
+
     /// The first of these arguments that is given.
     fn given(&self) -> Option<&'static str> {
         first_given(&[

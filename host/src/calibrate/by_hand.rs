@@ -20,11 +20,11 @@ use serde::{Deserialize, Serialize};
 use super::{CalibrateError, black_glass, file};
 use crate::base::progress::Progress;
 use crate::brdf::sample::{Sample, parse};
-use crate::capture::Instrument;
+use crate::capture::{Instrument, real};
 use crate::hemisphere::direction::from_degrees;
 use crate::instrument::calibration::CalibrationError;
 use crate::instrument::rig::{Rig, Tilt};
-use crate::virtual_rig::setup::World;
+use crate::virtual_rig::setup::{SetupError, World};
 use crate::virtual_rig::{FlatMirror, Held};
 
 /// What somebody answers who was asked to put a target in.
@@ -90,6 +90,52 @@ pub trait Bench {
     }
 }
 
+/// Where views are captured.
+#[derive(Clone, Copy, Debug)]
+pub enum Place<'a> {
+    /// In the virtual rig.
+    Virtual(&'a World),
+    /// On the table on which the parts of this rig stand.
+    Real(&'a Rig),
+}
+
+impl Place<'_> {
+    /// What decides what the instrument shows, beside what stands in it: one line.
+    fn conditions(self) -> String {
+        match self {
+            Self::Virtual(world) => world.conditions(),
+            Self::Real(rig) => format!("the real rig {}", rig.name),
+        }
+    }
+
+    /// What stands in the holder when the standard of this number, 0 or 1, does, as far as anybody knows who has to expose it.
+    pub(super) fn standard(self, number: usize, stated: Arc<dyn Sample>) -> Arc<dyn Sample> {
+        match self {
+            Self::Virtual(world) => world.standard(number, stated),
+            Self::Real(_) => stated,
+        }
+    }
+}
+
+/// The bench on which a real instrument stands; what is in its holder, only who put it there knows.
+#[derive(Debug)]
+pub struct RealBench;
+
+impl Bench for RealBench {
+    fn place(&mut self, other: Option<&str>) -> Result<(), String> {
+        match other {
+            None => Ok(()),
+            Some(other) => Err(format!(
+                "expected Enter once the target stands in the holder, found `put {other}`, which the virtual rig alone can do"
+            )),
+        }
+    }
+
+    fn open(&mut self, rig: &Rig, _held: Held, _tilt: Option<Tilt>) -> Result<Instrument, CalibrateError> {
+        Ok(real::open(rig).map_err(SetupError::from)?)
+    }
+}
+
 /// The bench of the virtual rig.
 pub struct VirtualBench<'a> {
     world: &'a World,
@@ -102,6 +148,24 @@ enum Other {
     /// A flat mirror at this tilt and azimuth, degrees.
     Mirror([f64; 2]),
     Sample(Arc<dyn Sample>),
+}
+
+impl Other {
+    /// It, in the holder of `rig`.
+    fn held(&self, rig: &Rig) -> Held {
+        match self {
+            Self::Sample(sample) => Held::Sample(sample.clone()),
+            Self::Mirror([tilt_deg, azimuth_deg]) => black_mirror(rig, from_degrees(*tilt_deg, *azimuth_deg)),
+        }
+    }
+}
+
+/// What stands in the holder of the virtual `rig` when `text` is put there: `mirror TILT AZIMUTH` in degrees, `nothing`, or a sample.
+///
+/// # Errors
+/// A sentence if it is none of these.
+pub fn held_of(text: &str, rig: &Rig) -> Result<Held, String> {
+    Ok(other_target(text)?.held(rig))
 }
 
 impl<'a> VirtualBench<'a> {
@@ -119,14 +183,8 @@ impl Bench for VirtualBench<'_> {
     }
 
     fn open(&mut self, rig: &Rig, held: Held, tilt: Option<Tilt>) -> Result<Instrument, CalibrateError> {
-        let held = match &self.other {
-            None => held,
-            Some(Other::Sample(sample)) => Held::Sample(sample.clone()),
-            Some(Other::Mirror([tilt_deg, azimuth_deg])) => {
-                black_mirror(rig, from_degrees(*tilt_deg, *azimuth_deg))
-            }
-        };
-        Ok(self.world.open_held(rig, held, tilt)?)
+        let other = self.other.as_ref().map(|other| other.held(rig));
+        Ok(self.world.open_held(rig, other.unwrap_or(held), tilt)?)
     }
 
     fn set_opened(&mut self, times: u32) {
@@ -335,12 +393,12 @@ pub(super) struct Notes {
 }
 
 impl Notes {
-    /// Those at `path` of captures in `world`, or new ones if there are none.
+    /// Those at `path` of captures at this `place`, or new ones if there are none.
     ///
     /// # Errors
-    /// [`CalibrateError`] if the captures there are of another world.
-    pub(super) fn of(path: &Path, world: &World, command: &str) -> Result<Self, CalibrateError> {
-        let conditions = world.conditions();
+    /// [`CalibrateError`] if the captures there are of another place.
+    pub(super) fn of(path: &Path, place: Place, command: &str) -> Result<Self, CalibrateError> {
+        let conditions = place.conditions();
         if !path.is_file() {
             return Ok(Self {
                 conditions,

@@ -231,12 +231,17 @@ impl World {
         })
     }
 
-    /// Its camera and projector alone, at the `wires` of a trigger box that somebody else talks to.
+    /// Its camera and projector alone with `held` in it, at the `wires` of a trigger box that somebody else talks to.
     ///
     /// # Errors
     /// [`SetupError`].
-    pub fn optics(&self, rig: &Rig, wires: Wires) -> Result<(VirtualCamera, VirtualProjector), SetupError> {
-        let (scene, truth, behaviour) = self.stood_up(rig, Held::Sample(self.sample.clone()), None)?;
+    pub fn optics(
+        &self,
+        rig: &Rig,
+        held: Held,
+        wires: Wires,
+    ) -> Result<(VirtualCamera, VirtualProjector), SetupError> {
+        let (scene, truth, behaviour) = self.stood_up(rig, held, None)?;
         Ok(VirtualRig::wired(scene, &truth, behaviour, wires)?)
     }
 

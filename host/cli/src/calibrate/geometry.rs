@@ -5,7 +5,6 @@ use std::fs;
 use std::path::PathBuf;
 
 use rcg::base::progress::Progress as _;
-use rcg::calibrate::by_hand::VirtualBench;
 use rcg::calibrate::geometry::{ByHand, Mask, Request, Said, Views, calibrate, capture};
 use rcg::calibrate::photometry;
 use rcg::instrument::calibration::{AS_STATED, Geometry, RIG};
@@ -13,6 +12,7 @@ use rcg::instrument::rig::Rig;
 use rcg::store::Lock;
 use serde::Serialize;
 
+use super::Site;
 use super::hands::{HandArgs, Lines, is_stopped};
 use crate::Done;
 use crate::failure::Failure;
@@ -99,20 +99,20 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     };
     let request = || -> Result<Request, Failure> {
         Ok(Request {
-            rig: super::virtual_one(Rig::load(rig)?)?,
+            rig: args.port.real(Rig::load(rig)?)?,
             tilts: said.tilts.clone().unwrap_or_else(|| TILTS.to_vec()),
             image_size: args.image_size.unwrap_or(IMAGE_SIZE),
             tilt_uncertainty_deg: args.tilt_uncertainty_deg.unwrap_or(TILT_UNCERTAINTY_DEG),
         })
     };
     if let Some(redo) = args.hands.redo() {
-        let world = super::world(&args.conditions, &args.port)?;
         let request = request()?;
-        let mut by_hand = ByHand::open(&request, &said, &args.out, &world, redo)
+        let site = Site::of(&request.rig, &args.conditions, &args.port)?;
+        let mut by_hand = ByHand::open(&request, &said, &args.out, site.place(), redo)
             .map_err(|error| Failure::from(error).at(args.out.display()))?;
         // Each day is a session, however it ends.
         session.note(&args.out)?;
-        let how_far = by_hand.take(&mut VirtualBench::new(&world), &mut Lines { output }, output)?;
+        let how_far = by_hand.take(site.bench().as_mut(), &mut Lines { output }, output)?;
         if is_stopped(&how_far, "geometry", &args.out, output)? {
             return Ok(());
         }
@@ -122,8 +122,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             args.out.display()
         ));
     } else {
-        let world = super::world(&args.conditions, &args.port)?;
         let request = request()?;
+        let world = super::world(&request.rig, &args.conditions, &args.port)?;
         capture(&request, &args.out, &world, output)?;
         said = Said {
             mask: said.mask,

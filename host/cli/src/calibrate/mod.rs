@@ -5,6 +5,7 @@ mod hands;
 mod photometry;
 
 use clap::Subcommand;
+use rcg::calibrate::by_hand::{Bench, Place, RealBench, VirtualBench};
 use rcg::instrument::rig::Rig;
 use rcg::virtual_rig::setup::World;
 
@@ -20,21 +21,48 @@ pub(crate) enum Command {
     Photometry(photometry::Args),
 }
 
-/// The virtual rig in which the views are captured; a file that cannot be read is refused before anything is made.
-fn world(conditions: &ConditionArgs, port: &PortArgs) -> Result<World, Failure> {
-    Ok(World::read(&conditions.virtual_rig(None), port.bridged()?)?)
+/// Where views are captured by hand.
+enum Site {
+    /// In the virtual rig.
+    Virtual(World),
+    /// On the table of this rig.
+    Real(Rig),
 }
 
-/// `rig`, if it is a virtual one.
-fn virtual_one(rig: Rig) -> Result<Rig, Failure> {
+/// The virtual rig in which what is asked for stands by itself; a file that cannot be read is refused before anything is made.
+fn world(rig: &Rig, conditions: &ConditionArgs, port: &PortArgs) -> Result<World, Failure> {
     if rig.is_real() {
         return Err(Failure::input(format!(
-            "rig {}: expected a virtual rig, found one with a real camera and projector, which can measure but cannot be \
-             calibrated by this program yet",
+            "rig {}: expected --by-hand with a real camera and projector, found none: somebody has to put the targets into the holder",
             rig.name
         )));
     }
-    Ok(rig)
+    Ok(World::read(&conditions.virtual_rig(None), port.bridged()?)?)
+}
+
+impl Site {
+    /// That of `rig`.
+    fn of(rig: &Rig, conditions: &ConditionArgs, port: &PortArgs) -> Result<Self, Failure> {
+        if rig.is_real() {
+            conditions.check(rig)?;
+            return Ok(Self::Real(rig.clone()));
+        }
+        Ok(Self::Virtual(world(rig, conditions, port)?))
+    }
+
+    fn place(&self) -> Place<'_> {
+        match self {
+            Self::Virtual(world) => Place::Virtual(world),
+            Self::Real(rig) => Place::Real(rig),
+        }
+    }
+
+    fn bench(&self) -> Box<dyn Bench + '_> {
+        match self {
+            Self::Virtual(world) => Box::new(VirtualBench::new(world)),
+            Self::Real(_) => Box::new(RealBench),
+        }
+    }
 }
 
 pub(crate) fn run(command: &Command, rig: &str, output: &Output) -> Done {

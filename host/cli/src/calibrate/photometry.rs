@@ -6,7 +6,6 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use rcg::base::date::Date;
 use rcg::base::progress::Progress as _;
 use rcg::brdf::sample::parse;
-use rcg::calibrate::by_hand::VirtualBench;
 use rcg::calibrate::photometry::{
     ByHand, Height, NONE, Request, Said, Trust, Views, Weakness, calibrate, capture, height, standards,
     weaknesses,
@@ -16,6 +15,7 @@ use rcg::instrument::rig::{Rig, Tilt};
 use rcg::store::Lock;
 use rcg::store::whole_file::write_whole;
 
+use super::Site;
 use super::hands::{HandArgs, Lines, is_stopped};
 use crate::Done;
 use crate::failure::Failure;
@@ -86,13 +86,13 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     session.check(&args.out)?;
     let mut said = said(args);
     if let Some(redo) = args.hands.redo() {
-        let world = super::world(&args.conditions, &args.port)?;
+        let site = Site::of(&full_rig(args, rig)?, &args.conditions, &args.port)?;
         let request = request(args, &said, rig, &trust, output)?;
-        let by_hand = ByHand::open(&request, &said, &args.out, &world, redo)
+        let by_hand = ByHand::open(&request, &said, &args.out, site.place(), redo)
             .map_err(|error| Failure::from(error).at(args.out.display()))?;
         // Each day is a session, however it ends.
         session.note(&args.out)?;
-        let how_far = by_hand.take(&mut VirtualBench::new(&world), &mut Lines { output }, output)?;
+        let how_far = by_hand.take(site.bench().as_mut(), &mut Lines { output }, output)?;
         if is_stopped(&how_far, "photometry", &args.out, output)? {
             return Ok(());
         }
@@ -102,7 +102,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             args.out.display()
         ));
     } else {
-        let world = super::world(&args.conditions, &args.port)?;
+        let world = super::world(&full_rig(args, rig)?, &args.conditions, &args.port)?;
         let request = request(args, &said, rig, &trust, output)?;
         capture(&request, &args.out, &world, output)?;
         said = Said::default();
@@ -133,13 +133,30 @@ fn said(args: &Args) -> Said {
     }
 }
 
+/// The rig of the calibration, which is `rig` if there is none yet.
+fn full_rig(args: &Args, rig: &str) -> Result<Rig, Failure> {
+    let kept = args.out.join(RIG);
+    let full = Rig::load(&if kept.is_file() {
+        kept.display().to_string()
+    } else {
+        rig.to_owned()
+    })?;
+    args.port.real(full)
+}
+
 /// What is to be captured, with the rig of the calibration, which is `rig` if there is none yet: then its file is written.
 fn request(args: &Args, said: &Said, rig: &str, trust: &Trust, output: &Output) -> Result<Request, Failure> {
     let path = args.out.join(RIG);
     let is_new = !path.is_file();
-    let kept = path.display().to_string();
-    let full = super::virtual_one(Rig::load(if is_new { rig } else { &kept })?)?;
+    let full = full_rig(args, rig)?;
     let is_begun = Views::exist(&args.out);
+    if full.is_real() && !is_begun && args.standard.is_none() {
+        return Err(Failure::input(format!(
+            "--standard: expected what is known of the standard (its certificate, or a model such as lambert:0.98) with the real rig {}, \
+             found none",
+            full.name
+        )));
+    }
     let request = Request {
         standard: args.standard.clone().unwrap_or_else(|| STANDARD.to_owned()),
         second_standard: (!is_begun)

@@ -49,7 +49,7 @@ fn what_belongs_to_the_virtual_rig_is_refused_beside_a_real_one() {
     }
     for command in ["geometry", "photometry"] {
         let arguments = ["calibrate", command, "--rig", text(&rig), "--out", text(&out)];
-        refuses(&arguments, "", 2, &["rig lab", "cannot be calibrated"]);
+        refuses(&arguments, "", 2, &["rig lab", "expected --by-hand"]);
     }
     assert!(!out.join("plan.toml").exists());
 }

@@ -6,12 +6,13 @@ use super::capture::{Capturing, RAW, VIEWS};
 use super::stands::Stands;
 use super::{Request, Said, Views};
 use crate::base::progress::Progress;
-use crate::calibrate::by_hand::{Bench, Hands, HowFar, Notes, Series, not_by_hand, take_by_hand, todo};
+use crate::calibrate::by_hand::{
+    Bench, Hands, HowFar, Notes, Place, Series, not_by_hand, take_by_hand, todo,
+};
 use crate::calibrate::{CalibrateError, file, open_raw};
 use crate::instrument::calibration::geometry::COMMAND;
 use crate::store::whole_file::write_whole;
 use crate::store::{RawStore, Segment};
-use crate::virtual_rig::setup::World;
 
 /// Name of the file that says how the views are captured by hand.
 const NOTES: &str = "geometry-by-hand.json";
@@ -26,7 +27,7 @@ pub struct ByHand {
 
 impl ByHand {
     /// Begins the views of `request` in `dir`, or goes on with those that are there, of which that is `said`; views of the numbers `redo`,
-    /// from 1, are taken again. `world` is where they are captured.
+    /// from 1, are taken again. `place` is where they are captured.
     ///
     /// # Errors
     /// [`CalibrateError`] if the views there are others, or were captured otherwise.
@@ -34,7 +35,7 @@ impl ByHand {
         request: &Request,
         said: &Said,
         dir: &Path,
-        world: &World,
+        place: Place,
         redo: &[usize],
     ) -> Result<Self, CalibrateError> {
         let notes = dir.join(NOTES);
@@ -43,7 +44,7 @@ impl ByHand {
         } else {
             request.views()?
         };
-        let kept = Notes::of(&notes, world, COMMAND)?;
+        let kept = Notes::of(&notes, place, COMMAND)?;
         let mut capturing = Capturing::new(views, dir)?;
         if !Views::exist(dir) {
             if dir.join(RAW).exists() {

@@ -15,7 +15,7 @@ use super::looks::{Looks, Wanted, reflectance_of};
 use super::{Said, stray};
 use crate::base::progress::Progress;
 use crate::calibrate::by_hand::{
-    Answer, Asked, Bench, Hands, HowFar, Notes, Series, not_by_hand, take_by_hand, todo,
+    Answer, Asked, Bench, Hands, HowFar, Notes, Place, Series, not_by_hand, take_by_hand, todo,
 };
 use crate::calibrate::{CalibrateError, RIG, file};
 use crate::capture::Instrument;
@@ -23,7 +23,6 @@ use crate::instrument::calibration::photometry::COMMAND;
 use crate::instrument::rig::{Rig, Tilt};
 use crate::store::whole_file::write_whole;
 use crate::virtual_rig::Held;
-use crate::virtual_rig::setup::World;
 
 /// Name of the file that says how the views are captured by hand.
 const NOTES: &str = "photometry-by-hand.json";
@@ -44,7 +43,7 @@ struct Prepared {
 pub struct ByHand<'a> {
     request: Request,
     dir: &'a Path,
-    world: &'a World,
+    place: Place<'a>,
     redo: &'a [usize],
     notes: Notes,
 }
@@ -58,7 +57,7 @@ struct Prepares {
 
 impl<'a> ByHand<'a> {
     /// Begins the views of `request` in `dir`, or goes on with those that are there, of which that is `said`; views of the numbers `redo`,
-    /// from 1, are taken again. `world` is where they are captured.
+    /// from 1, are taken again. `place` is where they are captured.
     ///
     /// # Errors
     /// [`CalibrateError`] if the views there are others, or were captured otherwise.
@@ -66,10 +65,10 @@ impl<'a> ByHand<'a> {
         request: &Request,
         said: &Said,
         dir: &'a Path,
-        world: &'a World,
+        place: Place<'a>,
         redo: &'a [usize],
     ) -> Result<Self, CalibrateError> {
-        let notes = Notes::of(&dir.join(NOTES), world, COMMAND)?;
+        let notes = Notes::of(&dir.join(NOTES), place, COMMAND)?;
         let request = if Views::exist(dir) {
             going_on(said, dir)?
         } else {
@@ -83,13 +82,13 @@ impl<'a> ByHand<'a> {
         };
         let count = 3 + request.tilts.len() + usize::from(request.second_standard.is_some());
         todo(&[], redo, count)?;
-        Standards::of(&request, world)?;
+        Standards::of(&request, place)?;
         tilts(&request)?;
         notes.write(&dir.join(NOTES))?;
         Ok(Self {
             request,
             dir,
-            world,
+            place,
             redo,
             notes,
         })
@@ -105,7 +104,7 @@ impl<'a> ByHand<'a> {
         hands: &mut dyn Hands,
         progress: &dyn Progress,
     ) -> Result<HowFar, CalibrateError> {
-        let standards = Standards::of(&self.request, self.world)?;
+        let standards = Standards::of(&self.request, self.place)?;
         let capturing = if Views::exist(self.dir) {
             self.read(standards)?
         } else {

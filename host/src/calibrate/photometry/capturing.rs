@@ -13,7 +13,7 @@ use super::exposure::{Exposures, light};
 use super::in_holder::{InHolder, Standards};
 use super::stray::{self, Part, StrayViews};
 use crate::base::progress::Progress;
-use crate::calibrate::by_hand::{Bench, VirtualBench};
+use crate::calibrate::by_hand::{Bench, Place, VirtualBench};
 use crate::calibrate::{CalibrateError, RIG, check_clock, create_raw, file, open_raw, segment_of};
 use crate::capture::Tally;
 use crate::instrument::monitor::watching;
@@ -66,7 +66,7 @@ pub fn capture(
     world: &World,
     progress: &dyn Progress,
 ) -> Result<(), CalibrateError> {
-    let standards = Standards::of(request, world)?;
+    let standards = Standards::of(request, Place::Virtual(world))?;
     let mut bench = VirtualBench::new(world);
     let mut capturing = Capturing::prepare(request, standards, dir, &mut bench)?;
     let targets = capturing.targets();

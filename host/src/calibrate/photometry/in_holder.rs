@@ -7,9 +7,10 @@ use super::interreflection::{check_apart, interreflected};
 use super::rank_one::positive;
 use crate::brdf::sample::Sample;
 use crate::calibrate::CalibrateError;
+use crate::calibrate::by_hand::Place;
 use crate::hemisphere::direction::from_degrees;
 use crate::virtual_rig::Held;
-use crate::virtual_rig::setup::{SetupError, World};
+use crate::virtual_rig::setup::SetupError;
 
 /// What is in the holder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,8 +40,8 @@ pub(super) struct Standards {
 }
 
 impl Standards {
-    /// Those of `request`, as far as they can serve, as they are in `world`.
-    pub(super) fn of(request: &Request, world: &World) -> Result<Self, CalibrateError> {
+    /// Those of `request`, as far as they can serve, as they are at this `place`.
+    pub(super) fn of(request: &Request, place: Place) -> Result<Self, CalibrateError> {
         let parse = |spec: &str| -> Result<Held, CalibrateError> {
             let sample = crate::brdf::sample::parse(spec).map_err(SetupError::from)?;
             Ok(Held::Sample(Arc::from(sample)))
@@ -58,7 +59,7 @@ impl Standards {
         }
         let trap = parse("lambert:0")?;
         let real = |number: usize, held: Held| match held {
-            Held::Sample(stated) => Held::Sample(world.standard(number, stated)),
+            Held::Sample(stated) => Held::Sample(place.standard(number, stated)),
             mirror @ Held::Mirror(_) => mirror,
         };
         Ok(Self {
