@@ -24,9 +24,9 @@ pub(crate) enum Command {
 /// Where views are captured by hand.
 enum Site {
     /// In the virtual rig.
-    Virtual(World),
+    Virtual(Box<World>),
     /// On the table of this rig.
-    Real(Rig),
+    Real(Box<Rig>),
 }
 
 /// The virtual rig in which what is asked for stands by itself; a file that cannot be read is refused before anything is made.
@@ -45,9 +45,9 @@ impl Site {
     fn of(rig: &Rig, conditions: &ConditionArgs, port: &PortArgs) -> Result<Self, Failure> {
         if rig.is_real() {
             conditions.check(rig)?;
-            return Ok(Self::Real(rig.clone()));
+            return Ok(Self::Real(Box::new(rig.clone())));
         }
-        Ok(Self::Virtual(world(rig, conditions, port)?))
+        Ok(Self::Virtual(Box::new(world(rig, conditions, port)?)))
     }
 
     fn place(&self) -> Place<'_> {
