@@ -168,7 +168,7 @@ mod tests {
 
     #[test]
     fn packed_values_are_those_that_were_packed() {
-        let values: Vec<u16> = (0..64).map(|at| (at * 1117 + 13) % 4096).collect();
+        let values: Vec<u16> = (0..64_u32).map(|at| ((at * 1117 + 13) % 4096) as u16).collect();
         for name in ["Mono12", "Mono12Packed", "Mono12p"] {
             let format = PixelFormat::of(name).unwrap();
             let bytes = packed(name, &values);

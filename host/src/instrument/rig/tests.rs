@@ -186,7 +186,7 @@ const MISTAKES: &[(&str, &str, &str)] = &[
     (
         "[light]",
         "[licht]",
-        "licht: expected one of `name`, `mirror`, `sample`, `wire`, `obstacle`, `camera`, `projector`, `light`, found unknown field `licht`",
+        "licht: expected one of `name`, `mirror`, `sample`, `wire`, `obstacle`, `camera`, `projector`, `light`, `trigger`, found unknown field `licht`",
     ),
     (
         "[camera.lens]\nwidth_px = 2048",
