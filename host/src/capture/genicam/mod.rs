@@ -75,7 +75,14 @@ impl Refusal<'_> {
 
     /// What libaravis says when it is asked for `feature`.
     fn feature(&self, feature: &str) -> impl Fn(glib::Error) -> CameraError {
-        move |error| self.failed(format!("{feature}: {}", error.message()))
+        move |error| match error.kind::<aravis::DeviceError>() {
+            Some(aravis::DeviceError::Timeout | aravis::DeviceError::NotConnected) => {
+                CameraError::Disconnected {
+                    camera: self.0.to_owned(),
+                }
+            }
+            _ => self.failed(format!("{feature}: {}", error.message())),
+        }
     }
 }
 
