@@ -244,7 +244,8 @@ fn found(
         return Err(CalibrateError::Views {
             expected: format!("views that determine the directions to {WORST_DEG}° (k = 1)"),
             found: format!(
-                "{camera_deg:.2}° for the camera and {projector_deg:.2}° for the projector, with {} least of all",
+                "{:.3}° together, {camera_deg:.2}° for the camera and {projector_deg:.2}° for the projector, with {} least of all",
+                camera_deg.hypot(projector_deg),
                 undetermined(unknowns, &of_directions.shares)
             ),
             advice: "add views of the flat mirror at other tilts, in other azimuths (three or more), and know their tilts \
