@@ -118,10 +118,13 @@ impl Place<'_> {
 }
 
 /// The bench on which a real instrument stands; what is in its holder, only who put it there knows.
-#[derive(Debug)]
-pub struct RealBench;
+#[derive(Clone, Copy, Debug)]
+pub struct RealBench<'a> {
+    /// Whose drivers name what stands there: those of the views may be of another day, with another port.
+    pub rig: &'a Rig,
+}
 
-impl Bench for RealBench {
+impl Bench for RealBench<'_> {
     fn place(&mut self, other: Option<&str>) -> Result<(), String> {
         match other {
             None => Ok(()),
@@ -132,7 +135,7 @@ impl Bench for RealBench {
     }
 
     fn open(&mut self, rig: &Rig, _held: Held, _tilt: Option<Tilt>) -> Result<Instrument, CalibrateError> {
-        Ok(real::open(rig).map_err(SetupError::from)?)
+        Ok(real::open(&rig.driven_as(self.rig)).map_err(SetupError::from)?)
     }
 }
 

@@ -60,7 +60,7 @@ impl Site {
     fn bench(&self) -> Box<dyn Bench + '_> {
         match self {
             Self::Virtual(world) => Box::new(VirtualBench::new(world)),
-            Self::Real(_) => Box::new(RealBench),
+            Self::Real(rig) => Box::new(RealBench { rig }),
         }
     }
 }
