@@ -104,6 +104,40 @@ struct File {
     board: Option<Board>,
 }
 
+/// Which Pico is emulated, on a command line.
+#[derive(Debug, clap::Args)]
+pub struct PicoArgs {
+    /// The firmware's ELF file
+    #[arg(long, value_name = "FILE", default_value_os_t = places::target().join("thumbv6m-none-eabi/firmware/rcg-firmware"))]
+    image: PathBuf,
+    /// Which of the firmware's links the port is
+    #[arg(long, value_enum, default_value = "usb")]
+    link: LinkKind,
+}
+
+impl PicoArgs {
+    /// It, if there is what it needs.
+    ///
+    /// # Errors
+    /// A sentence that says what there is not, and what makes it.
+    pub fn pico(self) -> anyhow::Result<EmulatedPico> {
+        anyhow::ensure!(
+            self.image.is_file(),
+            "image {}: expected the firmware's ELF file, found none; `cargo fw` builds it",
+            self.image.display()
+        );
+        anyhow::ensure!(
+            places::emulator_modules().is_dir(),
+            "emulator: expected its modules in {}, found none; `npm ci` installs them",
+            places::emulator_modules().display()
+        );
+        Ok(EmulatedPico {
+            link: self.link,
+            image: self.image,
+        })
+    }
+}
+
 impl Dut {
     /// Reads the description in the file `path`.
     ///

@@ -8,9 +8,8 @@ use anyhow::Context as _;
 use clap::Parser;
 use rcg::instrument::rig::Rig;
 use rcg::plan::Virtual;
-use rcg_hil::dut::{EmulatedPico, LinkKind};
+use rcg_hil::dut::PicoArgs;
 use rcg_hil::gige::Settings;
-use rcg_hil::places;
 use rcg_hil::table::{Table, own_address};
 
 /// Lay an optical table whose parts are real but for the light.
@@ -41,26 +40,13 @@ struct Args {
     /// Pixels a side of the camera's image
     #[arg(long, value_name = "N", default_value_t = 96)]
     image_size: u32,
-    /// The firmware's ELF file
-    #[arg(long, value_name = "FILE", default_value_os_t = places::target().join("thumbv6m-none-eabi/firmware/rcg-firmware"))]
-    image: PathBuf,
-    /// Which of the firmware's links the port is
-    #[arg(long, value_enum, default_value = "usb")]
-    link: LinkKind,
+    #[command(flatten)]
+    pico: PicoArgs,
 }
 
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
-    anyhow::ensure!(
-        args.image.is_file(),
-        "image {}: expected the firmware's ELF file, found none; `cargo fw` builds it",
-        args.image.display()
-    );
-    anyhow::ensure!(
-        places::emulator_modules().is_dir(),
-        "emulator: expected its modules in {}, found none; `npm ci` installs them",
-        places::emulator_modules().display()
-    );
+    let dut = args.pico.pico()?;
     let rig = Rig::load(&args.rig)?.with_image_size(args.image_size)?;
     let light = Virtual {
         sample: args.sample,
@@ -71,10 +57,6 @@ fn main() -> anyhow::Result<()> {
     };
     std::fs::create_dir_all(&args.out).with_context(|| format!("out {}", args.out.display()))?;
     let out = args.out.canonicalize()?;
-    let dut = EmulatedPico {
-        link: args.link,
-        image: args.image,
-    };
     let camera = Settings {
         address: own_address(),
         ..Settings::default()

@@ -134,15 +134,7 @@ impl Held {
     pub(super) fn read(brdf: &Brdf, interpolation: Interpolation) -> Result<Self, BrdfError> {
         let bytes = Self::bytes(brdf);
         if bytes > MOST_BYTES {
-            return Err(BrdfError::Content {
-                path: brdf.path.display().to_string(),
-                field: "f",
-                expected: format!(
-                    "at most {:.0} GB that are held in memory",
-                    MOST_BYTES as f64 * 1e-9
-                ),
-                found: format!("{:.1} GB", bytes as f64 * 1e-9),
-            });
+            return Err(brdf.too_large(MOST_BYTES, bytes));
         }
         let layout = Layout::new(brdf.grid.len(), brdf.disk.size());
         let cells = if brdf.channels() == 3 {

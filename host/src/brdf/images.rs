@@ -27,15 +27,7 @@ impl Images {
         let samples = brdf.grid.len() * cells;
         let bytes = samples * channels * size_of::<f32>();
         if bytes > MOST_BYTES {
-            return Err(BrdfError::Content {
-                path: brdf.path.display().to_string(),
-                field: "f",
-                expected: format!(
-                    "at most {:.0} GB that are held in memory",
-                    MOST_BYTES as f64 * 1e-9
-                ),
-                found: format!("{:.0} GB", bytes as f64 * 1e-9),
-            });
+            return Err(brdf.too_large(MOST_BYTES, bytes));
         }
         let mut f = vec![f32::NAN; samples * channels];
         // All chunks but the last have as many rows as the first.

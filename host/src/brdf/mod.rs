@@ -401,6 +401,16 @@ impl Brdf {
         self.reader.chunks()
     }
 
+    /// That the file takes `bytes`, more than the `most` that are held in memory.
+    fn too_large(&self, most: usize, bytes: usize) -> BrdfError {
+        BrdfError::Content {
+            path: self.path.display().to_string(),
+            field: "f",
+            expected: format!("at most {:.0} GB that are held in memory", most as f64 * 1e-9),
+            found: format!("{:.1} GB", bytes as f64 * 1e-9),
+        }
+    }
+
     /// The incident directions of a chunk.
     #[must_use]
     pub fn chunk_range(&self, chunk: usize) -> std::ops::Range<usize> {

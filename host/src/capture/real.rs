@@ -7,9 +7,9 @@ use serde::Serialize;
 use crate::base::blame::Blame;
 use crate::capture::Instrument;
 use crate::capture::camera::{Camera, CameraError};
-use crate::capture::device::{Device, DeviceError, Patience};
+use crate::capture::device::{Device, DeviceError};
 use crate::capture::files::FilesProjector;
-use crate::capture::link;
+use crate::capture::link::Link;
 use crate::capture::projector::{Projector, ProjectorError};
 use crate::instrument::drivers::{CameraDriver, ProjectorDriver};
 use crate::instrument::rig::Rig;
@@ -63,9 +63,7 @@ impl Blame for RealError {
 pub fn open(rig: &Rig) -> Result<Instrument, RealError> {
     // What is cheap to ask comes first.
     let projector = projector(rig)?;
-    let port = rig.trigger.clone().unwrap_or_default().port;
-    let link = link::open(&port).map_err(DeviceError::from)?;
-    let mut device = Device::connect(link, link::nonce(), Patience::default())?;
+    let mut device = trigger_box(rig)?;
     device.abort()?;
     Ok(Instrument {
         device,
@@ -103,10 +101,8 @@ pub fn check(rig: &Rig) -> Vec<Finding> {
         let part = |part| Finding::of(part, Ok("virtual".to_owned()));
         return ["trigger box", "camera", "projector"].map(part).to_vec();
     }
-    let trigger_box = || -> Result<String, RealError> {
-        let port = rig.trigger.clone().unwrap_or_default().port;
-        let link = link::open(&port).map_err(DeviceError::from)?;
-        let device = Device::connect(link, link::nonce(), Patience::default())?;
+    let fires = || -> Result<String, RealError> {
+        let device = trigger_box(rig)?;
         let info = device.info();
         let (major, minor, patch) = info.firmware;
         Ok(format!(
@@ -136,10 +132,15 @@ pub fn check(rig: &Rig) -> Vec<Finding> {
         ))
     };
     vec![
-        Finding::of("trigger box", trigger_box()),
+        Finding::of("trigger box", fires()),
         Finding::of("camera", seen()),
         Finding::of("projector", shown()),
     ]
+}
+
+/// The trigger box of `rig`.
+fn trigger_box(rig: &Rig) -> Result<Device<Box<dyn Link>>, DeviceError> {
+    Device::at(&rig.trigger.clone().unwrap_or_default().port)
 }
 
 /// The camera of `rig`.

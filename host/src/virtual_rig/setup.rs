@@ -12,7 +12,7 @@ use crate::brdf::sample::{Sample, SampleError};
 use crate::capture::Instrument;
 use crate::capture::device::{Device, DeviceError, Patience};
 use crate::capture::directory::{Sums, stamps_of, sums_of};
-use crate::capture::link::{self, Link};
+use crate::capture::link::Link;
 use crate::capture::real::RealError;
 use crate::capture::session::Opening;
 use crate::instrument::calibration::Calibration;
@@ -218,8 +218,7 @@ impl World {
         let Some(TriggerBox { port, wires }) = &self.trigger_box else {
             return Ok(Instrument::of(VirtualRig::of(scene, &truth, behaviour))?);
         };
-        let link = link::open(port).map_err(DeviceError::from)?;
-        let mut device = Device::connect(link, link::nonce(), Patience::default())?;
+        let mut device = Device::at(port)?;
         device.abort()?;
         let wires = Wires::connect(wires)?;
         let (camera, projector) = VirtualRig::wired(scene, &truth, behaviour, wires)?;

@@ -16,7 +16,7 @@ use rcg_protocol::{
     Response, RunId, SCHEMA_HASH, STEPS_PER_APPEND, Seq, SessionId, Status, Step, ToDevice, ToHost, encode,
 };
 
-use crate::capture::link::Link;
+use crate::capture::link::{self, Link};
 
 mod error;
 mod feed;
@@ -70,6 +70,16 @@ enum FeedEvent {
     Answer(Response),
     /// Steps that fit.
     Room(u32),
+}
+
+impl Device<Box<dyn Link>> {
+    /// Opens a session with the trigger box at `port`, as [`link::open`] takes it.
+    ///
+    /// # Errors
+    /// As [`connect`](Self::connect), and where there is no such port.
+    pub fn at(port: &str) -> Result<Self, DeviceError> {
+        Self::connect(link::open(port)?, link::nonce(), Patience::default())
+    }
 }
 
 impl<L: Link> Device<L> {

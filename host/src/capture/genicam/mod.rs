@@ -58,8 +58,6 @@ pub struct GenicamCamera {
     anew: Option<u64>,
     gone: Arc<AtomicBool>,
     acquiring: bool,
-    /// Frames that did not arrive whole since the camera was armed.
-    broken: u64,
 }
 
 /// What the driver wants of a camera and does not get.
@@ -200,17 +198,10 @@ impl GenicamCamera {
             anew,
             gone,
             acquiring: false,
-            broken: 0,
             camera,
             stream,
             name,
         })
-    }
-
-    /// Frames that did not arrive whole since the camera was armed.
-    #[must_use]
-    pub const fn broken(&self) -> u64 {
-        self.broken
     }
 
     fn disconnected(&self) -> CameraError {
@@ -249,7 +240,6 @@ impl Camera for GenicamCamera {
         };
         take_back(&self.stream);
         self.ids.restart(first);
-        self.broken = 0;
         self.camera
             .start_acquisition()
             .map_err(refusal.feature("AcquisitionStart"))?;
@@ -277,9 +267,9 @@ impl Camera for GenicamCamera {
             };
             let frame = self.frame_of(&buffer);
             self.stream.push_buffer(buffer);
-            match frame? {
-                Some(frame) => return Ok(Some(frame)),
-                None => self.broken += 1,
+            // What did not arrive whole is told by its missing number.
+            if let Some(frame) = frame? {
+                return Ok(Some(frame));
             }
         }
     }

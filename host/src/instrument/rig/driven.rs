@@ -176,3 +176,101 @@ impl Rig {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::sentence;
+    use super::*;
+
+    #[test]
+    fn the_example_of_a_real_rig_names_every_driver_and_what_drives_it_is_no_part_of_its_hash() {
+        let lab =
+            Rig::from_toml(include_str!("../../../rigs/lab.toml"), Path::new("lab.toml")).expect("usable");
+        assert!(lab.is_real());
+        assert_eq!(
+            Rig::from_toml(&lab.to_toml(), Path::new("x")).expect("usable"),
+            lab
+        );
+        let bare = lab.without_drivers();
+        assert!(!bare.is_real());
+        assert!(!bare.to_toml().contains("driver") && !bare.to_toml().contains("port"));
+        assert_eq!(bare.driven_as(&lab), lab);
+        let hash = crate::instrument::calibration::rig_hash;
+        assert_eq!(hash(&lab.at_port("/dev/ttyACM7")), hash(&bare));
+        // With the numbers of the preset that it is like, and its name, it is that preset.
+        let preset = Rig::load("rcg-3").expect("usable");
+        assert_eq!(
+            hash(&Rig {
+                name: preset.name.clone(),
+                ..bare
+            }),
+            hash(&preset)
+        );
+    }
+
+    #[test]
+    fn what_drives_the_parts_of_a_rig_goes_together_or_is_refused() {
+        let genicam = |settings: &str| format!("[camera]\ndriver = \"genicam\"\ngenicam = {{ {settings} }}");
+        let [good, small, coarse, grey, unknown, bare] = [
+            "region_px = [0, 0, 2048, 2048], pixel_format = \"RGB16\"",
+            "region_px = [0, 0, 1024, 2048], pixel_format = \"RGB16\"",
+            "region_px = [0, 0, 2048, 2048], pixel_format = \"BayerRG12\"",
+            "region_px = [0, 0, 2048, 2048], pixel_format = \"Mono16\"",
+            "region_px = [0, 0, 2048, 2048], pixel_format = \"YUV422\"",
+            "trigger = \"Line1\"",
+        ]
+        .map(genicam);
+        let camera = ("[camera]", good.as_str());
+        let projector = (
+            "[projector]\n",
+            "[projector]\ndriver = \"files\"\nfiles = { folder = \"p\" }\n",
+        );
+        for (changes, field, found) in [
+            (&[camera][..], "projector.driver", "found virtual"),
+            (&[projector], "camera.driver", "found virtual"),
+            (
+                &[camera, ("[projector]\n", "[projector]\ndriver = \"files\"\n")],
+                "projector.files",
+                "found nothing",
+            ),
+            (
+                &[("[camera]", "[camera]\ngenicam = {}")],
+                "camera.genicam",
+                "no settings of a driver that is not named",
+            ),
+            (&[("[mirror]", "[trigger]\n[mirror]")], "trigger.port", "--wires"),
+            (
+                &[("[camera]", "[camera]\ndriver = \"usb\"")],
+                "camera.driver",
+                "virtual",
+            ),
+            (&[projector, ("[camera]", &bare)], "camera", "trigger_line"),
+            (
+                &[projector, ("[camera]", &small)],
+                "camera.genicam.region_px",
+                "found 1024×2048",
+            ),
+            (
+                &[projector, ("[camera]", &coarse)],
+                "camera.genicam.pixel_format",
+                "3 channels and 16 bits",
+            ),
+            (
+                &[projector, ("[camera]", &grey)],
+                "camera.genicam.pixel_format",
+                "found Mono16, of 1 and 16",
+            ),
+            (
+                &[projector, ("[camera]", &unknown)],
+                "camera.genicam.pixel_format",
+                "found YUV422",
+            ),
+        ] {
+            let sentence = sentence(changes);
+            assert!(
+                sentence.starts_with(&format!("lab/my.toml: {field}")) && sentence.contains(found),
+                "{sentence}"
+            );
+        }
+    }
+}
