@@ -84,7 +84,7 @@ pub struct Setup {
 /// A trigger box outside of this program.
 #[derive(Clone, Debug)]
 pub struct TriggerBox {
-    /// Its port, as [`link::open`] takes it.
+    /// Its port, as [`link::open`](crate::capture::link::open) takes it.
     pub port: String,
     /// `HOST:PORT` of the bridge that its lines end at; see [`Wires`].
     pub wires: String,
