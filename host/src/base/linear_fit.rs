@@ -12,41 +12,58 @@ const REFINEMENTS: usize = 3;
 /// Rows whose products are summed together, as a product of matrices.
 const TOGETHER: usize = 128;
 
+/// Some rows, each a column here, so that its values lie one behind the other.
+struct Block {
+    rows: DMatrix<f64>,
+    targets: DVector<f64>,
+    weights: DVector<f64>,
+}
+
+/// All `rows`, in blocks of [`TOGETHER`].
+fn blocks(unknowns: usize, mut rows: impl Iterator<Item = (Vec<f64>, f64, f64)>) -> Vec<Block> {
+    let mut blocks = Vec::new();
+    loop {
+        let (mut values, mut targets, mut weights) = (Vec::new(), Vec::new(), Vec::new());
+        for (row, target, weight) in rows.by_ref().take(TOGETHER) {
+            values.extend(row);
+            targets.push(target);
+            weights.push(weight);
+        }
+        if targets.is_empty() {
+            return blocks;
+        }
+        blocks.push(Block {
+            rows: DMatrix::from_vec(unknowns, targets.len(), values),
+            targets: DVector::from_vec(targets),
+            weights: DVector::from_vec(weights),
+        });
+    }
+}
+
 /// Solves for rows (values, target, weight); also the inverse of the normal matrix, which is the covariance if the weights
 /// are inverse variances. `None` if the rows do not determine the unknowns.
 pub(crate) fn least_squares(
     unknowns: usize,
-    rows: &(impl Iterator<Item = (Vec<f64>, f64, f64)> + Clone),
+    rows: impl Iterator<Item = (Vec<f64>, f64, f64)>,
 ) -> Option<(DVector<f64>, DMatrix<f64>)> {
+    let blocks = blocks(unknowns, rows);
     let mut normal = DMatrix::zeros(unknowns, unknowns);
-    let mut right = DVector::zeros(unknowns);
-    // A row is a column here: so they lie one behind the other.
-    let mut some = DMatrix::zeros(unknowns, TOGETHER);
-    let mut weighted = DMatrix::zeros(unknowns, TOGETHER);
-    let mut count = 0;
-    let mut add = |some: &DMatrix<f64>, weighted: &DMatrix<f64>, count: usize| {
-        let (some, weighted) = (some.columns(0, count), weighted.columns(0, count));
-        normal.gemm(1.0, &weighted, &some.transpose(), 1.0);
-    };
-    for (row, target, weight) in rows.clone() {
-        let row = DVector::from_vec(row);
-        right.axpy(weight * target, &row, 1.0);
-        weighted.set_column(count, &(weight * &row));
-        some.set_column(count, &row);
-        count += 1;
-        if count == TOGETHER {
-            add(&some, &weighted, count);
-            count = 0;
+    for block in &blocks {
+        let mut weighted = block.rows.clone();
+        for (mut row, weight) in weighted.column_iter_mut().zip(block.weights.iter()) {
+            row *= *weight;
         }
+        normal.gemm(1.0, &weighted, &block.rows.transpose(), 1.0);
     }
-    add(&some, &weighted, count);
     let inverse = normal.cholesky()?.inverse();
-    let mut found = &inverse * right;
-    for _ in 0..REFINEMENTS {
+    let mut found = DVector::zeros(unknowns);
+    for _ in 0..=REFINEMENTS {
         let mut right = DVector::zeros(unknowns);
-        for (row, target, weight) in rows.clone() {
-            let row = DVector::from_vec(row);
-            right.axpy(weight * (target - row.dot(&found)), &row, 1.0);
+        for block in &blocks {
+            let mut left = block.targets.clone();
+            left.gemv_tr(-1.0, &block.rows, &found, 1.0);
+            left.component_mul_assign(&block.weights);
+            right.gemv(1.0, &block.rows, &left, 1.0);
         }
         found += &inverse * right;
     }

@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 
 use super::images::Images;
 use super::{Brdf, BrdfError, evidence};
-use crate::brdf::interpolation::{Cells, Readable as _};
+use crate::brdf::interpolation::{Cells, ENOUGH, Readable as _};
 use crate::brdf::sample::{Outgoing, Sample};
 use crate::hemisphere::direction::is_above_horizon;
 use crate::hemisphere::incident::{IncidentSet, Neighbours};
@@ -74,7 +74,7 @@ impl Outgoing for Lit<'_> {
             found += weight as f32 * read.weight;
         }
         // As in any look-up: without half of the weight there is no value.
-        if found >= 0.5 {
+        if found >= ENOUGH {
             (sum / found).to_array().map(f64::from)
         } else {
             [f64::NAN; 3]

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::held::Held;
-use super::scene::Scene;
+use super::scene::{Scene, Shining};
 use super::truth::Truth;
 
 /// As many as a standard has tilts, and one more.
@@ -12,7 +12,28 @@ const MOST: usize = 5;
 
 /// The last ones.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Scenes(Arc<Mutex<VecDeque<Shown>>>);
+pub(super) struct Scenes(Arc<Mutex<Known>>);
+
+/// What is known of earlier ones.
+#[derive(Debug, Default)]
+struct Known {
+    shown: VecDeque<Shown>,
+    /// What the projector's pixels shine, and by which truth: it is the same however the sample stands.
+    shining: Option<(Truth, Arc<Shining>)>,
+}
+
+impl Known {
+    fn shining(&mut self, truth: &Truth) -> Arc<Shining> {
+        let is_same =
+            |other: &Truth| other.flaws == truth.flaws && other.rig.projector == truth.rig.projector;
+        if let Some((_, shining)) = self.shining.as_ref().filter(|(of, _)| is_same(of)) {
+            return shining.clone();
+        }
+        let shining = Arc::new(Shining::of(truth));
+        self.shining = Some((truth.clone(), shining.clone()));
+        shining
+    }
+}
 
 /// One of them.
 struct Shown {
@@ -29,21 +50,22 @@ impl std::fmt::Debug for Shown {
 impl Scenes {
     /// What the rig that `truth` describes shows with `held` in it.
     pub(super) fn of(&self, truth: &Truth, held: Held) -> Arc<Scene> {
-        // Of a mirror no two views are alike.
-        if matches!(held, Held::Mirror(_)) {
-            return Arc::new(Scene::new(truth, held));
-        }
-        let mut scenes = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let is_this = |shown: &&Shown| shown.truth == *truth && shown.scene.is_of(&held);
-        if let Some(shown) = scenes.iter().find(is_this) {
+        if let Some(shown) = known.shown.iter().find(is_this) {
             return shown.scene.clone();
         }
-        let scene = Arc::new(Scene::new(truth, held));
-        scenes.truncate(MOST - 1);
-        scenes.push_front(Shown {
-            truth: truth.clone(),
-            scene: scene.clone(),
-        });
+        let shining = known.shining(truth);
+        // Of a mirror no two views are alike.
+        let is_kept = !matches!(held, Held::Mirror(_));
+        let scene = Arc::new(Scene::of(truth, held, shining));
+        if is_kept {
+            known.shown.truncate(MOST - 1);
+            known.shown.push_front(Shown {
+                truth: truth.clone(),
+                scene: scene.clone(),
+            });
+        }
         scene
     }
 }

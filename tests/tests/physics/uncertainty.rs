@@ -42,7 +42,7 @@ fn calibrated(nominal: &Rig, truth: &str, tilts: &[&str], dir: &Path) -> Calibra
     let request = geometry::Request {
         rig: nominal.clone(),
         tilts: vec![[0.0, 0.0], [15.0, 0.0], [15.0, 120.0], [15.0, 240.0]],
-        image_size: 128,
+        image_size: 64,
         tilt_uncertainty_deg: 0.05,
     };
     let world = |seed| {

@@ -271,7 +271,7 @@ fn align(base: &Brdf, other: &Brdf) -> Result<Alignment, FillError> {
                 (row, -so_far[axis], prior)
             });
             let some = kept.iter().filter(|(_, group)| Some(*group) != left_out);
-            least_squares(4, &some.map(|(equation, _)| equation.clone()).chain(priors))
+            least_squares(4, some.map(|(equation, _)| equation.clone()).chain(priors))
         };
         let (solved, covariance) = solve(None).ok_or_else(|| no_overlap(overlap))?;
         let residual = |((row, target, weight), _): &Row| {

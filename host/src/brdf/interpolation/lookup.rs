@@ -11,7 +11,7 @@ use super::blend::{BACK, BRANCHES};
 use super::captures::{Captures, Cells, Readable};
 use super::lanes::Side;
 use super::rule::{Captured, Query};
-use super::{Blend, BranchErrors};
+use super::{Blend, BranchErrors, ENOUGH};
 use crate::hemisphere::incident::IncidentSet;
 use crate::store::StoreError;
 
@@ -215,7 +215,7 @@ impl Lookup {
     /// f in sr⁻¹ if at least half of what direct interpolation needs was measured.
     pub(crate) fn value(&self) -> Option<[f32; 3]> {
         let (value, weight) = self.sum();
-        (self.found >= 0.5 && weight > 1e-6).then(|| (value / weight).to_array())
+        (self.found >= ENOUGH && weight > 1e-6).then(|| (value / weight).to_array())
     }
 
     /// Standard uncertainty (k = 1) of the value in sr⁻¹ by interpolation, if it was looked up with that: what the branches are wrong by

@@ -32,6 +32,10 @@ mod table;
 #[cfg(test)]
 mod tests;
 
+/// Weight of all that was read, of 1, with which a look-up has a value: half of it. What lies halfway between a ring that was captured and
+/// one that was not has exactly that, and rounding must not decide pixel by pixel.
+pub(crate) const ENOUGH: f32 = 0.499;
+
 pub use blend::{BRANCHES, Blend, BranchErrors};
 pub(crate) use captures::{Captures, Cells, Image, ImageOf, Readable};
 pub(crate) use leave_one_out::learn;

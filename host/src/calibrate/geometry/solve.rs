@@ -26,6 +26,9 @@ use crate::instrument::rig::Rig;
 const ROUNDS: usize = 6;
 /// Difference for a derivative, in tolerances.
 const STEP: f64 = 1e-5;
+/// A round has converged when unknowns and sum of squares change by less than this, relative: weights change by more, and derivatives
+/// by differences are no more exact.
+const CONVERGED: f64 = 1e-9;
 /// An edge position that passes every edge by more than this belongs to none of them (to the sample's, for one).
 const EDGE_RAD: f64 = 0.06;
 /// Least scale of residuals: rounding.
@@ -91,23 +94,56 @@ pub(super) fn moved(nominal: &Rig, parameters: &[Parameter], unknowns: &DVector<
     rig
 }
 
-/// The directions that the camera and the projector position of a match see, unit, sample frame.
-type Sights = Option<[DVec3; 2]>;
+/// What is seen of a rig.
+#[derive(Clone)]
+struct Looks {
+    /// The directions that the camera and the projector position of each match see, unit, sample frame.
+    camera: Vec<Option<DVec3>>,
+    projector: Vec<Option<DVec3>>,
+    /// Residual of each edge.
+    edges: Vec<Residual>,
+}
 
 impl Task<'_> {
     fn rig(&self, unknowns: &DVector<f64>) -> Rig {
         moved(self.nominal, self.parameters, unknowns)
     }
 
-    /// What all matches see, and the residuals of all edges.
-    fn look(&self, rig: &Rig) -> (Vec<Sights>, Vec<Residual>) {
-        let (camera, projector) = (View::camera(rig), View::projector(rig));
-        let sights = |found: &Match| -> Sights {
-            Some([
-                camera.sight(found.camera_px.x, found.camera_px.y)?,
-                projector.sight(found.projector_px.x, found.projector_px.y)?,
-            ])
-        };
+    fn look(&self, rig: &Rig) -> Looks {
+        let (camera, edges) = self.camera(rig);
+        Looks {
+            camera,
+            projector: self.projector(rig),
+            edges,
+        }
+    }
+
+    /// What is seen of `rig` where another one has these `looks`: much differs in one device alone.
+    fn look_beside(&self, rig: &Rig, (other, looks): (&Rig, &Looks)) -> Looks {
+        let mut with_others = rig.clone();
+        with_others.projector.clone_from(&other.projector);
+        if with_others == *other {
+            return Looks {
+                projector: self.projector(rig),
+                ..looks.clone()
+            };
+        }
+        let mut with_others = rig.clone();
+        with_others.camera.clone_from(&other.camera);
+        if with_others == *other {
+            let (camera, edges) = self.camera(rig);
+            return Looks {
+                camera,
+                projector: looks.projector.clone(),
+                edges,
+            };
+        }
+        self.look(rig)
+    }
+
+    /// What the camera of `rig` sees at each match, and the residual of each edge.
+    fn camera(&self, rig: &Rig) -> (Vec<Option<DVec3>>, Vec<Residual>) {
+        let camera = View::camera(rig);
         let of_edge = |at: &DVec2| -> Residual {
             let distances = camera.edge_distances_rad(at.x, at.y);
             let nearest = distances
@@ -116,35 +152,40 @@ impl Task<'_> {
                 .min_by(|a, b| a.abs().total_cmp(&b.abs()))?;
             (nearest.abs() < EDGE_RAD).then_some(DVec2::new(nearest, 0.0))
         };
-        let Sightings {
-            matches, edges_px, ..
-        } = self.seen;
+        let sight = |found: &Match| camera.sight(found.camera_px.x, found.camera_px.y);
         (
-            matches.iter().map(sights).collect(),
-            edges_px.iter().map(of_edge).collect(),
+            self.seen.matches.iter().map(sight).collect(),
+            self.seen.edges_px.iter().map(of_edge).collect(),
         )
     }
 
-    /// Residuals of the matches that see this, with mirrors that lean by `leans` of the stated uncertainties.
-    fn missed(&self, sights: &[Sights], leans: &[f64]) -> Vec<Residual> {
+    /// What the projector of `rig` sees at each match.
+    fn projector(&self, rig: &Rig) -> Vec<Option<DVec3>> {
+        let projector = View::projector(rig);
+        let sight = |found: &Match| projector.sight(found.projector_px.x, found.projector_px.y);
+        self.seen.matches.iter().map(sight).collect()
+    }
+
+    /// Residuals of all matches, then of all edges, of what `looks` like this, with mirrors that lean by `leans` of the stated
+    /// uncertainties.
+    fn missed(&self, looks: &Looks, leans: &[f64]) -> Vec<Residual> {
         let unit_rad = self.tilt_deg.to_radians();
         let of = |(mount, leans): (&Mount, &[f64])| mount.leaning([leans[0] * unit_rad, leans[1] * unit_rad]);
         let normals: Vec<DVec3> = self.mounts.iter().zip(leans.chunks_exact(2)).map(of).collect();
-        let missed = |(found, sights): (&Match, &Sights)| -> Residual {
-            let [out, lit] = (*sights)?;
+        let sights = looks.camera.iter().zip(&looks.projector);
+        let missed = |(found, (out, lit)): (&Match, (&Option<DVec3>, &Option<DVec3>))| -> Residual {
+            let (out, lit) = ((*out)?, (*lit)?);
             let (e1, e2) = lit.any_orthonormal_pair();
             let missed = -reflect(out, normals[found.view]) - lit;
             Some(DVec2::new(missed.dot(e1), missed.dot(e2)))
         };
-        self.seen.matches.iter().zip(sights).map(missed).collect()
+        let matches = self.seen.matches.iter().zip(sights).map(missed);
+        matches.chain(looks.edges.iter().copied()).collect()
     }
 
     /// Residuals of all matches, then of all edges.
     fn residuals(&self, unknowns: &DVector<f64>) -> Vec<Residual> {
-        let (sights, edges) = self.look(&self.rig(unknowns));
-        let mut residuals = self.missed(&sights, self.leans(unknowns));
-        residuals.extend(edges);
-        residuals
+        self.missed(&self.look(&self.rig(unknowns)), self.leans(unknowns))
     }
 
     /// The leans among the `unknowns`.
@@ -156,7 +197,10 @@ impl Task<'_> {
 impl Problem<'_> {
     /// With the unknowns at which these weights have their least sum of squares; `None` if there is no convergence.
     fn minimized(self) -> Option<Self> {
-        let (solved, report) = LevenbergMarquardt::new().minimize(self);
+        let (solved, report) = LevenbergMarquardt::new()
+            .with_ftol(CONVERGED)
+            .with_xtol(CONVERGED)
+            .minimize(self);
         let is_done = report.termination.was_successful();
         if !is_done {
             tracing::debug!(?report, "no convergence");
@@ -230,19 +274,18 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     }
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
-        let (sights, edges) = self.task.look(&self.task.rig(&self.unknowns));
+        let rig = self.task.rig(&self.unknowns);
+        let looks = self.task.look(&rig);
         let column = |at: usize| {
             let side = |by: f64| {
                 let mut unknowns = self.unknowns.clone();
                 unknowns[at] += by;
-                let residuals = if at < self.task.parameters.len() {
-                    self.task.residuals(&unknowns)
-                } else {
-                    // How the mirrors stand changes nothing of what is seen.
-                    let mut residuals = self.task.missed(&sights, self.task.leans(&unknowns));
-                    residuals.extend(&edges);
-                    residuals
-                };
+                // How the mirrors stand changes nothing of what is seen.
+                let beside = (at < self.task.parameters.len())
+                    .then(|| self.task.look_beside(&self.task.rig(&unknowns), (&rig, &looks)));
+                let residuals = self
+                    .task
+                    .missed(beside.as_ref().unwrap_or(&looks), self.task.leans(&unknowns));
                 self.rows(&residuals, &unknowns)
             };
             (side(STEP) - side(-STEP)) / (2.0 * STEP)

@@ -10,6 +10,9 @@ use crate::instrument::frame_format::place_of_pixel;
 use crate::instrument::optics::{DirectionTiles, View};
 use crate::instrument::rig::Rig;
 
+/// Side of the squares of the projector's pixels that count as one: light is smooth.
+const COARSE_PX: u32 = 4;
+
 /// The contrast, by what was `seen` of the `standard` on `rig` with these `fields`; `black` is what a black pattern adds to
 /// darkness in `exposure_s` seconds, linear digital numbers. `None` if that is nothing.
 pub(super) fn contrast(
@@ -19,7 +22,7 @@ pub(super) fn contrast(
     standard: &dyn Sample,
     black: &[f64],
 ) -> Option<f64> {
-    let projector = DirectionTiles::of(View::projector(rig));
+    let projector = DirectionTiles::of(View::projector(&rig.with_coarse_projector(COARSE_PX)));
     let (width_px, height_px) = projector.view().size_px();
     let irradiance: f64 = (0..width_px * height_px)
         .filter_map(|pixel| {

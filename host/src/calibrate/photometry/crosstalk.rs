@@ -150,7 +150,7 @@ fn explain(blocks: &[&Block], primary: usize) -> Option<([f64; 2], f64)> {
     let of = |block: &&Block| (block.share(primary), block.squares / block.all());
     let rows = || blocks.iter().map(of);
     let normal = rows().map(|((share, variance), square)| (vec![1.0, square], share, variance.recip()));
-    let (terms, covariance) = least_squares(2, &normal)?;
+    let (terms, covariance) = least_squares(2, normal)?;
     let (mut squares, mut weights) = (0.0, 0.0);
     for ((share, variance), square) in rows() {
         squares += (share - terms[0] - terms[1] * square).powi(2) / variance;

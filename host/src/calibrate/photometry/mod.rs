@@ -8,6 +8,7 @@
 //! | `by_hand` | views whose targets somebody puts in |
 //! | `looks` | which target stands there, told by a few test exposures |
 //! | `captured` | the frames of the views, and what each is for |
+//! | `frames` | frames of the standard: what came other ways, and the lamp |
 //! | `in_holder` | what is put into the holder |
 //! | `lights` | the incident directions of the views |
 //! | `exposure` | how long they are exposed, and how much light there is |
@@ -41,6 +42,7 @@ mod capturing;
 mod contrast;
 mod crosstalk;
 mod exposure;
+mod frames;
 mod in_holder;
 mod interreflection;
 mod knee;
@@ -69,11 +71,11 @@ use camera::{Times, camera, flicker, set_linearity};
 use capture::Shows;
 use captured::{Black, Captured, OtherLight};
 use crosstalk::AsSeen;
+use frames::Frames;
 use interreflection::interreflected;
 use linear::Linear;
 use pixels::Layout;
 use rank_one::Seen;
-use share::Frames;
 use turns::{NoFields, fit_whole};
 
 use super::{CalibrateError, RIG};

@@ -10,17 +10,13 @@
 //! The fields do not know that and would bend into the darkness. So they are fitted to what is whole, and what is whole is
 //! judged by them, in turns (`turns`).
 
-use glam::{DVec3, Vec4};
+use glam::DVec3;
 use rayon::prelude::*;
 
-use super::rank_one::{Fields, Seen};
-use super::{Black, Linear};
-use crate::brdf::sample::Sample;
-use crate::calibrate::CalibrateError;
-use crate::instrument::calibration::lamp::SLOW;
-use crate::instrument::calibration::lights;
-use crate::instrument::calibration::stray::{Level, Removal, Room, Told, lanes};
-use crate::instrument::calibration::{BLIND, EDGE, SEEN, Sight, UNSEEN};
+use super::frames::Frames;
+use super::rank_one::{Fields, Seen, Spot};
+use crate::brdf::sample::{Outgoing, Sample};
+use crate::instrument::calibration::{BLIND, EDGE, SEEN, Sight, SmoothField, UNSEEN, lights};
 
 /// A share is whole within so many of its standard uncertainties …
 const CLEAR: f64 = 3.0;
@@ -54,34 +50,6 @@ impl Judged {
     }
 }
 
-/// A frame of the standard.
-pub(super) struct Lit<'a> {
-    pub(super) dn: &'a [u16],
-    /// What came other ways, linear digital numbers.
-    pub(super) stray: Vec<f32>,
-    /// What it tells of the lamp, if it does, and the lamp over that of the black frames.
-    pub(super) told: Option<Told>,
-    pub(super) lamp: Level,
-}
-
-impl Lit<'_> {
-    /// What the spot shows, had the lamp been as in the black frames, where the frame shows `all` and a black one `black`, linear
-    /// numbers above the dark level at the place `at`.
-    pub(super) fn spot(&self, all: f64, black: f64, at: usize) -> f64 {
-        (all - f64::from(self.stray[at])) / f64::from(self.lamp.light) - black
-    }
-}
-
-/// The frames of the standard at one stand.
-pub(super) struct Frames<'a> {
-    pub(super) linear: &'a Linear,
-    /// Linear.
-    pub(super) black: &'a [f64],
-    /// One of each place.
-    pub(super) lit: Vec<Lit<'a>>,
-    pub(super) standard: &'a dyn Sample,
-}
-
 /// Share and its relative variance.
 #[derive(Clone, Copy, Default)]
 struct Share {
@@ -107,99 +75,58 @@ impl Share {
     }
 }
 
-impl Seen<'_> {
-    /// The `frames` of the directions from the place `first` on, with the stray light that `removal` finds in them and what they tell of
-    /// the lamp; `black` is the black frame, linear.
-    pub(super) fn lit<'b>(
-        &self,
-        first: usize,
-        frames: &[&'b [u16]],
-        linear: &Linear,
-        black: &[f64],
-        removal: &Removal,
-    ) -> Vec<Lit<'b>> {
-        let channels = self.channels;
-        let saturation = linear.of(self.saturation_dn) as f32;
-        let one = |room: &mut Room, (place, dn): (usize, &&'b [u16])| {
-            let more = |at: usize| {
-                let dn = f64::from(dn[at]);
-                if linear.trusts(dn) {
-                    linear.of(dn) - black[at]
-                } else {
-                    f64::NAN
-                }
+/// A pixel: its index, throughput, and direction.
+type Through = (usize, f64, DVec3);
+
+/// What the frames of a stand should show by light and throughput.
+struct Judge<'a> {
+    seen: &'a Seen<'a>,
+    frames: &'a Frames<'a>,
+    fields: &'a Fields,
+    /// Of each place what a uniform camera of K = 1 would show over f, and how the standard returns it; `None` where no spot counts.
+    lights: Vec<Option<(f64, Box<dyn Outgoing + 'a>)>>,
+}
+
+impl<'a> Judge<'a> {
+    fn of(seen: &'a Seen<'a>, frames: &'a Frames<'a>, fields: &'a Fields) -> Self {
+        let shown = |([x, y], irradiance): Spot| {
+            seen.exposure_s * seen.lamp[0] * irradiance * fields.intensity.at(x, y)
+        };
+        let spots = seen.spots(frames.standard).into_iter();
+        Self {
+            seen,
+            frames,
+            fields,
+            lights: spots
+                .map(|spot| spot.map(|(spot, lobe)| (shown(spot), lobe)))
+                .collect(),
+        }
+    }
+
+    /// The share of `pairs` of places and pixels that the standard filled.
+    fn share(&self, pairs: impl Iterator<Item = (usize, Through)>) -> Share {
+        let seen = self.seen;
+        let mut share = Share::default();
+        for (place, (index, throughput, wo)) in pairs {
+            let Some((shown, lobe)) = &self.lights[place] else {
+                continue;
             };
-            let shown: Vec<Vec4> = (0..dn.len() / channels)
-                .map(|pixel| lanes(channels, |channel| more(pixel * channels + channel)))
-                .collect();
-            removal.find(
-                &shown,
-                &self.lit_terms[first + place],
-                self.exposure_s,
-                saturation,
-                room,
-            );
-            let told = removal.told(
-                |pixel| shown[pixel] - room.stray[pixel],
-                |pixel| lanes(channels, |channel| black[pixel * channels + channel]),
-                |pixel| room.doubt[pixel],
-            );
-            let stray = room.stray.iter().map(Vec4::to_array);
-            Lit {
-                dn,
-                stray: stray.flat_map(|lanes| lanes.into_iter().take(channels)).collect(),
-                told,
-                lamp: Level::SAME,
+            let f = lobe.f(wo);
+            let scale = shown * throughput * seen.share(place, index);
+            for channel in 0..seen.channels {
+                if let Some((signal, variance)) =
+                    Seen::signal(self.frames, place, index * seen.channels + channel)
+                {
+                    let predicted = scale * self.fields.sensitivity[channel] * seen.f_of(f, channel);
+                    share.add(signal, predicted, variance);
+                }
             }
-        };
-        frames
-            .par_iter()
-            .enumerate()
-            .map_init(Room::default, one)
-            .collect()
-    }
-
-    /// Sets the lamp of all the `frames` of the stand by what they told of it together, as `removal` has it, beside so many black
-    /// ones.
-    pub(super) fn set_lamp(frames: &mut [Lit], removal: &Removal, black: usize) {
-        let told: Vec<Told> = frames.iter().filter_map(|frame| frame.told).collect();
-        let bias = removal.bias(&told, black, SLOW);
-        for frame in frames {
-            frame.lamp = removal.level(frame.told, bias);
         }
+        share
     }
+}
 
-    /// Compares the lamp in the `black` frames of the stand with what watches it in the calibration.
-    ///
-    /// # Errors
-    /// [`CalibrateError::Views`] if another lamp must have been in it.
-    pub(super) fn compare_lamp(&mut self, removal: &Removal, black: &Black) -> Result<(), CalibrateError> {
-        let image = |of: &dyn Fn(usize) -> f64| -> Vec<Vec4> {
-            (0..black.light.len() / self.channels)
-                .map(|pixel| lanes(self.channels, |channel| of(pixel * self.channels + channel)))
-                .collect()
-        };
-        let watching = image(&|at| black.light[at] - black.unwatched[at]);
-        let others = image(&|at| black.unwatched[at]);
-        let told = removal.level_of_watching(&watching, &others, black.counts, self.exposure_s);
-        let Some(level) = told else {
-            self.lamp = [1.0, SLOW];
-            return Ok(());
-        };
-        self.lamp = [level.light, level.uncertainty].map(f64::from);
-        if level.is_same_lamp() {
-            return Ok(());
-        }
-        Err(CalibrateError::Views {
-            expected: format!(
-                "a lamp within {} % of itself in all views",
-                100.0 * Level::LARGEST_CHANGE
-            ),
-            found: format!("{:.1} ± {:.1} %", 100.0 * level.light, 100.0 * level.uncertainty),
-            advice: "let the lamp warm up, and take all views anew",
-        })
-    }
-
+impl Seen<'_> {
     /// Whether each pixel of the image takes part and sees nothing but the standard.
     pub(super) fn whole_pixels(&self) -> Vec<bool> {
         let mut whole = vec![false; self.judged.pixels.len()];
@@ -243,20 +170,26 @@ impl Seen<'_> {
         whole.into_iter().step_by(every).collect()
     }
 
+    /// The spot of each place, and how the `standard` returns its light; `None` where no spot counts.
+    fn spots<'b>(&self, standard: &'b dyn Sample) -> Vec<Option<(Spot, Box<dyn Outgoing + 'b>)>> {
+        let places = self.all_lit.iter().zip(&self.stand.directions);
+        places
+            .map(|(lit, index)| lit.map(|spot| (spot, standard.incident(lights::direction(*index)))))
+            .collect()
+    }
+
     /// Drops at once what is far dimmer than the usual.
     pub(super) fn drop_the_dim(&mut self, frames: &Frames) {
         let places = self.judges();
+        let spots = self.spots(frames.standard);
         let rate = |place: usize, index: usize, wo: DVec3| {
-            let (_, irradiance) = self.all_lit[place]?;
-            let f = frames
-                .standard
-                .f(lights::direction(self.stand.directions[place]), wo);
+            let ((_, irradiance), lobe) = spots[place].as_ref()?;
             let (signal, _) = Self::signal(frames, place, index * self.channels)?;
-            Some(signal / (self.f_of(f, 0) * irradiance))
+            Some(signal / (self.f_of(lobe.f(wo), 0) * irradiance))
         };
         let pixels: Vec<(usize, Option<f64>)> = self
             .pixels
-            .iter()
+            .par_iter()
             .map(|&(index, _, wo)| {
                 (
                     index,
@@ -266,6 +199,7 @@ impl Seen<'_> {
             .collect();
         let every = (self.pixels.len() / PIXELS).max(1);
         let lights: Vec<(usize, Option<f64>)> = (0..self.all_lit.len())
+            .into_par_iter()
             .map(|place| {
                 let some = self.pixels.iter().step_by(every);
                 (
@@ -301,47 +235,22 @@ impl Seen<'_> {
     /// Judges by `fields` what is wholly on the standard: more than the share `least` of the prediction, or 1 within noise and
     /// fields if there is none.
     pub(super) fn judge(&mut self, frames: &Frames, fields: &Fields, least: Option<f64>) {
-        let intensity: Vec<f64> = self
-            .all_lit
-            .iter()
-            .map(|lit| lit.map_or(0.0, |([x, y], _)| fields.intensity.at(x, y)))
-            .collect();
-        let add = |share: &mut Share, place: usize, (index, throughput, wo): (usize, f64, DVec3)| {
-            let Some((_, irradiance)) = self.all_lit[place] else {
-                return;
-            };
-            let f = frames
-                .standard
-                .f(lights::direction(self.stand.directions[place]), wo);
-            let scale = self.exposure_s * self.lamp[0] * irradiance * throughput * intensity[place];
-            let lit = self.share(place, index);
-            for channel in 0..self.channels {
-                if let Some((signal, variance)) = Self::signal(frames, place, index * self.channels + channel)
-                {
-                    let predicted = scale * fields.sensitivity[channel] * self.f_of(f, channel) * lit;
-                    share.add(signal, predicted, variance);
-                }
-            }
-        };
-        let is_whole = |share: Share, relative: f64| match least {
+        let judge = Judge::of(self, frames, fields);
+        let is_whole = |share: Share, field: &SmoothField, [x, y]: [f64; 2]| match least {
             Some(least) => share.is_above(least),
-            None => share.is_whole(relative),
+            None => share.is_whole(field.relative_uncertainty_at(x, y).hypot(fields.residual)),
         };
         let places = self.judges();
-        let mut pixels = vec![true; self.judged.pixels.len()];
-        for &(index, o, wo, _) in &self.all_pixels {
-            let mut share = Share::default();
+        let judged = self.all_pixels.par_iter().map(|&(index, o, wo, _)| {
             let throughput = fields.throughput.at(o[0], o[1]);
-            for &place in &places {
-                add(&mut share, place, (index, throughput, wo));
-            }
-            let relative = fields
-                .throughput
-                .relative_uncertainty_at(o[0], o[1])
-                .hypot(fields.residual);
-            pixels[index] = is_whole(share, relative);
+            let share = judge.share(places.iter().map(|&place| (place, (index, throughput, wo))));
+            (index, is_whole(share, &fields.throughput, o))
+        });
+        let mut pixels = vec![true; self.judged.pixels.len()];
+        for (index, is_whole) in judged.collect::<Vec<_>>() {
+            pixels[index] = is_whole;
         }
-        let whole: Vec<(usize, f64, DVec3)> = self
+        let whole: Vec<Through> = self
             .pixels
             .iter()
             .filter(|(index, ..)| pixels[*index])
@@ -349,18 +258,17 @@ impl Seen<'_> {
             .collect();
         let every = (whole.len() / PIXELS).max(1);
         let lights: Vec<bool> = (0..self.all_lit.len())
+            .into_par_iter()
             .map(|place| {
                 let Some((p, _)) = self.all_lit[place] else {
                     return true;
                 };
-                let mut share = Share::default();
-                for at in whole.iter().skip(place % every).step_by(every) {
-                    add(&mut share, place, *at);
-                }
-                let relative = fields.intensity.relative_uncertainty_at(p[0], p[1]);
-                is_whole(share, relative.hypot(fields.residual))
+                let some = whole.iter().skip(place % every).step_by(every);
+                let share = judge.share(some.map(|pixel| (place, *pixel)));
+                is_whole(share, &fields.intensity, p)
             })
             .collect();
+        drop(judge);
         if least.is_none() {
             self.keep_joined(&mut pixels);
         }

@@ -6,8 +6,9 @@
 //! whole. What part of the standard is seen begins at the height that was searched for, which little near the normal tells, and is
 //! fitted along in the turns after that. Where it does not settle nothing is known.
 
+use super::frames::Frames;
 use super::rank_one::{Fields, Held, Seen, fit, unknown_axes, with_height};
-use super::share::{Frames, Judged, NEAR_DEG};
+use super::share::{Judged, NEAR_DEG};
 use crate::instrument::calibration::{SeenPart, UNKNOWNS, Unknowns};
 
 /// Turns of fitting and judging, at most.

@@ -14,6 +14,7 @@ use std::f64::consts::PI;
 
 use glam::{DVec2, DVec3};
 use nalgebra::{Matrix6, SymmetricEigen, Vector6};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::base::median::median;
@@ -159,6 +160,7 @@ impl SeenPart {
         let (width_px, height_px) = camera.size_px();
         Patches {
             seen: (0..width_px * height_px)
+                .into_par_iter()
                 .map(|index| patch(&camera, pixel_centre(index, width_px), 0))
                 .collect(),
             lit: projector_px

@@ -88,6 +88,25 @@ impl Rig {
         Ok(rig)
     }
 
+    /// The same rig with a projector that has one pixel for each square of `side_px` × `side_px` pixels: the rig as it is where that
+    /// does not come out even.
+    #[must_use]
+    pub(crate) fn with_coarse_projector(&self, side_px: u32) -> Rig {
+        let mut rig = self.clone();
+        let lens = &mut rig.projector.lens;
+        if [lens.width_px, lens.height_px]
+            .iter()
+            .all(|size| size.is_multiple_of(side_px))
+        {
+            let times = f64::from(side_px);
+            lens.width_px /= side_px;
+            lens.height_px /= side_px;
+            lens.focal_px /= times;
+            lens.centre_px = lens.centre_px.map(|at| at / times);
+        }
+        rig
+    }
+
     /// The rig whose image was binned to this one's, with the sensor of `full`, of which it takes the central square.
     ///
     /// # Errors

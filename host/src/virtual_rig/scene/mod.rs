@@ -12,9 +12,14 @@
 //! `stray`.
 
 mod pixel;
+mod shining;
+
+use std::sync::Arc;
 
 use glam::DVec3;
 use rayon::prelude::*;
+
+pub(super) use shining::Shining;
 
 use pixel::{Pixel, pixels};
 
@@ -52,23 +57,6 @@ fn rays(rig: &Rig, is_wide: bool) -> Rig {
     rays
 }
 
-/// The rig with a projector that has one pixel for each square of [`COARSE_PX`], if it comes out even.
-fn coarse(rig: &Rig) -> Rig {
-    let mut coarse = rig.clone();
-    let lens = &mut coarse.projector.lens;
-    if [lens.width_px, lens.height_px]
-        .iter()
-        .all(|size| size.is_multiple_of(COARSE_PX))
-    {
-        let times = f64::from(COARSE_PX);
-        lens.width_px /= COARSE_PX;
-        lens.height_px /= COARSE_PX;
-        lens.focal_px /= times;
-        lens.centre_px = lens.centre_px.map(|at| at / times);
-    }
-    coarse
-}
-
 /// What is held in the rig.
 pub(super) struct Scene {
     held: Held,
@@ -78,8 +66,8 @@ pub(super) struct Scene {
     /// If they are more than points.
     pupils: Option<Pupils>,
     sample_radius_m: f64,
-    /// `E_p`, relative, row by row.
-    intensity: Vec<f64>,
+    /// What the projector's pixels shine.
+    shining: Arc<Shining>,
     gamma: f64,
     /// By how many pixels the light of each projector pixel is spread (standard deviation).
     blur_px: f64,
@@ -92,20 +80,18 @@ pub(super) struct Scene {
     sensitivity: f64,
     interreflection: Option<Interreflection>,
     reflections: Option<Reflections>,
-    /// Intensity of every projector pixel that is black, relative, row by row; empty if there is none.
-    black_intensity: Vec<f64>,
     /// f × irradiance of the black projector pixels, [pixel of `pixels`, channel]; nothing if they are black.
     black: Option<Vec<[f64; 3]>>,
     stray: Option<Stray>,
-    /// What of the light of each projector pixel the camera gets without the sample, as f in sr⁻¹ × irradiance over
-    /// intensity; empty if there is none.
-    direct: Vec<f64>,
-    /// The same of all black pixels together, × intensity.
-    black_direct: f64,
 }
 
 impl Scene {
     pub(super) fn new(truth: &Truth, held: Held) -> Self {
+        Self::of(truth, held, Arc::new(Shining::of(truth)))
+    }
+
+    /// With a projector whose pixels are `shining` as they do by this `truth`.
+    pub(super) fn of(truth: &Truth, held: Held, shining: Arc<Shining>) -> Self {
         let Truth { rig, flaws, .. } = truth;
         let pupils = flaws.pupils.are_wide().then(|| flaws.pupils.clone());
         let rays = rays(rig, pupils.is_some());
@@ -117,8 +103,6 @@ impl Scene {
         let [view, projector] = views(&rays);
         let pixels = pixels(&view, flaws, format, pupils.as_ref());
         let projector = DirectionTiles::of(projector);
-        let (width_px, height_px) = projector.view().size_px();
-        let intensity = flaws.intensity.over(width_px, height_px);
         let mut scene = Self {
             interreflection: match &held {
                 Held::Sample(sample) if flaws.interreflection > 0.0 => {
@@ -136,10 +120,7 @@ impl Scene {
             projector,
             pupils,
             sample_radius_m: rig.sample.radius_m,
-            intensity: intensity
-                .into_iter()
-                .map(|field| field * rig.projector.irradiance)
-                .collect(),
+            shining,
             gamma: if flaws.gamma > 0.0 { flaws.gamma } else { 1.0 },
             blur_px: flaws.focus.blur_px,
             sensor: Sensor::of(rig).with_response(flaws.nonlinearity, flaws.knee),
@@ -148,30 +129,11 @@ impl Scene {
             maps: PixelMaps::of(&flaws.pixels, rig),
             sensitivity: rig.sensitivity_e(),
             black: None,
-            black_intensity: Vec::new(),
             stray: Stray::of(flaws, format),
-            direct: Vec::new(),
-            black_direct: 0.0,
         };
         if flaws.black_level > 0.0 {
-            scene.black_intensity = flaws
-                .black
-                .over(width_px, height_px)
-                .iter()
-                .zip(&scene.intensity)
-                .map(|(black, lit)| flaws.black_level * black * lit)
-                .collect();
-            let coarse = coarse(&rays);
-            let [_, projector] = views(&coarse);
+            let [_, projector] = views(&rays.with_coarse_projector(COARSE_PX));
             scene.black = Some(scene.black_pixels(&DirectionTiles::of(projector)));
-        }
-        if flaws.direct.share > 0.0 {
-            // Of a white sample, 1/π of it; the hemisphere is all that the projector's pixels light.
-            let each = flaws.direct.share * 2.0 / (width_px * height_px) as f64;
-            let field = flaws.direct.projector.over(width_px, height_px);
-            scene.direct = field.into_iter().map(|field| each * field).collect();
-            let black = scene.direct.iter().zip(&scene.black_intensity);
-            scene.black_direct = black.map(|(direct, intensity)| direct * intensity).sum();
         }
         scene
     }
@@ -192,19 +154,10 @@ impl Scene {
     /// What `pattern`, with these lit pixels, does at the sample.
     pub(super) fn light(&self, pattern: &BitPattern, lit: &[u32]) -> Glow {
         let level = (f64::from(pattern.level()) / 255.0).powf(self.gamma);
-        let direct = match self.direct.as_slice() {
-            [] => 0.0,
-            direct => {
-                let each = lit
-                    .iter()
-                    .map(|&pixel| direct[pixel as usize] * self.intensity[pixel as usize]);
-                level * each.sum::<f64>()
-            }
-        };
         let has = |colour: u8| pattern.primary().is_none_or(|primary| primary == colour);
         Glow {
             at_sample: self.at_sample(level, lit),
-            direct,
+            direct: level * self.shining.direct(lit),
             colour: [0, 1, 2].map(|colour| f64::from(u8::from(has(colour)))),
         }
     }
@@ -212,14 +165,14 @@ impl Scene {
     /// What the pixels `lit` at this `level` of light, 0 to 1, do at the sample.
     fn at_sample(&self, level: f64, lit: &[u32]) -> AtSample {
         if let Some(reflections) = &self.reflections {
-            let mut intensity: Vec<f32> = self.black_intensity.iter().map(|black| *black as f32).collect();
-            intensity.resize(self.intensity.len(), 0.0);
+            let mut intensity: Vec<f32> = self.shining.black.iter().map(|black| *black as f32).collect();
+            intensity.resize(self.shining.lit.len(), 0.0);
             for &pixel in lit {
-                intensity[pixel as usize] = (level * self.intensity[pixel as usize]) as f32;
+                intensity[pixel as usize] = (level * self.shining.lit[pixel as usize]) as f32;
             }
             return AtSample::Image(reflections.image(&intensity).into());
         }
-        let intensity = |pixel: usize| level * self.intensity[pixel];
+        let intensity = |pixel: usize| level * self.shining.lit[pixel];
         let lights = Light::spots(lit, &self.projector, self.blur_px, &intensity);
         AtSample::Spots(lights.into_iter().filter_map(|light| self.spot(light)).collect())
     }
@@ -249,7 +202,7 @@ impl Scene {
         let intensity = |pixel: usize| {
             let at = |at: usize| at * times + times / 2;
             // A coarse pixel's solid angle is that of all.
-            self.black_intensity[at(pixel / width_px) * full_px + at(pixel % width_px)]
+            self.shining.black[at(pixel / width_px) * full_px + at(pixel % width_px)]
         };
         let block_px = BLOCK_PX / times;
         let blocks = (0..height_px)
@@ -358,7 +311,7 @@ impl Scene {
                 .iter()
                 .map(|(shown, visible_s)| shown.glow.direct * visible_s * DVec3::from(shown.glow.colour))
                 .sum();
-            let all = self.as_seen(light_e * (lit + self.black_direct * shot.exposure_s));
+            let all = self.as_seen(light_e * (lit + self.shining.black_direct * shot.exposure_s));
             if let Some(direct) = stray.direct() {
                 for (out, share) in charge_e.chunks_exact_mut(channels).zip(direct) {
                     for (out, all) in out.iter_mut().zip(all) {
@@ -416,8 +369,6 @@ impl Scene {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use super::*;
     use crate::virtual_rig::Tolerances;
 

@@ -106,7 +106,7 @@ pub(in super::super) fn fit(seen: &[Seen], held: Held, from: Option<&Unknowns>) 
         (row, 0.0, STAYS)
     });
     let weighted = pairs().map(|(row, pair)| (row, pair.target(), pair.weight()));
-    let (found, by_noise) = least_squares(unknowns, &weighted.chain(pull).chain(near).chain(stays))?;
+    let (found, by_noise) = least_squares(unknowns, weighted.chain(pull).chain(near).chain(stays))?;
     let by_lamp = by_lamp(&rows, &by_noise);
     let covariance = &by_noise + outer(&by_lamp);
     let (mut excess, mut count, mut sure) = (0.0, 0_u32, 0_u32);

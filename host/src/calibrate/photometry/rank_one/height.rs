@@ -189,7 +189,7 @@ impl Seen<'_> {
                 row[term] = 1.0;
                 (row, 0.0, 1.0)
             });
-            fields = least_squares(1 + 2 * TERMS, &rows.chain(held))?.0;
+            fields = least_squares(1 + 2 * TERMS, rows.chain(held))?.0;
         }
         let costs = spotted.iter().zip(&shares).map(|(one, share)| {
             let shown = one

@@ -28,7 +28,8 @@ use area::Area;
 
 use super::Linear;
 use super::capture::{Stand, Views, maker};
-use super::share::{Judged, Lit};
+use super::frames::Lit;
+use super::share::Judged;
 use crate::brdf::sample::Sample;
 use crate::calibrate::CalibrateError;
 use crate::instrument::calibration::stray::{PROJECTOR_TERMS, lit_terms};
@@ -96,7 +97,7 @@ struct Value {
 /// A pixel: index, place in the image (−1 to 1), direction, and whether an edge of the mirror or the wire is beside it.
 type SeenPixel = (usize, [f64; 2], DVec3, bool);
 /// A spot: centre of the lit pixels in the projector's image (−1 to 1) and Σ cosθ·Δω.
-type Spot = ([f64; 2], f64);
+pub(super) type Spot = ([f64; 2], f64);
 
 /// Frames of a standard as far as they were seen.
 pub(super) struct Seen<'a> {

@@ -26,7 +26,7 @@ impl Seen<'_> {
         let prior = (vec![0.0, 1.0], 0.0, 1.0);
         let solve = |left_out: Option<usize>| {
             let some = rows.iter().filter(|(_, group)| Some(*group) != left_out);
-            least_squares(2, &some.map(|(row, _)| row.clone()).chain([prior.clone()]))
+            least_squares(2, some.map(|(row, _)| row.clone()).chain([prior.clone()]))
         };
         let (found, covariance) = solve(None).filter(|_| !rows.is_empty())?;
         let squares = (0..GROUPS)

@@ -54,7 +54,7 @@ impl Frames {
         let rows: Vec<_> = some()
             .map(|pixel| (watch_terms(pixel, width, height).to_vec(), shown(pixel), 1.0))
             .collect();
-        let (found, _) = least_squares(WATCH_TERMS, &rows.iter().cloned())?;
+        let (found, _) = least_squares(WATCH_TERMS, rows.iter().cloned())?;
         let left = |pixels: &mut dyn Iterator<Item = usize>| {
             let (mut off, mut sum) = (0.0, 0.0);
             for pixel in pixels {

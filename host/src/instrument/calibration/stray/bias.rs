@@ -94,7 +94,7 @@ impl Bias {
                 ),
             ])
             .collect();
-        let Some((found, covariance)) = least_squares(3, &rows.iter().cloned()) else {
+        let Some((found, covariance)) = least_squares(3, rows.iter().cloned()) else {
             return Self::default();
         };
         let both = doubt * doubt * covariance[(0, 0)]

@@ -183,7 +183,7 @@ impl Removal {
         let without = |group: usize| {
             let some = rows.iter().filter(|(of, ..)| *of != group);
             let some = some.map(|(_, row, target)| (row.clone(), *target, 1.0));
-            least_squares(SHAPE_TERMS + 1, &some).map(|(found, _)| found[SHAPE_TERMS])
+            least_squares(SHAPE_TERMS + 1, some).map(|(found, _)| found[SHAPE_TERMS])
         };
         let (Some(all), Some(groups)) = (
             without(GROUPS),
