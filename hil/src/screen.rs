@@ -17,6 +17,7 @@ use image::{Rgb, RgbImage};
 use rcg::capture::files::pattern_of;
 use rcg::capture::projector::{Projector as _, ProjectorError};
 use rcg::capture::window::FRAME;
+use rcg::instrument::drivers::{Pace, Window as Settings};
 use rcg::virtual_rig::VirtualProjector;
 use x11rb::connection::Connection as _;
 use x11rb::errors::{ConnectionError, ReplyError};
@@ -26,6 +27,7 @@ use x11rb::protocol::xproto::{
 use x11rb::rust_connection::RustConnection;
 
 use crate::bridge::{Photodiode, Seen};
+use crate::table::Screen;
 
 /// Why nothing is shown.
 #[derive(Debug, thiserror::Error)]
@@ -254,12 +256,41 @@ pub struct Display {
 }
 
 impl Display {
-    /// What looks at the X display `display` with a display frame of `frame` and hands pictures on to the `projector`, when
-    /// there is one. The photodiode stands before `patch_px` ([x, y, width, height]).
+    /// What stands before a window that fills the screen of `server` on a table, `hz` display frames a second and the photodiode before
+    /// `patch_px` ([x, y, width, height]), and what goes wrong with it.
     ///
     /// # Errors
     /// [`ScreenError`].
-    pub fn open(
+    pub fn before(
+        server: &Xvfb,
+        hz: u32,
+        patch_px: [u32; 4],
+    ) -> Result<(Screen, Arc<Mutex<DisplayFaults>>), ScreenError> {
+        let (projector, faults) = (Arc::default(), Arc::default());
+        let frame = Duration::from_secs(1) / hz;
+        let photodiode = Self::open(
+            server.display(),
+            frame,
+            patch_px,
+            Arc::clone(&projector),
+            Arc::clone(&faults),
+        )?;
+        let screen = Screen {
+            window: Settings {
+                display: Some(server.display().to_owned()),
+                monitor: None,
+                patch_px,
+                refresh_hz: Some(f64::from(hz)),
+                pace: Pace::Messages,
+            },
+            photodiode: Box::new(photodiode),
+            projector,
+        };
+        Ok((screen, faults))
+    }
+
+    /// What looks at the X display `display` and hands pictures on to the `projector`, when there is one.
+    fn open(
         display: &str,
         frame: Duration,
         patch_px: [u32; 4],

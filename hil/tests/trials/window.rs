@@ -4,7 +4,6 @@
 use std::path::Path;
 use std::process::Command;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
 use image::RgbImage;
 use rcg::capture::projector::Projector as _;
@@ -19,7 +18,7 @@ use rcg_hil::figures::Limit;
 use rcg_hil::gige::Settings;
 use rcg_hil::places;
 use rcg_hil::screen::{Display, DisplayFaults, Eye, Xvfb};
-use rcg_hil::table::{Screen, Table, own_address};
+use rcg_hil::table::{Table, own_address};
 use x11rb::protocol::randr::{ConnectionExt as _, MonitorInfo};
 use x11rb::protocol::xproto::ConnectionExt as _;
 
@@ -46,14 +45,14 @@ fn rig() -> Result<Rig> {
     Ok(rig)
 }
 
-/// A window on the X display of `server`.
-fn window(server: &Xvfb, pace: Pace) -> Window {
+/// A window on the X display of `server`, in its vertical blank.
+fn window(server: &Xvfb) -> Window {
     Window {
         display: Some(server.display().to_owned()),
         monitor: None,
         patch_px: PATCH_PX,
-        refresh_hz: Some(f64::from(if pace == Pace::Vsync { 60 } else { HZ })),
-        pace,
+        refresh_hz: Some(60.0),
+        pace: Pace::Vsync,
     }
 }
 
@@ -81,20 +80,7 @@ fn table(bench: &Bench, folder: &Path, server: &Xvfb) -> Result<(Table, Arc<Mute
         broadcast: false,
         ..Settings::default()
     };
-    let (projector, faults) = (Arc::default(), Arc::default());
-    let frame = Duration::from_secs(1) / HZ;
-    let display = Display::open(
-        server.display(),
-        frame,
-        PATCH_PX,
-        Arc::clone(&projector),
-        Arc::clone(&faults),
-    )?;
-    let screen = Screen {
-        window: window(server, Pace::Messages),
-        photodiode: Box::new(display),
-        projector,
-    };
+    let (screen, faults) = Display::before(server, HZ, PATCH_PX)?;
     let table = Table::lay_before(&rig, &light, &dut, settings, screen)?;
     std::fs::write(folder.join("rig.toml"), table.rig().to_toml())?;
     std::fs::write(folder.join("simulated.toml"), rig.to_toml())?;
@@ -124,9 +110,9 @@ fn what_a_window_shows_has_the_bits_of_the_simulated_measurement(bench: &mut Ben
     set(
         &faults,
         DisplayFaults {
-            repeated: vec![from + 3, from + 9],
-            skipped: vec![from + 6, from + 12],
-            flickering: (from + 15..from + 20).collect(),
+            repeated: vec![from + 3, from + 14],
+            flickering: (from + 6..from + 11).collect(),
+            skipped: vec![from + 12],
             ..DisplayFaults::default()
         },
     );
@@ -226,7 +212,7 @@ fn a_window_shows_every_pixel_as_it_is(bench: &mut Bench) -> Outcome {
     rig.projector.settle_s = 0.030;
     let server = server(&rig)?;
     rig.projector.driver = ProjectorDriver::Window;
-    rig.projector.window = Some(window(&server, Pace::Vsync));
+    rig.projector.window = Some(window(&server));
     let found = monitors(Some(server.display()))?;
     if found.len() != 1 || found[0].size_px != (1024, 768) {
         return Err("expected one monitor of the screen's size".into());
@@ -352,7 +338,7 @@ fn a_display_that_does_not_suit_is_named(_: &mut Bench) -> Outcome {
     let mut lab = lab()?;
     let base = Window {
         monitor: Some("HDMI-1".to_owned()),
-        ..window(&server, Pace::Vsync)
+        ..window(&server)
     };
     let listed = "found 0: HDMI-1 (1024×768), 1: DP-2 (640×480)";
     let with = |change: &dyn Fn(&mut Window)| {

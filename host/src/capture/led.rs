@@ -3,10 +3,12 @@
 //! # Design
 //! Each step waits for an edge of SYNC of its own. The projector shows a picture, its edge begins the step, and only when the
 //! trigger box has said that the step is over the next picture is shown: so no step can begin with the picture of another one
-//! unless an edge comes that is none of a picture's. Whether one did is seen afterwards: between two pictures the display's
-//! clock and the box's must have counted the same, to [`TOLERANCE`] of a display frame and what clocks differ by. A picture that came later or earlier than
-//! the display says, because frames were shown again or left out on the way, is told by the same difference. Those exposures are
-//! taken again.
+//! unless an edge comes that is none of a picture's. Whether one did is seen afterwards: by the display's clock and the box's,
+//! each step must have begun as long after its picture appeared as the first one did, to [`TOLERANCE`] of a display frame and what
+//! clocks differ by. Where frames were shown again or left out on the way, the picture came later or earlier than the display says,
+//! and the same difference tells. Those exposures are taken again. What comes later from then on is believed the second time, as a
+//! step that begins late begins with its own picture; what comes earlier is not: an edge of the picture before would look
+//! like that, again and again. It costs what is left of the run.
 //!
 //! The first picture of a run is shown twice, first for a step without an exposure: so each exposure has a picture before it.
 //! All steps are as the first of a series: their edges come when the patch is lit, which is when the picture may change.
@@ -189,30 +191,43 @@ fn began_s(steps: &[Step], records: &[StepRecord], tick_s: f64) -> Vec<Option<f6
     began_s
 }
 
-/// The steps that did not begin as long after the one before as their picture appeared after the picture before, and by how many
-/// display frames of `frame_s` they were late: whole ones for frames that were shown again (positive) or left out. Not a
-/// number where that cannot be said.
+/// The steps that did not begin as long after their picture appeared as others did, and by how many display frames of `frame_s` they
+/// were late: whole ones for frames that were shown again (positive) or left out. Not a number where that cannot be said.
 fn unsteady(began_s: &[Option<f64>], appeared_s: &[Option<f64>], frame_s: f64) -> Vec<(usize, f64)> {
     let mut found = Vec::new();
-    let mut before: Option<(f64, f64)> = None;
-    for (step, began_s) in began_s.iter().enumerate() {
+    // When the last picture appeared, and how long after its picture a step begins: the two clocks' difference is part of it.
+    let mut reference: Option<(f64, f64)> = None;
+    let mut late_s: Option<f64> = None;
+    for (step, (began_s, appeared_s)) in began_s.iter().zip(appeared_s).enumerate() {
         let Some(began_s) = *began_s else { continue };
-        let Some(appeared_s) = appeared_s.get(step).copied().flatten() else {
+        let Some(appeared_s) = *appeared_s else {
             found.push((step, f64::NAN));
             continue;
         };
-        let now = (began_s, appeared_s);
-        let Some((began_s, appeared_s)) = before.replace(now) else {
+        let after_s = began_s - appeared_s;
+        let Some((last_s, expected_s)) = reference else {
+            reference = Some((appeared_s, after_s));
             if step > 0 {
                 found.push((step, f64::NAN));
             }
             continue;
         };
-        let lasted_s = now.1 - appeared_s;
-        let off_s = now.0 - began_s - lasted_s;
-        if off_s.abs() > TOLERANCE * frame_s + DRIFT * lasted_s {
+        let drift_s = DRIFT * (appeared_s - last_s);
+        let slack_s = TOLERANCE * frame_s + drift_s;
+        let off_s = after_s - expected_s;
+        let is_late_again =
+            off_s > slack_s && late_s.is_some_and(|late_s| (after_s - late_s).abs() <= slack_s);
+        let expected_s = if is_late_again {
+            after_s
+        } else if off_s.abs() <= slack_s {
+            // It follows the clocks, but no row of early edges.
+            after_s.max(expected_s - drift_s)
+        } else {
             found.push((step, off_s / frame_s));
-        }
+            expected_s - drift_s
+        };
+        late_s = (off_s > slack_s && !is_late_again).then_some(after_s);
+        reference = Some((appeared_s, expected_s));
     }
     found
 }
@@ -250,8 +265,8 @@ mod tests {
     }
 
     proptest! {
-        /// Whatever pictures take, latency, jitter and a drift of the clocks are nothing; one picture's frames too many or too few
-        /// are told, with their number, and an edge that is none of a picture's at both of its ends.
+        /// Whatever pictures take, latency, jitter and a drift of the clocks are nothing; frames too many or too few are told, with
+        /// their number: too many once, too few until the end. So is an edge that is none of the picture's.
         #[test]
         fn frames_that_are_shown_again_or_left_out_are_told_apart(
             frames in proptest::collection::vec(2_u32..60, 3..40),
@@ -278,14 +293,14 @@ mod tests {
                 began_s.iter().enumerate().map(moved).collect()
             };
             let found = unsteady(&moved(at, frames.len(), f64::from(off)), &appeared_s, FRAME_S);
-            prop_assert_eq!(found.len(), 1);
-            prop_assert_eq!((found[0].0, found[0].1.round() as i32), (at, off));
+            let steps: Vec<usize> = found.iter().map(|(step, _)| *step).collect();
+            let until = if off > 0 { at + 1 } else { frames.len() };
+            prop_assert_eq!(steps, (at..until).collect::<Vec<_>>());
+            prop_assert_eq!(found[0].1.round() as i32, off);
 
             // One step alone.
             let found = unsteady(&moved(at, at + 1, stray), &appeared_s, FRAME_S);
-            let steps: Vec<usize> = found.iter().map(|(step, _)| *step).collect();
-            let expected: Vec<usize> = (at..(at + 2).min(frames.len())).collect();
-            prop_assert_eq!(steps, expected);
+            prop_assert_eq!((found.len(), found[0].0), (1, at));
         }
     }
 
