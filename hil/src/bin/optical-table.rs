@@ -83,10 +83,18 @@ fn before_a_screen(
     hz: u32,
     lay: impl FnOnce(&Rig, rcg_hil::table::Screen) -> Result<Table, rcg_hil::table::TableError>,
 ) -> anyhow::Result<()> {
-    // In a corner; a picture settles no sooner than it is scanned out.
-    let patch_px = [0, 0, 48, 48];
+    const SIDE_PX: u32 = 48;
+    // A picture settles no sooner than it is scanned out.
     rig.projector.settle_s = rig.projector.settle_s.max(1.26 / f64::from(hz));
     let lens = &rig.projector.lens;
+    let [right, bottom] = [lens.width_px, lens.height_px].map(|size| size.saturating_sub(SIDE_PX));
+    let patch_px = [[0, 0], [right, 0], [0, bottom], [right, bottom]]
+        .map(|[x, y]| [x, y, SIDE_PX, SIDE_PX])
+        .into_iter()
+        .find(|patch| rig.photodiode_beside_mirror(*patch).is_ok())
+        .context(
+            "expected a corner of the projector's image whose light passes beside the mirror, found none",
+        )?;
     let server = rcg_hil::screen::Xvfb::start((lens.width_px, lens.height_px))?;
     let (screen, _) = rcg_hil::screen::Display::before(&server, hz, patch_px)?;
     let table = lay(&rig, screen)?;
