@@ -45,14 +45,21 @@ impl Rig {
             );
             return Err((expected, found));
         }
-        if !is_beside(&View::projector(self), patch_px) {
-            let found = format!("{found}, of which the mirror may reflect some onto the sample");
-            return Err((
-                "a patch whose light passes beside the mirror, as in a corner".to_owned(),
-                found,
-            ));
+        let view = View::projector(self);
+        if is_beside(&view, patch_px) {
+            return Ok(());
         }
-        Ok(())
+        let (right, bottom) = (lens.width_px - width, lens.height_px - height);
+        let such_as = [[0, 0], [right, 0], [0, bottom], [right, bottom]]
+            .into_iter()
+            .find(|[x, y]| is_beside(&view, [*x, *y, width, height]))
+            .map_or(String::new(), |[x, y]| {
+                format!(", such as [{x}, {y}, {width}, {height}]")
+            });
+        Err((
+            format!("a patch whose light passes beside the mirror{such_as}"),
+            format!("{found}, of which the mirror may reflect some onto the sample"),
+        ))
     }
 }
 
@@ -96,6 +103,39 @@ mod tests {
         }
     }
 
+    /// The example of a rig file, with what it says of a window in place of its folder.
+    #[test]
+    fn the_example_of_a_window_is_one() {
+        let of_files = ["[projector.files]", "folder = ", "patience_s = "];
+        let of_window = [
+            "[projector.window]",
+            "display = ",
+            "monitor = ",
+            "patch_px = ",
+            "refresh_hz = ",
+            "pace = ",
+        ];
+        let begins = |line: &str, with: &[&str]| with.iter().any(|begin| line.starts_with(begin));
+        let text =
+            include_str!("../../../rigs/lab.toml").replace("driver = \"files\"", "driver = \"window\"");
+        let lines = text.lines().filter(|line| !begins(line, &of_files));
+        let lines = lines.map(|line| {
+            line.strip_prefix("# ")
+                .filter(|line| begins(line, &of_window))
+                .unwrap_or(line)
+        });
+        let text = lines.collect::<Vec<_>>().join("\n");
+        let lab = Rig::from_toml(&text, Path::new("lab.toml")).unwrap();
+        let window = lab.projector.window.clone().unwrap();
+        assert_eq!(
+            (window.display.as_deref(), window.refresh_hz),
+            (Some(":0"), Some(60.0))
+        );
+        assert_eq!(Rig::from_toml(&lab.to_toml(), Path::new("x")).unwrap(), lab);
+        let bare = lab.without_drivers();
+        assert!(!bare.to_toml().contains("window") && bare.driven_as(&lab) == lab);
+    }
+
     #[test]
     fn a_window_without_a_good_patch_is_refused_by_its_field() {
         let camera = (
@@ -108,7 +148,7 @@ mod tests {
             (
                 "patch_px = [480, 350, 64, 64]",
                 "patch_px",
-                "beside the mirror, as in a corner, found [480, 350, 64, 64]",
+                "beside the mirror, such as [0, 0, 64, 64], found [480, 350, 64, 64]",
             ),
             (
                 "patch_px = [1000, 0, 64, 64]",
