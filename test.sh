@@ -35,8 +35,14 @@ need_features() {
     fi
     if ! pkg-config --exists 'aravis-0.8 >= 0.8.25' 2>/dev/null; then
         echo "no libaravis (Debian: libaravis-dev libusb-1.0-0-dev): the drivers of cameras are skipped"
-        features="--features rcg-firmware/clock-200mhz"
+        features="--features rcg-firmware/clock-200mhz,rcg-cli/window,rcg-hil/window"
     fi
+}
+
+# In place of a projector's monitor.
+need_screen() {
+    command -v Xvfb >/dev/null || install_packages xvfb || true
+    command -v Xvfb >/dev/null || echo "no Xvfb (Debian: xvfb): the trials of the window are ignored"
 }
 
 # Runs `cargo test` with these arguments. Of each test of the standard harness its time is noted.
@@ -88,7 +94,8 @@ if [ "$kind" = fast ]; then
     exit
 fi
 
-step "emulated Pico"
+step "emulated Pico and its screen"
+need_screen
 command -v npm >/dev/null || install_packages nodejs npm ca-certificates || true
 if command -v npm >/dev/null; then
     (cd hil/emulator && npm ci --no-audit --no-fund)

@@ -37,6 +37,8 @@ pub enum Need {
     Command,
     /// It was built with drivers of cameras.
     Camera,
+    /// An X server can be started, for a window of the command.
+    Screen,
     /// The link carries 130 kB/s: step records at 9,523 Hz, schedules streamed at 20 kHz.
     FastLink,
 }
@@ -52,6 +54,9 @@ impl Dut {
             }
             (_, Need::Camera) => (!drives_cameras())
                 .then_some("needs the host's command with the feature genicam, which needs libaravis"),
+            (_, Need::Screen) => {
+                (!has_screen()).then_some("needs the feature window, and Xvfb (Debian: xvfb)")
+            }
             (Kind::Board(_), Need::Emulator) => Some("needs a Pico that can be switched on at will"),
             (Kind::Emulator(pico), Need::Cable | Need::FastLink) if pico.link == LinkKind::Uart => {
                 Some("needs USB; this device is at the UART")
@@ -78,6 +83,17 @@ fn drives_cameras() -> bool {
             .output();
         listed.is_ok_and(|output| output.status.success())
     })
+}
+
+/// Whether there is what takes the place of a monitor.
+fn has_screen() -> bool {
+    #[cfg(feature = "window")]
+    {
+        static ANSWER: OnceLock<bool> = OnceLock::new();
+        *ANSWER.get_or_init(crate::screen::Xvfb::is_there)
+    }
+    #[cfg(not(feature = "window"))]
+    false
 }
 
 /// The link to the device under test, which remembers what was sent.

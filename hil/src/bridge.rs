@@ -5,6 +5,9 @@
 //! comes over TCP; [`rcg::virtual_rig::Wires`] describes what is said. Emulated time stands still until the rig has
 //! answered an edge, so the rig's answer is never late, and otherwise keeps to real time: it is never faster, as the
 //! host's signs of life come in real time.
+//!
+//! Where a projector cannot be triggered ([`Photodiode`]), SYNC is what its photodiode sees, once a display frame of emulated time, and
+//! the rig is told of each new picture as if PROJ had asked for it.
 
 use std::fs::File;
 use std::io::{self, BufRead as _, BufReader, ErrorKind, Read as _, Write as _};
@@ -50,6 +53,30 @@ pub enum BridgeError {
     /// The CPU has stopped for good.
     #[error("the emulated CPU has stopped for good")]
     Halted,
+    /// The photodiode.
+    #[error(transparent)]
+    Photodiode(Box<dyn std::error::Error + Send + Sync>),
+}
+
+/// What a photodiode saw in a display frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen {
+    /// Whether there was light.
+    pub lit: bool,
+    /// Whether the projector shows another picture from now on, which was loaded.
+    pub is_new: bool,
+}
+
+/// A photodiode before a projector that cannot be triggered, wired to SYNC.
+pub trait Photodiode: Send {
+    /// Length of a display frame.
+    fn frame(&self) -> Duration;
+
+    /// A display frame begins.
+    ///
+    /// # Errors
+    /// Why there is none.
+    fn look(&mut self) -> Result<Seen, Box<dyn std::error::Error + Send + Sync>>;
 }
 
 fn failed(what: &'static str) -> impl Fn(io::Error) -> BridgeError {
@@ -71,6 +98,18 @@ impl Bridge {
     /// # Errors
     /// [`BridgeError`].
     pub fn start(dut: &EmulatedPico, wires: u16) -> Result<Self, BridgeError> {
+        Self::start_before(dut, wires, None)
+    }
+
+    /// As [`start`](Self::start), with a photodiode at SYNC in place of the rig's vsync, if there is one.
+    ///
+    /// # Errors
+    /// [`BridgeError`].
+    pub fn start_before(
+        dut: &EmulatedPico,
+        wires: u16,
+        photodiode: Option<Box<dyn Photodiode>>,
+    ) -> Result<Self, BridgeError> {
         let (mut master, slave) = TTYPort::pair().map_err(BridgeError::Terminal)?;
         master
             .set_timeout(Duration::ZERO)
@@ -89,6 +128,11 @@ impl Bridge {
             _held: held,
             listener,
             rig: None,
+            sync: photodiode.map(|photodiode| SyncLine {
+                photodiode,
+                next: 0,
+                lit: false,
+            }),
             epoch: (Instant::now(), Duration::ZERO),
         };
         bench.keep_time();
@@ -151,15 +195,24 @@ struct Bench {
     _held: File,
     listener: TcpListener,
     rig: Option<Rig>,
+    sync: Option<SyncLine>,
     /// A real and an emulated time that are the same.
     epoch: (Instant, Duration),
+}
+
+/// SYNC, where a photodiode drives it.
+struct SyncLine {
+    photodiode: Box<dyn Photodiode>,
+    /// The cycle in which the next display frame begins.
+    next: u64,
+    lit: bool,
 }
 
 impl Bench {
     /// Passes on what there is, and lets a slice of time pass.
     fn turn(&mut self) -> Result<(), BridgeError> {
         if let Ok((stream, _)) = self.listener.accept() {
-            self.rig = Rig::greet(stream, &mut self.pico)?;
+            self.rig = Rig::greet(stream, &mut self.pico, self.sync.is_none())?;
         }
         let mut bytes = [0; 512];
         match self.master.read(&mut bytes) {
@@ -176,10 +229,15 @@ impl Bench {
         } else {
             Until::Cycles
         };
-        if self.pico.advance(self.pico.cycles(SLICE), until)? == Why::Halt {
+        let slice = self.pico.cycles(SLICE);
+        let slice = self.sync.as_ref().map_or(slice, |sync| {
+            sync.next.saturating_sub(self.pico.cycle()).clamp(1, slice)
+        });
+        if self.pico.advance(slice, until)? == Why::Halt {
             return Err(BridgeError::Halted);
         }
         self.tell_edges()?;
+        self.look()?;
         let answer: Vec<u8> = self.pico.take_received().collect();
         self.master
             .write_all(&answer)
@@ -196,12 +254,37 @@ impl Bench {
                 Line::Cam => "cam",
                 Line::Sync | Line::Strobe => continue,
             };
-            let Some(rig) = &mut self.rig else { continue };
-            let line = format!("edge {} {name} {}\n", edge.at, u8::from(edge.high));
-            match rig.ask(&line).map_err(failed("wires"))? {
-                Some(said) => obey(&said, &mut self.pico)?,
-                None => self.rig = None,
-            }
+            self.tell(edge.at, name, edge.high)?;
+        }
+        Ok(())
+    }
+
+    /// Tells the rig of an edge, and drives the inputs as it says.
+    fn tell(&mut self, at: u64, name: &str, high: bool) -> Result<(), BridgeError> {
+        let Some(rig) = &mut self.rig else { return Ok(()) };
+        let line = format!("edge {at} {name} {}\n", u8::from(high));
+        match rig.ask(&line).map_err(failed("wires"))? {
+            Some(said) => obey(&said, &mut self.pico, self.sync.is_none())?,
+            None => self.rig = None,
+        }
+        Ok(())
+    }
+
+    /// Lets the photodiode look when a display frame begins.
+    fn look(&mut self) -> Result<(), BridgeError> {
+        let at = self.pico.cycle();
+        let Some(sync) = self.sync.as_mut().filter(|sync| sync.next <= at) else {
+            return Ok(());
+        };
+        let frame = self.pico.cycles(sync.photodiode.frame());
+        sync.next = if sync.next == 0 { at } else { sync.next } + frame;
+        let Seen { lit, is_new } = sync.photodiode.look().map_err(BridgeError::Photodiode)?;
+        if std::mem::replace(&mut sync.lit, lit) != lit {
+            self.pico.emulator.drive(Line::Sync, lit, at)?;
+        }
+        if is_new {
+            self.tell(at, "proj", true)?;
+            self.tell(at, "proj", false)?;
         }
         Ok(())
     }
@@ -222,8 +305,8 @@ impl Bench {
 struct Rig(BufReader<TcpStream>);
 
 impl Rig {
-    /// Tells a rig that has come the clock; `None` if it has gone again.
-    fn greet(stream: TcpStream, pico: &mut Pico) -> Result<Option<Self>, BridgeError> {
+    /// Tells a rig that has come the clock; `None` if it has gone again. It may drive SYNC or not.
+    fn greet(stream: TcpStream, pico: &mut Pico, has_sync: bool) -> Result<Option<Self>, BridgeError> {
         stream.set_nonblocking(false).map_err(failed("wires"))?;
         stream.set_nodelay(true).map_err(failed("wires"))?;
         let mut rig = Self(BufReader::new(stream));
@@ -231,7 +314,7 @@ impl Rig {
         let Some(said) = rig.ask(&clock).map_err(failed("wires"))? else {
             return Ok(None);
         };
-        obey(&said, pico)?;
+        obey(&said, pico, has_sync)?;
         Ok(Some(rig))
     }
 
@@ -254,8 +337,8 @@ impl Rig {
     }
 }
 
-/// Drives the Pico's inputs.
-fn obey(said: &[String], pico: &mut Pico) -> Result<(), BridgeError> {
+/// Drives the Pico's inputs, SYNC only if the rig has it.
+fn obey(said: &[String], pico: &mut Pico, has_sync: bool) -> Result<(), BridgeError> {
     for line in said {
         let unknown = || BridgeError::Rig(line.clone());
         let words: Vec<&str> = line.split(' ').collect();
@@ -274,6 +357,7 @@ fn obey(said: &[String], pico: &mut Pico) -> Result<(), BridgeError> {
                 };
                 pico.emulator.drive(line, high, number(tick)?)?;
             }
+            ["vsync", ..] if !has_sync => {}
             ["vsync", first, period, width] => {
                 let (first, period) = (number(first)?, number(period)?.max(1));
                 let past = pico.cycle().saturating_sub(first).div_ceil(period);

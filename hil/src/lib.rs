@@ -9,7 +9,7 @@
 //! A [`bridge`] gives an emulated Pico a serial port and wires, for the host's command as it is.
 //!
 //! A camera for the host's driver is [`gige`]: GigE Vision, real up to the sensor. A [`table`] has both, and a folder for a projector's
-//! patterns, with the virtual rig's light.
+//! patterns or a screen that a window fills, with the virtual rig's light.
 //!
 //! Every figure that a trial finds goes into [`figures`] together with its limit, is checked there, and is printed.
 
@@ -23,5 +23,7 @@ pub mod image;
 pub mod log;
 pub mod pico;
 pub mod places;
+#[cfg(feature = "window")]
+pub mod screen;
 pub mod table;
 pub mod trace;

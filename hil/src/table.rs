@@ -10,9 +10,12 @@
 //! the holder is what a file beside the patterns says, `holder`: nothing for the sample, else as `put` takes it while views are
 //! captured by hand (`mirror 15 120`, `lambert:0.98`).
 //!
+//! In place of the folder there may be a screen that a window fills: a photodiode looks at it, and what it shows is what is lit.
+//!
 //! # Tradeoffs
 //! Noise is a function of the pictures that are shown, and of how often the same sequence was shown before. So the images are those of the
-//! simulated measurement, to the bit, as long as nothing is taken again.
+//! simulated measurement, to the bit, as long as nothing is taken again. What a window shows next nobody
+//! knows beforehand: there the images are those of the simulated measurement without noise only.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -29,13 +32,13 @@ use rcg::calibrate::by_hand::held_of;
 use rcg::capture::camera::{Camera as _, CameraError};
 use rcg::capture::files::{CURRENT, READY, name_of, read_pattern};
 use rcg::capture::projector::{Projector as _, ProjectorError};
-use rcg::instrument::drivers::{CameraDriver, Files, Genicam, ProjectorDriver, Trigger};
+use rcg::instrument::drivers::{CameraDriver, Files, Genicam, ProjectorDriver, Trigger, Window};
 use rcg::instrument::rig::Rig;
 use rcg::plan::Virtual;
 use rcg::virtual_rig::setup::{SetupError, World};
 use rcg::virtual_rig::{Held, VirtualCamera, VirtualProjector, Wires};
 
-use crate::bridge::{Bridge, BridgeError};
+use crate::bridge::{Bridge, BridgeError, Photodiode};
 use crate::dut::EmulatedPico;
 use crate::gige::{Counts, Faults, GigeCamera, GigeError, PixelFormat, Settings};
 
@@ -75,6 +78,22 @@ pub enum TableError {
     },
 }
 
+/// A screen that a window fills, in place of the folder.
+pub struct Screen {
+    /// What the rig file says of it.
+    pub window: Window,
+    /// What looks at it.
+    pub photodiode: Box<dyn Photodiode>,
+    /// Where what looks at it finds the virtual projector once there is one.
+    pub projector: Arc<Mutex<Option<VirtualProjector>>>,
+}
+
+/// What shows the patterns.
+enum Projection {
+    Folder(PathBuf),
+    Screen(Screen),
+}
+
 /// What stands on the table. It is cleared when this is dropped.
 pub struct Table {
     rig: Rig,
@@ -98,14 +117,54 @@ impl Table {
         settings: Settings,
         folder: &Path,
     ) -> Result<Self, TableError> {
-        let bridge = Bridge::start(dut, 0)?;
-        let (format, name) = format_of(rig);
+        Self::lay_with(rig, light, dut, settings, Projection::Folder(folder.to_owned()))
+    }
+
+    /// As [`lay`](Self::lay), with a window in place of the folder. What stands in the holder is the sample.
+    ///
+    /// # Errors
+    /// [`TableError`].
+    pub fn lay_before(
+        rig: &Rig,
+        light: &Virtual,
+        dut: &EmulatedPico,
+        settings: Settings,
+        screen: Screen,
+    ) -> Result<Self, TableError> {
+        Self::lay_with(rig, light, dut, settings, Projection::Screen(screen))
+    }
+
+    fn lay_with(
+        rig: &Rig,
+        light: &Virtual,
+        dut: &EmulatedPico,
+        settings: Settings,
+        projection: Projection,
+    ) -> Result<Self, TableError> {
+        let mut rig = rig.clone();
+        let (format, name) = format_of(&rig);
+        let (bridge, shown) = match projection {
+            Projection::Folder(folder) => {
+                rig.projector.driver = ProjectorDriver::Files;
+                rig.projector.files = Some(Files {
+                    folder: folder.clone(),
+                    patience_s: 60.0,
+                });
+                (Bridge::start(dut, 0)?, Ok(folder))
+            }
+            Projection::Screen(screen) => {
+                rig.projector.driver = ProjectorDriver::Window;
+                rig.projector.window = Some(screen.window);
+                let bridge = Bridge::start_before(dut, 0, Some(screen.photodiode))?;
+                (bridge, Err(screen.projector))
+            }
+        };
         let settings = Settings {
             sensor_px: (rig.camera.lens.width_px, rig.camera.lens.height_px),
             formats: vec![format],
             ..settings
         };
-        let rig = equipped(rig, settings.address, name, bridge.port(), folder);
+        let rig = equipped(rig, settings.address, name, bridge.port());
         let slot = Arc::new(Mutex::new(Slot {
             camera: Some(GigeCamera::start(settings.clone())?),
             settings,
@@ -119,34 +178,43 @@ impl Table {
         let sample = Held::Sample(world.sample.clone());
         let (camera, projector) = world.optics(&bare, sample, wires)?;
         let camera = Arc::new(Mutex::new(Some(camera)));
-        let mut shown = Shown {
-            rig: bare,
-            world,
-            wires: bridge.wires().to_string(),
-            holder: folder.with_file_name(HOLDER),
-            held: String::new(),
-            folder: folder.to_owned(),
-            projector,
-            camera: Arc::clone(&camera),
-            sequence: None,
-            times: BTreeMap::new(),
-        };
-
         let over = Arc::new(AtomicBool::new(false));
-        let patterns = {
-            let over = Arc::clone(&over);
-            thread::spawn(move || until(&over, || shown.load()))
-        };
-        let frames = {
+        let mut workers = Vec::new();
+        match shown {
+            Ok(folder) => {
+                let mut shown = Shown {
+                    rig: bare,
+                    world,
+                    wires: bridge.wires().to_string(),
+                    holder: folder.with_file_name(HOLDER),
+                    held: String::new(),
+                    folder,
+                    projector,
+                    camera: Arc::clone(&camera),
+                    sequence: None,
+                    times: BTreeMap::new(),
+                };
+                let over = Arc::clone(&over);
+                workers.push(thread::spawn(move || until(&over, || shown.load())));
+            }
+            Err(seen_by) => {
+                // Which patterns come nobody knows beforehand: all of them are one run.
+                if let Some(camera) = lock(&camera).as_mut() {
+                    camera.arm()?;
+                }
+                *lock(&seen_by) = Some(projector);
+            }
+        }
+        workers.push({
             let (over, slot) = (Arc::clone(&over), Arc::clone(&slot));
             thread::spawn(move || until(&over, || pass_on(&camera, &slot)))
-        };
+        });
         Ok(Self {
             rig,
             bridge: Some(bridge),
             slot,
             over,
-            workers: vec![patterns, frames],
+            workers,
         })
     }
 
@@ -246,20 +314,14 @@ fn format_of(rig: &Rig) -> (PixelFormat, &'static str) {
     (format, format.name())
 }
 
-/// `rig` with the drivers of what stands on the table.
-fn equipped(rig: &Rig, camera: Ipv4Addr, format: &str, port: &str, folder: &Path) -> Rig {
-    let mut rig = rig.clone();
+/// `rig` with the camera and the trigger box that stand on the table.
+fn equipped(mut rig: Rig, camera: Ipv4Addr, format: &str, port: &str) -> Rig {
     rig.camera.driver = CameraDriver::Genicam;
     rig.camera.genicam = Some(Genicam {
         device: Some(camera.to_string()),
         region_px: Some([0, 0, rig.camera.lens.width_px, rig.camera.lens.height_px]),
         pixel_format: Some(format.to_owned()),
         ..Genicam::default()
-    });
-    rig.projector.driver = ProjectorDriver::Files;
-    rig.projector.files = Some(Files {
-        folder: folder.to_owned(),
-        patience_s: 60.0,
     });
     rig.trigger = Some(Trigger {
         port: port.to_owned(),

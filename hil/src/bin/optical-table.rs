@@ -40,6 +40,10 @@ struct Args {
     /// Pixels a side of the camera's image
     #[arg(long, value_name = "N", default_value_t = 96)]
     image_size: u32,
+    /// Let a window lead, on the screen of an X server without a monitor (Xvfb), in place of the folder, so many display frames a second
+    #[cfg(feature = "window")]
+    #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(10..=1000))]
+    window_hz: Option<u32>,
     #[command(flatten)]
     pico: PicoArgs,
 }
@@ -61,7 +65,44 @@ fn main() -> anyhow::Result<()> {
         address: own_address(),
         ..Settings::default()
     };
+    #[cfg(feature = "window")]
+    if let Some(hz) = args.window_hz {
+        return before_a_screen(&out, rig, hz, |rig, screen| {
+            Table::lay_before(rig, &light, &dut, camera, screen)
+        });
+    }
     let table = Table::lay(&rig, &light, &dut, camera, &out.join("patterns"))?;
+    wait(&out, &rig, table)
+}
+
+/// Waits before a table with a screen that shows `hz` display frames a second.
+#[cfg(feature = "window")]
+fn before_a_screen(
+    out: &Path,
+    mut rig: Rig,
+    hz: u32,
+    lay: impl FnOnce(&Rig, rcg_hil::table::Screen) -> Result<Table, rcg_hil::table::TableError>,
+) -> anyhow::Result<()> {
+    const SIDE_PX: u32 = 48;
+    // A picture settles no sooner than it is scanned out.
+    rig.projector.settle_s = rig.projector.settle_s.max(1.26 / f64::from(hz));
+    let lens = &rig.projector.lens;
+    let [right, bottom] = [lens.width_px, lens.height_px].map(|size| size.saturating_sub(SIDE_PX));
+    let patch_px = [[0, 0], [right, 0], [0, bottom], [right, bottom]]
+        .map(|[x, y]| [x, y, SIDE_PX, SIDE_PX])
+        .into_iter()
+        .find(|patch| rig.photodiode_beside_mirror(*patch).is_ok())
+        .context(
+            "expected a corner of the projector's image whose light passes beside the mirror, found none",
+        )?;
+    let server = rcg_hil::screen::Xvfb::start((lens.width_px, lens.height_px))?;
+    let (screen, _) = rcg_hil::screen::Display::before(&server, hz, patch_px)?;
+    let table = lay(&rig, screen)?;
+    wait(out, &rig, table)
+}
+
+/// Writes the rig files and waits until the `table` of `rig` is no longer whole.
+fn wait(out: &Path, rig: &Rig, table: Table) -> anyhow::Result<()> {
     write(&out.join("rig.toml"), &table.rig().to_toml())?;
     // The same rig without drivers: what is simulated as a whole.
     write(&out.join("simulated.toml"), &rig.to_toml())?;

@@ -14,6 +14,8 @@ mod strobes;
 mod sync;
 mod table;
 mod timing;
+#[cfg(feature = "window")]
+mod window;
 
 use std::fs;
 use std::process::ExitCode;
@@ -82,6 +84,8 @@ fn main() -> ExitCode {
         table::TRIALS,
         image::TRIALS,
     ];
+    #[cfg(feature = "window")]
+    let topics = topics.into_iter().chain([window::TRIALS]);
     let specs = topics.into_iter().flatten();
     let trials = specs.flat_map(|spec| {
         let duts = duts.iter().filter(|dut| dut.takes(spec.topic));

@@ -70,7 +70,12 @@ fn table_of(bench: &Bench, folder: &Path, rig: &Rig, noise: bool, settings: Sett
 }
 
 /// Measures in `folder` with this rig file, into a folder of this name. Returns what is printed, and `brdf.zarr`.
-fn measure(folder: &Path, rig: &str, out: &str, more: &[&str]) -> Result<(Value, BTreeMap<String, Vec<u8>>)> {
+pub(crate) fn measure(
+    folder: &Path,
+    rig: &str,
+    out: &str,
+    more: &[&str],
+) -> Result<(Value, BTreeMap<String, Vec<u8>>)> {
     let path = |name: &str| folder.join(name).to_string_lossy().into_owned();
     let (rig, dir) = (path(rig), path(out));
     let printed = rcg(&[&MEASURE, ["--rig", &rig, "--out", &dir].as_slice(), more].concat())?;
@@ -85,7 +90,7 @@ fn simulated(folder: &Path, noise: &str) -> Result<BTreeMap<String, Vec<u8>>> {
 }
 
 /// Refuses arrays that are not the same; what is said of the measurement beside them tells who took it.
-fn same(expected: &BTreeMap<String, Vec<u8>>, found: &BTreeMap<String, Vec<u8>>) -> Result<usize> {
+pub(crate) fn same(expected: &BTreeMap<String, Vec<u8>>, found: &BTreeMap<String, Vec<u8>>) -> Result<usize> {
     let arrays = |files: &BTreeMap<String, Vec<u8>>| -> BTreeMap<String, Vec<u8>> {
         let mut files = files.clone();
         files.remove("zarr.json");
@@ -115,7 +120,7 @@ fn same(expected: &BTreeMap<String, Vec<u8>>, found: &BTreeMap<String, Vec<u8>>)
 }
 
 /// A figure of the capture that was printed.
-fn counted(printed: &Value, what: &str) -> Result<u64> {
+pub(crate) fn counted(printed: &Value, what: &str) -> Result<u64> {
     printed["capture"][what]
         .as_u64()
         .ok_or_else(|| format!("{what}: expected a number in {}", printed["capture"]).into())

@@ -199,22 +199,29 @@ pub fn read_pattern(path: &Path) -> Result<BitPattern, ProjectorError> {
         reason,
     };
     let picture = image::open(path).map_err(|error| failed(error.to_string()))?;
-    let (width_px, height_px) = (picture.width() as usize, picture.height() as usize);
-    let mut pattern = BitPattern::black(width_px, height_px);
+    pattern_of(&picture.into_rgb8()).map_err(failed)
+}
+
+/// The pattern that `picture` shows: its lit pixels have one level, in white or in one primary.
+///
+/// # Errors
+/// What was expected of a pixel, and what was found.
+pub fn pattern_of(picture: &image::RgbImage) -> Result<BitPattern, String> {
+    let mut pattern = BitPattern::black(picture.width() as usize, picture.height() as usize);
     // (level, primary) of the lit pixels.
     let mut look = None;
     let mut lit = Vec::new();
-    for (index, pixel) in picture.into_rgb8().pixels().enumerate() {
+    for (index, pixel) in picture.pixels().enumerate() {
         let found = match pixel.0 {
             [0, 0, 0] => continue,
             [red, 0, 0] => (red, Some(0)),
             [0, green, 0] => (green, Some(1)),
             [0, 0, blue] => (blue, Some(2)),
             [red, green, blue] if red == green && green == blue => (red, None),
-            _ => return Err(failed("expected grey or one primary, found a mixture".to_owned())),
+            _ => return Err("expected grey or one primary, found a mixture".to_owned()),
         };
         if *look.get_or_insert(found) != found {
-            return Err(failed("expected lit pixels of one level, found two".to_owned()));
+            return Err("expected lit pixels of one level, found two".to_owned());
         }
         lit.push(index as u32);
     }

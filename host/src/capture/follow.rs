@@ -36,7 +36,7 @@ impl<L: Link> Device<L> {
         run: RunId,
         event: impl FnMut(Option<&Event>) -> Result<(), E>,
     ) -> Result<Ending, E> {
-        self.follow_while(run, |_| Ok(()), event)
+        self.follow_while(run, |_| Ok(Duration::MAX), event)
     }
 
     /// Plays the table `steps` as `program` says. Tells `event` as [`follow`](Self::follow) does.
@@ -61,7 +61,26 @@ impl<L: Link> Device<L> {
         &mut self,
         program: &Program,
         steps: &[Step],
-        work: impl FnMut(&mut Self) -> Result<(), E>,
+        mut work: impl FnMut(&mut Self) -> Result<(), E>,
+        event: impl FnMut(Option<&Event>) -> Result<(), E>,
+    ) -> Result<Ending, E> {
+        self.play_led(
+            program,
+            steps,
+            |device| work(device).map(|()| Duration::MAX),
+            event,
+        )
+    }
+
+    /// As [`play_with`](Self::play_with), where `work` says after how long at most it wants to be called again.
+    ///
+    /// # Errors
+    /// As [`play_with`](Self::play_with).
+    pub fn play_led<E: From<DeviceError>>(
+        &mut self,
+        program: &Program,
+        steps: &[Step],
+        work: impl FnMut(&mut Self) -> Result<Duration, E>,
         event: impl FnMut(Option<&Event>) -> Result<(), E>,
     ) -> Result<Ending, E> {
         self.load(program, steps)?;
@@ -91,7 +110,7 @@ impl<L: Link> Device<L> {
         let mut feed = Feed::new(steps, self.begin(program)?);
         feed.fill(self)?;
         self.set_feeding(true);
-        let ending = self.fire(|device| Ok(feed.advance(device)?), event);
+        let ending = self.fire(|device| Ok(feed.advance(device).map(|()| Duration::MAX)?), event);
         self.set_feeding(false);
         ending
     }
@@ -99,7 +118,7 @@ impl<L: Link> Device<L> {
     /// Fires what is loaded and follows it.
     fn fire<E: From<DeviceError>>(
         &mut self,
-        work: impl FnMut(&mut Self) -> Result<(), E>,
+        work: impl FnMut(&mut Self) -> Result<Duration, E>,
         event: impl FnMut(Option<&Event>) -> Result<(), E>,
     ) -> Result<Ending, E> {
         let run = self.arm()?;
@@ -112,20 +131,20 @@ impl<L: Link> Device<L> {
         ending
     }
 
-    /// [`follow`](Self::follow), calling `work` at least as often as `event`.
+    /// [`follow`](Self::follow), calling `work` at least as often as `event`, and as soon again as it says.
     fn follow_while<E: From<DeviceError>>(
         &mut self,
         run: RunId,
-        mut work: impl FnMut(&mut Self) -> Result<(), E>,
+        mut work: impl FnMut(&mut Self) -> Result<Duration, E>,
         mut event: impl FnMut(Option<&Event>) -> Result<(), E>,
     ) -> Result<Ending, E> {
         let keep_alive = self.keep_alive();
         let mut heard = self.link().now();
         let mut over = None;
         loop {
-            work(self)?;
+            let again = work(self)?;
             let next = match over {
-                None => self.next_event(keep_alive / 4)?,
+                None => self.next_event(again.min(keep_alive / 4))?,
                 // What was sent before the end is still on its way.
                 Some(ending) => match self.next_event(Duration::from_millis(1))? {
                     None => return Ok(ending),

@@ -8,7 +8,8 @@
 //!
 //! Of several exposures of a pattern (brackets) the first step shows it and it stays for the others: a table of that many
 //! steps, played once for each pattern. A repetition of some of them shows the pattern before the first that is missing,
-//! each with its own exposure time, from a table that says so step by step.
+//! each with its own exposure time, from a table that says so step by step. Where the projector cannot be triggered it leads
+//! (`led`), and each exposure has its pattern shown anew.
 
 pub mod camera;
 pub mod device;
@@ -17,6 +18,7 @@ pub mod files;
 pub mod follow;
 #[cfg(feature = "genicam")]
 pub mod genicam;
+mod led;
 pub mod link;
 pub mod native;
 pub mod pairing;
@@ -26,6 +28,8 @@ pub mod real;
 pub mod records;
 pub mod session;
 pub mod steps;
+#[cfg(feature = "window")]
+pub mod window;
 
 use std::time::Duration;
 
@@ -104,6 +108,17 @@ pub enum CaptureError {
         /// The fault, with a colon before it, or nothing.
         reason: String,
     },
+    /// The photodiode does not see what the projector shows.
+    #[error(
+        "projector {projector}: expected an edge of SYNC as picture {picture} of a run appeared, found none: does the \
+         photodiode see the patch of the image, and is it wired to SYNC?"
+    )]
+    Unseen {
+        /// The projector.
+        projector: String,
+        /// Number of the picture, from 0 on.
+        picture: u64,
+    },
     /// An exposure failed again and again.
     #[error(
         "exposure {exposure} of this segment: expected a frame, found none in {ATTEMPTS} attempts ({outcome})"
@@ -121,6 +136,20 @@ struct Received {
     records: Vec<StepRecord>,
     spurious_on: Vec<u64>,
     frames: Vec<Frame>,
+    /// Steps that did not begin when their picture appeared, and by how many display frames they were late.
+    unsteady: Vec<(usize, f64)>,
+}
+
+impl Received {
+    /// Room for `steps` steps.
+    fn of(steps: usize) -> Self {
+        Self {
+            records: Vec::with_capacity(steps),
+            spurious_on: Vec::new(),
+            frames: Vec::with_capacity(steps),
+            unsteady: Vec::new(),
+        }
+    }
 }
 
 impl Instrument {
@@ -143,34 +172,27 @@ impl Instrument {
         let mut done: Vec<Option<Captured>> = vec![None; count];
         let mut open: Vec<usize> = (0..count).collect();
         let mut last = Outcome::NoRecord;
-        let (width_px, height_px) = self.projector.size_px();
-        let mut image = BitPattern::black(width_px, height_px);
         for attempt in 1..=ATTEMPTS {
-            self.projector.clear()?;
-            let mut steps = Vec::with_capacity(open.len());
-            let mut showing = None;
-            for &exposure in &open {
-                let (pattern, timing) = (exposure / brackets, &timings[exposure % brackets]);
-                if showing == Some(pattern) {
-                    steps.push(*timing);
-                    continue;
-                }
-                showing = Some(pattern);
-                image.clear();
-                image.light(&self.watching);
-                patterns(pattern, &mut image);
-                self.projector.load(&image)?;
-                steps.push(timing.shown(&timings[0]));
-            }
-            self.projector.ready()?;
+            let (steps, shown) = self.load(&open, timings, &mut patterns)?;
             let settled = count - open.len();
+            let recorded = |recorded| taken(settled + recorded);
             let Received {
                 records,
                 spurious_on,
                 mut frames,
-            } = self.run(&steps, brackets, |recorded| taken(settled + recorded))?;
+                unsteady,
+            } = if self.projector.leading().is_some() {
+                self.run_led(&steps, &shown, recorded)?
+            } else {
+                self.run(&steps, brackets, recorded)?
+            };
             let tick_s = 1.0 / f64::from(self.device.info().clock_hz);
-            let pairing = pair(open.len(), &records, &spurious_on, &frames, tick_s);
+            let mut pairing = pair(open.len(), &records, &spurious_on, &frames, tick_s);
+            for (step, _) in unsteady {
+                if let Some(outcome @ Outcome::Paired(_)) = pairing.outcomes.get_mut(step) {
+                    *outcome = Outcome::Unsteady;
+                }
+            }
             tally.duplicates += pairing.duplicates as u64;
             tally.orphans += pairing.orphans.len() as u64;
             tally.orphan_frames.extend(pairing.orphans.iter().map(|&frame| {
@@ -198,7 +220,7 @@ impl Instrument {
                     Outcome::MissedTrigger => tally.missed_triggers += 1,
                     Outcome::DroppedFrame => tally.dropped_frames += 1,
                     Outcome::NoRecord => tally.lost_records += 1,
-                    Outcome::Disputed => tally.disputed += 1,
+                    Outcome::Disputed | Outcome::Unsteady => tally.disputed += 1,
                 }
                 if !matches!(outcome, Outcome::Paired(_)) {
                     last = *outcome;
@@ -220,6 +242,43 @@ impl Instrument {
         }
     }
 
+    /// Loads the patterns of the exposures in `open`. Returns the steps that take these, and which of the loaded patterns each shows.
+    fn load(
+        &mut self,
+        open: &[usize],
+        timings: &[Timing],
+        patterns: &mut impl FnMut(usize, &mut BitPattern),
+    ) -> Result<(Vec<Timing>, Vec<usize>), CaptureError> {
+        let brackets = timings.len();
+        let (width_px, height_px) = self.projector.size_px();
+        let mut image = BitPattern::black(width_px, height_px);
+        let is_led = self.projector.leading().is_some();
+        self.projector.clear()?;
+        let mut steps = Vec::with_capacity(open.len());
+        let mut shown = Vec::with_capacity(open.len());
+        let (mut showing, mut loaded) = (None, 0);
+        for &exposure in open {
+            let (pattern, timing) = (exposure / brackets, &timings[exposure % brackets]);
+            let is_new = showing != Some(pattern);
+            if is_new {
+                showing = Some(pattern);
+                image.clear();
+                image.light(&self.watching);
+                patterns(pattern, &mut image);
+                self.projector.load(&image)?;
+                loaded += 1;
+            }
+            shown.push(loaded - 1);
+            steps.push(if is_new || is_led {
+                timing.shown(&timings[0])
+            } else {
+                *timing
+            });
+        }
+        self.projector.ready()?;
+        Ok((steps, shown))
+    }
+
     /// One run of the controller over `timings`. If these are the first `cycle` again and again, the table is no longer.
     fn run(
         &mut self,
@@ -234,30 +293,12 @@ impl Instrument {
         let clock_hz = self.device.info().clock_hz;
         let table: Vec<Step> = table.iter().map(|timing| timing.step(clock_hz)).collect();
         self.camera.arm()?;
-        let mut haul = Received {
-            records: Vec::with_capacity(steps),
-            spurious_on: Vec::new(),
-            frames: Vec::with_capacity(steps),
-        };
-        let longest_s = timings.iter().map(|timing| timing.period_s).fold(0.0, f64::max);
-        let period = Duration::from_secs_f64(longest_s);
+        let mut haul = Received::of(steps);
         let Self { device, camera, .. } = self;
         let program = Timing::table(table.len() as u32, (steps / table.len()) as u32);
-        // Frames are taken in as long as the host may be busy with them.
-        let at_once = device.keep_alive() / 4;
-        let frames = &mut haul.frames;
-        let take_in = |device: &mut Device<Box<dyn Link>>| -> Result<(), CaptureError> {
-            let began = device.link().now();
-            while let Some(frame) = camera.next_frame(Duration::ZERO)? {
-                frames.push(frame);
-                if device.link().now().saturating_sub(began) >= at_once {
-                    break;
-                }
-            }
-            Ok(())
-        };
-        let (records, spurious_on) = (&mut haul.records, &mut haul.spurious_on);
-        let ending = device.play_with(&program, &table, take_in, |event| {
+        let (frames, records, spurious_on) = (&mut haul.frames, &mut haul.records, &mut haul.spurious_on);
+        let work = |device: &mut Device<Box<dyn Link>>| take_in(camera.as_mut(), device, frames);
+        let ending = device.play_with(&program, &table, work, |event| {
             match event {
                 Some(Event::Records { records: new, .. }) => records.extend(new),
                 Some(Event::SpuriousStrobe { on, .. }) => spurious_on.push(on.0),
@@ -266,36 +307,65 @@ impl Instrument {
             recorded(records.len());
             Ok(())
         })?;
-        if ending.state != State::Done {
-            let reason = ending.fault.map_or(String::new(), |fault| format!(": {fault}"));
-            let Ending {
-                state,
-                steps_done: done,
-                ..
-            } = ending;
-            return Err(CaptureError::Ended {
-                expected: steps as u64,
-                state,
-                done,
-                reason,
-            });
-        }
-        while let Some(frame) = self.camera.next_frame(Duration::ZERO)? {
-            haul.frames.push(frame);
-        }
-        let exposures = haul
-            .records
-            .iter()
-            .filter(|record| record.strobe.is_some())
-            .count();
-        while haul.frames.len() < exposures {
-            match self.camera.next_frame(FRAMES_LATE.max(period))? {
-                Some(frame) => haul.frames.push(frame),
-                None => break,
-            }
-        }
+        is_done(ending, steps)?;
+        receive_late(camera.as_mut(), timings, &mut haul)?;
         Ok(haul)
     }
+}
+
+/// Takes frames in as long as the host may be busy with them.
+fn take_in(
+    camera: &mut dyn Camera,
+    device: &Device<Box<dyn Link>>,
+    frames: &mut Vec<Frame>,
+) -> Result<(), CaptureError> {
+    let began = device.link().now();
+    let at_once = device.keep_alive() / 4;
+    while let Some(frame) = camera.next_frame(Duration::ZERO)? {
+        frames.push(frame);
+        if device.link().now().saturating_sub(began) >= at_once {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// Refuses a run that ended before its `steps` were over.
+fn is_done(ending: Ending, steps: usize) -> Result<(), CaptureError> {
+    if ending.state == State::Done {
+        return Ok(());
+    }
+    Err(CaptureError::Ended {
+        expected: steps as u64,
+        state: ending.state,
+        done: ending.steps_done,
+        reason: ending.fault.map_or(String::new(), |fault| format!(": {fault}")),
+    })
+}
+
+/// Takes in the frames that are still on their way when the run over `timings` has ended.
+fn receive_late(
+    camera: &mut dyn Camera,
+    timings: &[Timing],
+    haul: &mut Received,
+) -> Result<(), CaptureError> {
+    while let Some(frame) = camera.next_frame(Duration::ZERO)? {
+        haul.frames.push(frame);
+    }
+    let longest_s = timings.iter().map(|timing| timing.period_s).fold(0.0, f64::max);
+    let patience = FRAMES_LATE.max(Duration::from_secs_f64(longest_s));
+    let exposures = haul
+        .records
+        .iter()
+        .filter(|record| record.strobe.is_some())
+        .count();
+    while haul.frames.len() < exposures {
+        match camera.next_frame(patience)? {
+            Some(frame) => haul.frames.push(frame),
+            None => break,
+        }
+    }
+    Ok(())
 }
 
 fn captured(record: &StepRecord, frame: &mut Frame, attempts: u8) -> Captured {

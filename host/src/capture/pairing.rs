@@ -24,6 +24,8 @@ pub enum Outcome {
     NoRecord,
     /// Number and time-stamp of the frame contradict each other, or the strobe was not clean.
     Disputed,
+    /// The step did not begin when its picture appeared, as far as the display says.
+    Unsteady,
 }
 
 impl std::fmt::Display for Outcome {
@@ -34,6 +36,9 @@ impl std::fmt::Display for Outcome {
             Self::DroppedFrame => "the frame was lost on its way",
             Self::NoRecord => "the trigger box's record did not arrive",
             Self::Disputed => "frame and strobe contradict each other",
+            Self::Unsteady => {
+                "SYNC and the display contradict each other: display frames were shown again or left out"
+            }
         })
     }
 }

@@ -1,4 +1,4 @@
-//! The seam to projectors: patterns that are loaded first and then advanced by the trigger line.
+//! The seam to projectors: patterns that are loaded first and then advanced by the trigger line, or shown when they are told to.
 
 use crate::plan::pattern::BitPattern;
 use crate::store::whole_file::FileError;
@@ -68,4 +68,28 @@ pub trait Projector: Send {
     fn ready(&mut self) -> Result<(), ProjectorError> {
         Ok(())
     }
+
+    /// What shows the loaded patterns where no trigger advances them.
+    fn leading(&mut self) -> Option<&mut dyn Leading> {
+        None
+    }
+}
+
+/// A projector that no trigger advances: it is told what to show, and a photodiode at SYNC tells the trigger box that it does. Each
+/// picture makes one edge of SYNC, as it appears.
+pub trait Leading: Send {
+    /// Length of a display frame, s.
+    fn frame_s(&self) -> f64;
+
+    /// Shows the loaded pattern `number`, from 0 on, until another is shown. Returns when it appeared, s on the display's own clock.
+    ///
+    /// # Errors
+    /// [`ProjectorError`].
+    fn show(&mut self, number: usize) -> Result<f64, ProjectorError>;
+
+    /// The run is over.
+    ///
+    /// # Errors
+    /// [`ProjectorError`] where what was shown last was not to be seen all the time.
+    fn finish(&mut self) -> Result<(), ProjectorError>;
 }

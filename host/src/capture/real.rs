@@ -123,6 +123,10 @@ pub fn check(rig: &Rig) -> Vec<Finding> {
         ))
     };
     let shown = || -> Result<String, RealError> {
+        #[cfg(feature = "window")]
+        if rig.projector.driver == ProjectorDriver::Window {
+            return Ok(crate::capture::window::look(rig)?);
+        }
         let projector = projector(rig)?;
         let (width, height) = projector.size_px();
         Ok(format!(
@@ -175,6 +179,14 @@ pub fn projector(rig: &Rig) -> Result<Box<dyn Projector>, RealError> {
             (lens.width_px as usize, lens.height_px as usize),
             Duration::from_secs_f64(files.patience_s),
         )?)),
+        #[cfg(feature = "window")]
+        (ProjectorDriver::Window, _) => Ok(Box::new(crate::capture::window::WindowProjector::open(rig)?)),
+        #[cfg(not(feature = "window"))]
+        (ProjectorDriver::Window, _) => Err(RealError::NotBuilt {
+            field: "projector.driver",
+            driver: "window",
+            remedy: "build with `--features window`, which needs nothing else",
+        }),
         _ => Err(RealError::Virtual {
             rig: rig.name.clone(),
         }),

@@ -7,7 +7,7 @@
 //! | key | values |
 //! |---|---|
 //! | `camera.driver` | `virtual` (default), `genicam` with a table `[camera.genicam]` |
-//! | `projector.driver` | `virtual` (default), `files` with a table `[projector.files]` |
+//! | `projector.driver` | `virtual` (default), `files` with a table `[projector.files]`, `window` with a table `[projector.window]` |
 //! | `trigger.port` | a serial port, or `auto` (default) to look for the box on USB |
 //!
 //! Camera and projector are real together, or virtual together: a real camera does not see a simulated lamp.
@@ -36,6 +36,8 @@ pub enum ProjectorDriver {
     Virtual,
     /// Patterns are handed to another program as files.
     Files,
+    /// A monitor that a window fills.
+    Window,
 }
 
 impl CameraDriver {
@@ -117,6 +119,44 @@ pub struct Files {
 
 const fn a_minute() -> f64 {
     60.0
+}
+
+/// A monitor that a window fills, and a photodiode before it; see `capture/window`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Window {
+    /// The X display, such as `:0`; `None` for the one that the variable `DISPLAY` names.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub display: Option<String>,
+    /// Name of the monitor, or its number from 0 on; `None` for the only one there is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub monitor: Option<String>,
+    /// What the photodiode looks at, whose light passes beside the mirror: [x, y, width, height] in pixels of the image.
+    pub patch_px: [u32; 4],
+    /// Display frames a second that the monitor must be set to; `None` for whatever it says that it is set to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refresh_hz: Option<f64>,
+    /// Who says when a display frame begins.
+    #[serde(default, skip_serializing_if = "Pace::is_vsync")]
+    pub pace: Pace,
+}
+
+/// Who says when a display frame begins.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Pace {
+    /// The X server, by the Present extension.
+    #[default]
+    Vsync,
+    /// A program that looks at the display, by messages to the window.
+    Messages,
+}
+
+impl Pace {
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+    fn is_vsync(&self) -> bool {
+        *self == Self::Vsync
+    }
 }
 
 /// The trigger box.

@@ -27,7 +27,7 @@ pub fn watching(rig: &Rig, side: u32) -> Vec<u32> {
     let mut pixels = Vec::new();
     for top in (0..=height_px.saturating_sub(BLOCK_PX)).step_by(BLOCK_PX as usize) {
         for left in (0..=width_px.saturating_sub(BLOCK_PX)).step_by(BLOCK_PX as usize) {
-            if side == 0 || !is_beside(&projector, f64::from(left), f64::from(top)) {
+            if side == 0 || !is_beside(&projector, [left, top, BLOCK_PX, BLOCK_PX]) {
                 continue;
             }
             for y in top + first..(top + first + side).min(height_px) {
@@ -39,16 +39,17 @@ pub fn watching(rig: &Rig, side: u32) -> Vec<u32> {
     pixels
 }
 
-/// Whether all light of the block at (`left`, `top`), pixels, passes beside the mirror, and more than a little.
-fn is_beside(projector: &View, left: f64, top: f64) -> bool {
-    let (block, clear_px) = (f64::from(BLOCK_PX), CLEAR * projector.size_px().1 as f64);
-    let places = [-clear_px, block / 2.0, block + clear_px];
-    let rim_rad = |dx: &f64, dy: &f64| projector.edge_distances_rad(left + dx, top + dy)[1];
-    places.iter().all(|dy| {
-        places
-            .iter()
-            .all(|dx| rim_rad(dx, dy).is_none_or(|rad| rad < 0.0))
-    })
+/// Whether all light of a part of the image ([left, top, width, height] in pixels) passes beside the mirror, and more than a little.
+pub(crate) fn is_beside(projector: &View, [left, top, width, height]: [u32; 4]) -> bool {
+    let clear_px = CLEAR * projector.size_px().1 as f64;
+    // Its ends and the places between them, no farther apart than those of a block.
+    let places = |size_px: u32| {
+        let reach_px = f64::from(size_px) + 2.0 * clear_px;
+        let gaps = (2.0 * reach_px / (f64::from(BLOCK_PX) + 2.0 * clear_px)).ceil();
+        (0..=gaps as u32).map(move |place| f64::from(place) / gaps * reach_px - clear_px)
+    };
+    let rim_rad = |x: f64, y: f64| projector.edge_distances_rad(f64::from(left) + x, f64::from(top) + y)[1];
+    places(height).all(|y| places(width).all(|x| rim_rad(x, y).is_none_or(|rad| rad < 0.0)))
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@
 use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize};
 
-use crate::instrument::drivers::{CameraDriver, Files, Genicam, ProjectorDriver, Trigger};
+use crate::instrument::drivers::{CameraDriver, Files, Genicam, ProjectorDriver, Trigger, Window};
 
 /// A complete instrument.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -199,6 +199,9 @@ pub struct ProjectorPart {
     /// Settings of the driver `files`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub files: Option<Files>,
+    /// Settings of the driver `window`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub window: Option<Window>,
     /// From the trigger edge until the new pattern is stable, seconds.
     pub settle_s: f64,
     /// Shortest time between two patterns, seconds.

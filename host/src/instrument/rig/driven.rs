@@ -26,6 +26,7 @@ impl Rig {
             projector: ProjectorPart {
                 driver: ProjectorDriver::Virtual,
                 files: None,
+                window: None,
                 ..self.projector.clone()
             },
             trigger: None,
@@ -45,6 +46,7 @@ impl Rig {
             projector: ProjectorPart {
                 driver: other.projector.driver,
                 files: other.projector.files.clone(),
+                window: other.projector.window.clone(),
                 ..self.projector.clone()
             },
             trigger: other.trigger.clone(),
@@ -108,6 +110,11 @@ impl Rig {
                 projector == ProjectorDriver::Files,
                 self.projector.files.is_some(),
             ),
+            (
+                "projector.window",
+                projector == ProjectorDriver::Window,
+                self.projector.window.is_some(),
+            ),
         ] {
             if is_given && !is_driver {
                 return Err(error(field, "no settings of a driver that is not named", "some"));
@@ -115,6 +122,9 @@ impl Rig {
         }
         if projector == ProjectorDriver::Files && self.projector.files.is_none() {
             return Err(error("projector.files", "a table with a folder", "nothing"));
+        }
+        if projector == ProjectorDriver::Window && self.projector.window.is_none() {
+            return Err(error("projector.window", "a table with patch_px", "nothing"));
         }
         if let Some(files) = &self.projector.files
             && !(0.0..=86_400.0).contains(&files.patience_s)

@@ -16,6 +16,7 @@
 mod binned;
 mod driven;
 mod error;
+mod photodiode;
 mod read;
 mod signal;
 mod tilt;

@@ -30,7 +30,8 @@ impl Rig {
         self.check_mirror(&check)?;
         self.check_camera(&check)?;
         self.check_projector_and_light(&check)?;
-        self.check_sight(&check)
+        self.check_sight(&check)?;
+        self.check_photodiode(path)
     }
 
     fn check_mirror(&self, check: &Checker) -> Result<(), RigError> {
