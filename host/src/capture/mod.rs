@@ -3,20 +3,24 @@
 //!
 //! # Design
 //! One call of [`Instrument::take`] takes one segment. What the pairing did not settle is taken again in a
-//! further run of just those patterns, until nothing is missing or [`ATTEMPTS`] are used up. Frames of the
-//! segment are in memory; nothing else is.
+//! further run of just those patterns, until nothing is missing or [`ATTEMPTS`] are used up. While the trigger box fires, a thread of
+//! its own takes the frames in (`intake`); the box waits between two segments until the writer has room for one more. In memory are the
+//! frames that fit into the [`ring`] and those of three segments at most: one that is captured, one that waits and one that is written.
 //!
 //! Of several exposures of a pattern (brackets) the first step shows it and it stays for the others: a table of that many
 //! steps, played once for each pattern. A repetition of some of them shows the pattern before the first that is missing,
 //! each with its own exposure time, from a table that says so step by step.
 
 pub mod camera;
+pub mod camera_clock;
 pub mod device;
 pub mod directory;
 pub mod files;
+pub mod flow;
 pub mod follow;
 #[cfg(feature = "genicam")]
 pub mod genicam;
+mod intake;
 pub mod link;
 pub mod native;
 pub mod pairing;
@@ -24,16 +28,20 @@ pub mod pilot;
 pub mod projector;
 pub mod real;
 pub mod records;
+pub mod replay;
+pub mod ring;
 pub mod session;
 pub mod steps;
 
+use std::thread;
 use std::time::Duration;
 
 use rcg_protocol::{Event, State, Step, StepRecord, Ticks};
 
-use crate::capture::camera::{Camera, CameraError, Frame};
+use crate::capture::camera::{Camera, CameraError, Fired, Frame};
 use crate::capture::device::{Device, DeviceError};
 use crate::capture::follow::Ending;
+use crate::capture::intake::Intake;
 use crate::capture::link::Link;
 use crate::capture::pairing::{Outcome, pair};
 use crate::capture::projector::{Projector, ProjectorError};
@@ -168,7 +176,7 @@ impl Instrument {
                 records,
                 spurious_on,
                 mut frames,
-            } = self.run(&steps, brackets, |recorded| taken(settled + recorded))?;
+            } = self.run(&steps, brackets, &open, |recorded| taken(settled + recorded))?;
             let tick_s = 1.0 / f64::from(self.device.info().clock_hz);
             let pairing = pair(open.len(), &records, &spurious_on, &frames, tick_s);
             tally.duplicates += pairing.duplicates as u64;
@@ -220,11 +228,12 @@ impl Instrument {
         }
     }
 
-    /// One run of the controller over `timings`. If these are the first `cycle` again and again, the table is no longer.
+    /// One run of the controller over `timings`, which take these `exposures` of the segment. If these are the first `cycle` again and again, the table is no longer.
     fn run(
         &mut self,
         timings: &[Timing],
         cycle: usize,
+        exposures: &[usize],
         mut recorded: impl FnMut(usize),
     ) -> Result<Received, CaptureError> {
         let steps = timings.len();
@@ -241,30 +250,28 @@ impl Instrument {
         };
         let longest_s = timings.iter().map(|timing| timing.period_s).fold(0.0, f64::max);
         let period = Duration::from_secs_f64(longest_s);
-        let Self { device, camera, .. } = self;
         let program = Timing::table(table.len() as u32, (steps / table.len()) as u32);
-        // Frames are taken in as long as the host may be busy with them.
-        let at_once = device.keep_alive() / 4;
-        let frames = &mut haul.frames;
-        let take_in = |device: &mut Device<Box<dyn Link>>| -> Result<(), CaptureError> {
-            let began = device.link().now();
-            while let Some(frame) = camera.next_frame(Duration::ZERO)? {
-                frames.push(frame);
-                if device.link().now().saturating_sub(began) >= at_once {
-                    break;
-                }
-            }
-            Ok(())
-        };
-        let (records, spurious_on) = (&mut haul.records, &mut haul.spurious_on);
-        let ending = device.play_with(&program, &table, take_in, |event| {
-            match event {
-                Some(Event::Records { records: new, .. }) => records.extend(new),
-                Some(Event::SpuriousStrobe { on, .. }) => spurious_on.push(on.0),
-                _ => {}
-            }
-            recorded(records.len());
-            Ok(())
+        let Self { device, camera, .. } = self;
+        let Received {
+            records,
+            spurious_on,
+            frames,
+        } = &mut haul;
+        let ending = thread::scope(|scope| -> Result<Ending, CaptureError> {
+            let intake = Intake::begin(scope, camera.as_mut());
+            let take_in = |_: &mut Device<Box<dyn Link>>| Ok(intake.take(frames)?);
+            let ending =
+                device.play_with(&program, &table, take_in, |event| -> Result<(), CaptureError> {
+                    match event {
+                        Some(Event::Records { records: new, .. }) => records.extend(new),
+                        Some(Event::SpuriousStrobe { on, .. }) => spurious_on.push(on.0),
+                        _ => {}
+                    }
+                    recorded(records.len());
+                    Ok(())
+                })?;
+            intake.end(frames)?;
+            Ok(ending)
         })?;
         if ending.state != State::Done {
             let reason = ending.fault.map_or(String::new(), |fault| format!(": {fault}"));
@@ -280,15 +287,23 @@ impl Instrument {
                 reason,
             });
         }
+        let tick_s = 1.0 / f64::from(clock_hz);
+        let fired = haul.records.iter().filter_map(|record| {
+            Some(Fired {
+                exposure: *exposures.get(record.step.0 as usize)?,
+                on_s: (record.trigger + record.strobe?.delay).0 as f64 * tick_s,
+            })
+        });
+        self.camera.fired(&fired.collect::<Vec<_>>())?;
         while let Some(frame) = self.camera.next_frame(Duration::ZERO)? {
             haul.frames.push(frame);
         }
-        let exposures = haul
+        let strobes = haul
             .records
             .iter()
             .filter(|record| record.strobe.is_some())
             .count();
-        while haul.frames.len() < exposures {
+        while haul.frames.len() < strobes {
             match self.camera.next_frame(FRAMES_LATE.max(period))? {
                 Some(frame) => haul.frames.push(frame),
                 None => break,
