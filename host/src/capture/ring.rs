@@ -179,7 +179,7 @@ mod tests {
         for (capacity, slow_inlet) in [(1, false), (7, false), (7, true), (64, false)] {
             let (inlet, outlet) = ring(capacity);
             let dawdle = |item: u32, is_slow: bool| {
-                if is_slow && item % 50 == 0 {
+                if is_slow && item.is_multiple_of(50) {
                     thread::sleep(Duration::from_micros(200));
                 }
             };

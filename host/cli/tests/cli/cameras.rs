@@ -7,7 +7,7 @@ use rcg::store::RawStore;
 use crate::command::{refuses, run, text};
 
 /// A trial of a moment.
-const SYNTHETIC: [&str; 5] = ["camera", "bench", "--source", "synthetic", "-q"];
+const SYNTHETIC: [&str; 4] = ["camera", "bench", "--source", "synthetic"];
 const MOMENT: [&str; 2] = ["--seconds", "0.1"];
 
 #[test]

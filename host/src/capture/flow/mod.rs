@@ -3,7 +3,7 @@
 //! # Design
 //! What a measurement does with frames, without a trigger box: a thread takes them in, a [ring](super::ring) holds what waits, and the
 //! caller's thread writes them as segments of a `raw.zarr`. Buffers go round: from the source through the ring to the writer and
-//! back, so that nothing is allocated on the way. In memory are the ring's frames and at most 1 MiB that is being written.
+//! back; all of them are made before the first frame comes. In memory are the ring's frames and at most 1 MiB that is being written.
 //! A frame that a source has numbered and not handed over is lost; where it should have been nothing is stored but its number's
 //! gap.
 //!
@@ -180,11 +180,16 @@ pub fn flow(
         .transpose()?;
     let keeper = file.as_ref().map(|file| Keeper::new(&file.raw, format, &about));
     let (inlet, outlet) = ring(frames_in_ring(frame_bytes));
+    let (give_back, empty) = channel();
+    // All memory is there before the first frame: a page that the system has to find first makes a source wait.
+    let written = (BATCH_BYTES / frame_bytes.max(1)).max(1);
+    for _ in 0..outlet.capacity() + written + 1 {
+        give_back.send(vec![1; frame_bytes]).ok();
+    }
     let began = Instant::now();
     let (kept, read) = thread::scope(|scope| {
-        let (give_back, empty) = channel();
         let reader = scope.spawn(move || read(source, duration, inlet, empty));
-        let kept = keep(outlet, &give_back, keeper, frame_bytes, progress);
+        let kept = keep(outlet, &give_back, keeper, written, progress);
         let read = reader.join();
         (kept, read.unwrap_or_else(|panic| resume_unwind(panic)))
     });
@@ -250,7 +255,7 @@ struct Kept {
     waits: u64,
 }
 
-/// Keeps what comes out of the ring until nothing more comes. Where it cannot, the ring goes, and who fills it ends.
+/// Keeps what comes out of the ring, `most` frames at a time, until nothing more comes. Where it cannot, the ring goes, and who fills it ends.
 #[expect(
     clippy::needless_pass_by_value,
     reason = "who fills the ring learns by its end that nobody keeps anything"
@@ -259,10 +264,9 @@ fn keep(
     outlet: Outlet<Filled>,
     give_back: &Sender<Vec<u8>>,
     mut keeper: Option<Keeper<'_>>,
-    frame_bytes: usize,
+    most: usize,
     progress: &dyn Fn(u64),
 ) -> Result<Kept, FlowError> {
-    let most = (BATCH_BYTES / frame_bytes.max(1)).max(1);
     let mut batch: Vec<Filled> = Vec::with_capacity(most);
     let mut frames = 0;
     loop {

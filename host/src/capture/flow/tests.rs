@@ -93,7 +93,7 @@ fn what_is_no_frame_is_refused_by_name() {
     let run = |source: &mut Script| flow(source, MOMENT, None, &|_| {}).unwrap_err().to_string();
     let folder = tempfile::tempdir().unwrap();
     let keep = |source: &mut Script| {
-        let error = flow(source, Duration::from_secs(60), Some(folder.path()), &|_| {});
+        let error = flow(source, Duration::from_mins(1), Some(folder.path()), &|_| {});
         error.unwrap_err().to_string()
     };
     assert!(run(&mut script("YUV422", 15)).contains("found YUV422"));

@@ -167,7 +167,7 @@ pub fn bench(
     let began = Instant::now();
     while began.elapsed() < duration {
         let came = running.next_with(POLL, |_, _| ());
-        if came.is_some() && running.frames % 256 == 0 {
+        if came.is_some() && running.frames.is_multiple_of(256) {
             progress(running.frames);
         }
     }
