@@ -88,7 +88,7 @@ fn a_trial_says_what_it_did_and_refuses_what_it_cannot_do() {
     refuses(
         &[&SYNTHETIC[..], &["--to", text(&file)]].concat(),
         "",
-        1,
+        2,
         &[text(&file)],
     );
 }
