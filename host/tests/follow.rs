@@ -1,5 +1,6 @@
 //! Following a run: the host keeps the box alive while it waits, and notices an end that it is not told of.
 
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::time::Duration;
 
 use proptest::prelude::*;
@@ -239,5 +240,38 @@ fn a_sync_that_does_not_come_in_time_is_a_fault_at_the_start_and_at_a_step() {
             let missing = (state == State::Fault).then_some(Fault::SyncTimeout { step: StepId(0) });
             assert_eq!(ending.fault, missing);
         }
+    }
+}
+
+#[test]
+fn who_unwinds_out_of_a_run_leaves_the_outputs_at_rest() {
+    // A step that takes too long is not waited for.
+    for (period_s, expected) in [(0.02, State::Stopped), (20.0, State::Aborted)] {
+        let mut device = simulated("rcg-1-16bit");
+        let period = (period_s * 125e6) as u64;
+        let step = Step {
+            proj: Pulse::new(0, 10),
+            cam: Pulse::new(20, period - 40),
+            period: Ticks(period),
+        };
+        let program = Program::new(Extent::Table {
+            steps: 1,
+            cycles: 1000,
+        });
+        let stopped = catch_unwind(AssertUnwindSafe(|| {
+            device.play(&program, &[step], |event| -> Result<(), DeviceError> {
+                if matches!(event, Some(Event::Records { .. })) {
+                    resume_unwind(Box::new("somebody pressed Ctrl-C"));
+                }
+                Ok(())
+            })
+        }));
+        assert!(stopped.is_err());
+        let status = device.status().expect("it answers");
+        assert_eq!(status.state, expected);
+        assert!((1..1000).contains(&status.steps_done), "{}", status.steps_done);
+        // And is there for the next run.
+        let ending = device.play(&program, &[step], |_| Ok::<(), DeviceError>(()));
+        assert_eq!(ending.expect("it ends").state, State::Done);
     }
 }

@@ -23,6 +23,7 @@ mod fit;
 mod groups;
 mod history;
 mod info;
+mod interrupt;
 mod log;
 mod map;
 mod measure;
@@ -49,10 +50,12 @@ mod value;
 mod worlds;
 
 use std::io::Write as _;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::process::ExitCode;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 use failure::Failure;
+use interrupt::{Interrupted, Wish};
 use output::Output;
 use rcg::base::progress::Progress as _;
 use rcg::instrument::rig::Rig;
@@ -146,6 +149,11 @@ impl Command {
         }
     }
 
+    /// Whether it may fire a trigger box, and ends between two steps.
+    const fn fires(&self) -> bool {
+        matches!(self, Self::Measure(_) | Self::Capture(_) | Self::Calibrate(_))
+    }
+
     /// Whether it takes the instrument from a file that it reads, or needs none.
     const fn takes_no_rig(&self) -> bool {
         matches!(
@@ -187,13 +195,25 @@ fn main() -> ExitCode {
         Err(error) => return usage::answer(&error),
     };
     let goes_on = cli.command.goes_on();
-    let stops = ctrlc::set_handler(move || stop(goes_on));
-    let output = Output::new(cli.json, cli.quiet, cli.verbose);
+    let wish = Wish::default();
+    let (asked, fires) = (wish.clone(), cli.command.fires());
+    let stops = ctrlc::set_handler(move || {
+        if !fires || !asked.want() {
+            stop(goes_on);
+        }
+    });
+    let output = Output::new(cli.json, cli.quiet, cli.verbose, wish);
     if let Err(error) = stops {
         output.remark(&format!("Ctrl-C will end the command without a word: {error}"));
     }
     output.log(&command_line());
-    match done(&cli, &output) {
+    let ended = catch_unwind(AssertUnwindSafe(|| done(&cli, &output))).unwrap_or_else(|unwinding| {
+        if unwinding.is::<Interrupted>() {
+            stop(goes_on);
+        }
+        resume_unwind(unwinding)
+    });
+    match ended {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) if failure.is_broken_pipe() => ExitCode::SUCCESS,
         Err(failure) => {
@@ -204,7 +224,7 @@ fn main() -> ExitCode {
 }
 
 /// Ends the command at Ctrl-C, with the exit code of shells for it: files are whole or as they were, however it ends.
-fn stop(goes_on: &str) {
+fn stop(goes_on: &str) -> ! {
     // Beside a progress bar, and after the ^C that a terminal shows.
     writeln!(std::io::stderr(), "\nrcg: stopped; {goes_on}").ok();
     std::process::exit(130);

@@ -16,6 +16,7 @@ use tracing_subscriber::filter::Targets;
 use tracing_subscriber::prelude::*;
 
 use crate::failure::Failure;
+use crate::interrupt::Wish;
 use crate::log::Log;
 
 /// Characters of the longest complaint: a few hundred say all, the rest is what somebody's input was.
@@ -32,11 +33,13 @@ pub(crate) struct Output {
     log: Log,
     /// The stage that is on, and since when.
     stage: Mutex<Option<(String, Instant)>>,
+    /// That the command ends, told between two words of progress.
+    wish: Wish,
 }
 
 impl Output {
     /// Sets logging up: warnings, or more with each `-v`; `RCG_LOG` overrides.
-    pub(crate) fn new(json: bool, quiet: bool, verbose: u8) -> Self {
+    pub(crate) fn new(json: bool, quiet: bool, verbose: u8, wish: Wish) -> Self {
         let level = match (quiet, verbose) {
             (true, _) => "error",
             (_, 0) => "warn",
@@ -68,6 +71,7 @@ impl Output {
             bar: Mutex::new(None),
             log,
             stage: Mutex::new(None),
+            wish,
         }
     }
 
@@ -181,6 +185,7 @@ pub(crate) fn table(lines: &[(&str, String)]) -> String {
 
 impl Progress for Output {
     fn begin(&self, stage: &str, total: usize, unit: &str) {
+        self.wish.hear();
         self.log(&format!("{stage}: {total} {unit}"));
         *self.stage() = Some((stage.to_owned(), Instant::now()));
         if self.quiet {
@@ -210,6 +215,7 @@ impl Progress for Output {
     }
 
     fn reach(&self, done: usize) {
+        self.wish.hear();
         if let Some(bar) = self.bar().as_ref() {
             bar.set_position(done as u64);
         }

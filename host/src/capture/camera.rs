@@ -20,6 +20,28 @@ pub struct Frame {
     pub dn: Vec<u16>,
 }
 
+/// An exposure that is going to be taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Planned {
+    /// Its number in the measurement.
+    pub index: usize,
+    /// Code of what is lit, as in [`ExposureRecord::incident`](crate::store::ExposureRecord::incident).
+    pub incident: i64,
+    /// Exposure time, s.
+    pub exposure_s: f64,
+    /// Solid angle that is lit, at the sample, sr; 0 for a black pattern.
+    pub lit_solid_angle_sr: f64,
+}
+
+/// An exposure that was taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fired {
+    /// Its number in the segment.
+    pub exposure: usize,
+    /// When it began on the trigger box's clock, s from the start of the run.
+    pub on_s: f64,
+}
+
 /// What a camera could not do.
 #[derive(Debug, thiserror::Error)]
 pub enum CameraError {
@@ -77,6 +99,11 @@ pub trait Camera: Send {
     /// Shape of the frames.
     fn format(&self) -> FrameFormat;
 
+    /// How it is set and what else it could be, in words: what one compares with the rig file and the wires.
+    fn settings(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// Makes ready for triggered exposures and begins to count them from 0; frames of before are forgotten.
     ///
     /// # Errors
@@ -86,6 +113,22 @@ pub trait Camera: Send {
     /// Told before each part of a measurement that is captured as a whole: how many parts before it show just the same. A
     /// simulated camera draws its noise from that, so that it depends on what is captured and not on when.
     fn begin_part(&mut self, _same_before: u64) {}
+
+    /// Told before a segment which exposures are going to be taken, in the order of its steps. One that shows again what was compares.
+    ///
+    /// # Errors
+    /// [`CameraError`] if it has other ones.
+    fn expect(&mut self, _planned: &[Planned]) -> Result<(), CameraError> {
+        Ok(())
+    }
+
+    /// Told behind each run what the trigger box has strobes of, in their order. A camera that sees its trigger need not listen.
+    ///
+    /// # Errors
+    /// [`CameraError`].
+    fn fired(&mut self, _fired: &[Fired]) -> Result<(), CameraError> {
+        Ok(())
+    }
 
     /// The next frame in the order of arrival, waiting at most `timeout`; `None` if none came.
     ///

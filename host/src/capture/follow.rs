@@ -1,8 +1,9 @@
 //! Firing the trigger box and following its run to the end.
 
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::time::Duration;
 
-use rcg_protocol::{Event, Fault, Program, RunId, State, Step, Ticks};
+use rcg_protocol::{Event, Fault, Program, RunId, State, Status, Step, Ticks};
 
 use crate::capture::device::{Device, DeviceError, Feed};
 use crate::capture::link::Link;
@@ -11,6 +12,9 @@ use crate::capture::link::Link;
 const KEEP_ALIVE: Duration = Duration::from_millis(400);
 /// … and this many times within the dead-man time, of which one may go by with work and one with a lost answer.
 const SIGNS_OF_LIFE: u32 = 5;
+
+/// A step that is not over by then waits for an edge that does not come.
+const LAST_STEP: Duration = Duration::from_secs(5);
 
 /// How a run ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -123,12 +127,39 @@ impl<L: Link> Device<L> {
     ) -> Result<Ending, E> {
         let run = self.arm()?;
         self.start()?;
-        let ending = self.follow_while(run, work, event);
+        // Who is told of events may end by unwinding, where somebody has stopped the program.
+        let followed = catch_unwind(AssertUnwindSafe(|| self.follow_while(run, work, event)));
+        let ending = followed.unwrap_or_else(|unwinding| {
+            self.halt();
+            resume_unwind(unwinding)
+        });
         if ending.is_err() {
             // Why it failed is told; that it cannot be aborted either is not news.
             self.abort().ok();
         }
         ending
+    }
+
+    /// Ends the run after the current step and waits for its end, so that the outputs are at rest. Nobody is left to hear what goes wrong
+    /// here; the dead-man switch ends what does not answer.
+    fn halt(&mut self) {
+        let began = self.link().now();
+        let mut status = self.stop();
+        while let Ok(Status {
+            state: State::Armed | State::Running,
+            ..
+        }) = status
+        {
+            status = if self.link().now().saturating_sub(began) < LAST_STEP {
+                self.next_event(Duration::from_millis(10))
+                    .and_then(|_| self.status())
+            } else {
+                self.abort()
+            };
+        }
+        if status.is_err() {
+            self.abort().ok();
+        }
     }
 
     /// [`follow`](Self::follow), calling `work` at least as often as `event`, and as soon again as it says.

@@ -17,7 +17,7 @@ use std::time::Duration;
 
 use rcg_protocol::{Event, Fault, Micros, Pace, Program, Pulse, Start, State, Step, StepId, StepRecord};
 
-use super::{CaptureError, Instrument, Received, is_done, receive_late, take_in};
+use super::{CaptureError, Instrument, Received, is_done, taking_in};
 use crate::capture::device::Device;
 use crate::capture::link::Link;
 use crate::capture::projector::{Leading, ProjectorError};
@@ -81,11 +81,13 @@ impl Show<'_> {
 }
 
 impl Instrument {
-    /// One run over `timings`, led by the projector, which shows the loaded pattern of the number in `patterns` with each.
+    /// One run over `timings`, which take these `exposures` of the segment, led by the projector, which shows the loaded pattern of the
+    /// number in `patterns` with each.
     pub(super) fn run_led(
         &mut self,
         timings: &[Timing],
         patterns: &[usize],
+        exposures: &[usize],
         mut recorded: impl FnMut(usize),
     ) -> Result<Received, CaptureError> {
         let clock_hz = self.device.info().clock_hz;
@@ -119,23 +121,25 @@ impl Instrument {
         camera.arm()?;
         let mut haul = Received::of(timings.len());
         let (frames, records, spurious_on) = (&mut haul.frames, &mut haul.records, &mut haul.spurious_on);
-        let ending = device.play_led(
-            &program(steps.len()),
-            &steps,
-            |device| {
-                take_in(camera.as_mut(), device, frames)?;
-                show.advance(device)
-            },
-            |event| {
-                match event {
-                    Some(Event::Records { records: new, .. }) => records.extend(new),
-                    Some(Event::SpuriousStrobe { on, .. }) => spurious_on.push(on.0),
-                    _ => {}
-                }
-                recorded(records.len().saturating_sub(1));
-                Ok::<_, CaptureError>(())
-            },
-        )?;
+        let ending = taking_in(camera.as_mut(), frames, |take_in| {
+            device.play_led(
+                &program(steps.len()),
+                &steps,
+                |device| {
+                    take_in()?;
+                    show.advance(device)
+                },
+                |event| {
+                    match event {
+                        Some(Event::Records { records: new, .. }) => records.extend(new),
+                        Some(Event::SpuriousStrobe { on, .. }) => spurious_on.push(on.0),
+                        _ => {}
+                    }
+                    recorded(records.len().saturating_sub(1));
+                    Ok::<_, CaptureError>(())
+                },
+            )
+        })?;
         if let Some(Fault::SyncTimeout { step }) = ending.fault {
             return Err(CaptureError::Unseen {
                 projector: name,
@@ -144,8 +148,6 @@ impl Instrument {
         }
         is_done(ending, steps.len())?;
         show.projector.finish()?;
-        receive_late(camera.as_mut(), timings, &mut haul)?;
-
         let began_s = began_s(&steps, &haul.records, tick_s);
         haul.unsteady = unsteady(&began_s, &show.appeared_s, frame_s);
         if let Some(&(step, off)) = haul.unsteady.first() {
@@ -157,6 +159,7 @@ impl Instrument {
             );
         }
         without_lead_in(&mut haul);
+        self.receive_late(timings, exposures, &mut haul)?;
         Ok(haul)
     }
 }

@@ -3,8 +3,9 @@
 //!
 //! # Design
 //! One call of [`Instrument::take`] takes one segment. What the pairing did not settle is taken again in a
-//! further run of just those patterns, until nothing is missing or [`ATTEMPTS`] are used up. Frames of the
-//! segment are in memory; nothing else is.
+//! further run of just those patterns, until nothing is missing or [`ATTEMPTS`] are used up. While the trigger box fires, a thread of
+//! its own takes the frames in (`intake`); the box waits between two segments until the writer has room for one more. In memory are the
+//! frames that fit into the [`ring`] and those of three segments at most: one that is captured, one that waits and one that is written.
 //!
 //! Of several exposures of a pattern (brackets) the first step shows it and it stays for the others: a table of that many
 //! steps, played once for each pattern. A repetition of some of them shows the pattern before the first that is missing,
@@ -12,12 +13,15 @@
 //! (`led`), and each exposure has its pattern shown anew.
 
 pub mod camera;
+pub mod camera_clock;
 pub mod device;
 pub mod directory;
 pub mod files;
+pub mod flow;
 pub mod follow;
 #[cfg(feature = "genicam")]
 pub mod genicam;
+mod intake;
 mod led;
 pub mod link;
 pub mod native;
@@ -26,18 +30,22 @@ pub mod pilot;
 pub mod projector;
 pub mod real;
 pub mod records;
+pub mod replay;
+pub mod ring;
 pub mod session;
 pub mod steps;
 #[cfg(feature = "window")]
 pub mod window;
 
+use std::thread;
 use std::time::Duration;
 
 use rcg_protocol::{Event, State, Step, StepRecord, Ticks};
 
-use crate::capture::camera::{Camera, CameraError, Frame};
+use crate::capture::camera::{Camera, CameraError, Fired, Frame};
 use crate::capture::device::{Device, DeviceError};
 use crate::capture::follow::Ending;
+use crate::capture::intake::Intake;
 use crate::capture::link::Link;
 use crate::capture::pairing::{Outcome, pair};
 use crate::capture::projector::{Projector, ProjectorError};
@@ -182,9 +190,9 @@ impl Instrument {
                 mut frames,
                 unsteady,
             } = if self.projector.leading().is_some() {
-                self.run_led(&steps, &shown, recorded)?
+                self.run_led(&steps, &shown, &open, recorded)?
             } else {
-                self.run(&steps, brackets, recorded)?
+                self.run(&steps, brackets, &open, recorded)?
             };
             let tick_s = 1.0 / f64::from(self.device.info().clock_hz);
             let mut pairing = pair(open.len(), &records, &spurious_on, &frames, tick_s);
@@ -279,11 +287,13 @@ impl Instrument {
         Ok((steps, shown))
     }
 
-    /// One run of the controller over `timings`. If these are the first `cycle` again and again, the table is no longer.
+    /// One run of the controller over `timings`, which take these `exposures` of the segment.
+    /// If these are the first `cycle` again and again, the table is no longer.
     fn run(
         &mut self,
         timings: &[Timing],
         cycle: usize,
+        exposures: &[usize],
         mut recorded: impl FnMut(usize),
     ) -> Result<Received, CaptureError> {
         let steps = timings.len();
@@ -297,37 +307,76 @@ impl Instrument {
         let Self { device, camera, .. } = self;
         let program = Timing::table(table.len() as u32, (steps / table.len()) as u32);
         let (frames, records, spurious_on) = (&mut haul.frames, &mut haul.records, &mut haul.spurious_on);
-        let work = |device: &mut Device<Box<dyn Link>>| take_in(camera.as_mut(), device, frames);
-        let ending = device.play_with(&program, &table, work, |event| {
-            match event {
-                Some(Event::Records { records: new, .. }) => records.extend(new),
-                Some(Event::SpuriousStrobe { on, .. }) => spurious_on.push(on.0),
-                _ => {}
-            }
-            recorded(records.len());
-            Ok(())
+        let ending = taking_in(camera.as_mut(), frames, |take_in| {
+            device.play_with(
+                &program,
+                &table,
+                |_| take_in(),
+                |event| {
+                    match event {
+                        Some(Event::Records { records: new, .. }) => records.extend(new),
+                        Some(Event::SpuriousStrobe { on, .. }) => spurious_on.push(on.0),
+                        _ => {}
+                    }
+                    recorded(records.len());
+                    Ok(())
+                },
+            )
         })?;
         is_done(ending, steps)?;
-        receive_late(camera.as_mut(), timings, &mut haul)?;
+        self.receive_late(timings, exposures, &mut haul)?;
         Ok(haul)
+    }
+
+    /// Tells the camera what was fired of these `exposures` of the segment, and takes in the frames that are still on their way when the
+    /// run over `timings` has ended.
+    fn receive_late(
+        &mut self,
+        timings: &[Timing],
+        exposures: &[usize],
+        haul: &mut Received,
+    ) -> Result<(), CaptureError> {
+        let tick_s = 1.0 / f64::from(self.device.info().clock_hz);
+        let fired = haul.records.iter().filter_map(|record| {
+            Some(Fired {
+                exposure: *exposures.get(record.step.0 as usize)?,
+                on_s: (record.trigger + record.strobe?.delay).0 as f64 * tick_s,
+            })
+        });
+        self.camera.fired(&fired.collect::<Vec<_>>())?;
+        while let Some(frame) = self.camera.next_frame(Duration::ZERO)? {
+            haul.frames.push(frame);
+        }
+        let longest_s = timings.iter().map(|timing| timing.period_s).fold(0.0, f64::max);
+        let patience = FRAMES_LATE.max(Duration::from_secs_f64(longest_s));
+        let strobes = haul
+            .records
+            .iter()
+            .filter(|record| record.strobe.is_some())
+            .count();
+        while haul.frames.len() < strobes {
+            match self.camera.next_frame(patience)? {
+                Some(frame) => haul.frames.push(frame),
+                None => break,
+            }
+        }
+        Ok(())
     }
 }
 
-/// Takes frames in as long as the host may be busy with them.
-fn take_in(
+/// Follows a run by `play`, which calls what it is given with each word of the trigger box: the frames that have come until then are
+/// added to `frames`.
+fn taking_in(
     camera: &mut dyn Camera,
-    device: &Device<Box<dyn Link>>,
     frames: &mut Vec<Frame>,
-) -> Result<(), CaptureError> {
-    let began = device.link().now();
-    let at_once = device.keep_alive() / 4;
-    while let Some(frame) = camera.next_frame(Duration::ZERO)? {
-        frames.push(frame);
-        if device.link().now().saturating_sub(began) >= at_once {
-            break;
-        }
-    }
-    Ok(())
+    play: impl FnOnce(&mut dyn FnMut() -> Result<(), CaptureError>) -> Result<Ending, CaptureError>,
+) -> Result<Ending, CaptureError> {
+    thread::scope(|scope| {
+        let intake = Intake::begin(scope, camera);
+        let ending = play(&mut || Ok(intake.take(frames)?))?;
+        intake.end(frames)?;
+        Ok(ending)
+    })
 }
 
 /// Refuses a run that ended before its `steps` were over.
@@ -341,31 +390,6 @@ fn is_done(ending: Ending, steps: usize) -> Result<(), CaptureError> {
         done: ending.steps_done,
         reason: ending.fault.map_or(String::new(), |fault| format!(": {fault}")),
     })
-}
-
-/// Takes in the frames that are still on their way when the run over `timings` has ended.
-fn receive_late(
-    camera: &mut dyn Camera,
-    timings: &[Timing],
-    haul: &mut Received,
-) -> Result<(), CaptureError> {
-    while let Some(frame) = camera.next_frame(Duration::ZERO)? {
-        haul.frames.push(frame);
-    }
-    let longest_s = timings.iter().map(|timing| timing.period_s).fold(0.0, f64::max);
-    let patience = FRAMES_LATE.max(Duration::from_secs_f64(longest_s));
-    let exposures = haul
-        .records
-        .iter()
-        .filter(|record| record.strobe.is_some())
-        .count();
-    while haul.frames.len() < exposures {
-        match camera.next_frame(patience)? {
-            Some(frame) => haul.frames.push(frame),
-            None => break,
-        }
-    }
-    Ok(())
 }
 
 fn captured(record: &StepRecord, frame: &mut Frame, attempts: u8) -> Captured {

@@ -137,6 +137,13 @@ impl Binner {
         }
         let channels = self.image.channels;
         let to_stored = f64::from(u16::MAX) / f64::from(u16::MAX >> (16 - self.format.bits()));
+        if side == width && side == height {
+            // One pixel behind each: nothing to weigh. Mosaics have two at least.
+            let stored = |(index, &value): (usize, &u16)| {
+                rounded(to_stored * f64::from(value) + dither(number, index as u64))
+            };
+            return Some(values.iter().enumerate().map(stored).collect());
+        }
         let mut dn = Vec::with_capacity(self.image.len());
         for (first_row, rows) in &self.shares {
             for (first_column, columns) in &self.shares {
@@ -161,13 +168,19 @@ impl Binner {
                 }
                 for channel in 0..channels {
                     let stored = to_stored * sums[channel] / weights[channel];
-                    let dithered = stored + dither(number, dn.len() as u64);
-                    dn.push(dithered.round().clamp(0.0, f64::from(u16::MAX)) as u16);
+                    dn.push(rounded(stored + dither(number, dn.len() as u64)));
                 }
             }
         }
         Some(dn)
     }
+}
+
+/// The whole number of 16 bits nearest to `value`, halves away from 0: what `f64::round` gives, without its call.
+fn rounded(value: f64) -> u16 {
+    let below = value as u32;
+    let up = u32::from(value - f64::from(below) >= 0.5);
+    (below + up).min(u32::from(u16::MAX)) as u16
 }
 
 /// A number from −0.5 to 0.5 that is a function of the frame's number and the value's index: `SplitMix64` (Steele, Lea, Flood 2014).
@@ -234,6 +247,32 @@ mod tests {
             }
             let error = Binner::new(PixelFormat::of(name).unwrap(), (12, 12), 7, 3).unwrap_err();
             assert!(error.to_string().contains("at most 6 pixels"), "{error}");
+        }
+    }
+
+    #[test]
+    fn one_pixel_behind_each_is_the_mean_of_one_and_rounding_is_that_of_the_language() {
+        for at in 0..200_000 {
+            let value = f64::from(at) * 0.5 - 3.0;
+            for value in [value, value.next_up(), value.next_down()] {
+                let expected = value.round().clamp(0.0, f64::from(u16::MAX)) as u16;
+                assert_eq!(rounded(value), expected, "{value}");
+            }
+        }
+        // A frame that is one column wider has the same central square, by the rule for all sizes.
+        for (name, pixels) in [("Mono8", 1), ("Mono12", 1), ("RGB8", 3)] {
+            let format = PixelFormat::of(name).unwrap();
+            let width = format.bytes(1);
+            let row = |y: usize, wide: usize| {
+                (0..wide * width).map(move |x| ((x * 7 + y * 131) % 251) as u8 & 0x0f)
+            };
+            let [square, wide]: [Vec<u8>; 2] =
+                [12, 13].map(|wide| (0..12).flat_map(|y| row(y, wide)).collect());
+            let [quick, general] = [(12, &square), (13, &wide)].map(|(wide, bytes)| {
+                let binner = Binner::new(format, (wide, 12), 12, pixels).unwrap();
+                binner.image_of(bytes, 77).unwrap()
+            });
+            assert_eq!(quick, general, "{name}");
         }
     }
 

@@ -11,6 +11,7 @@ use crate::capture::device::{Device, DeviceError};
 use crate::capture::files::FilesProjector;
 use crate::capture::link::Link;
 use crate::capture::projector::{Projector, ProjectorError};
+use crate::capture::replay::ReplayCamera;
 use crate::instrument::drivers::{CameraDriver, ProjectorDriver};
 use crate::instrument::rig::Rig;
 
@@ -114,13 +115,14 @@ pub fn check(rig: &Rig) -> Vec<Finding> {
     let seen = || -> Result<String, RealError> {
         let camera = camera(rig)?;
         let format = camera.format();
-        Ok(format!(
+        let image = format!(
             "{}, images of {}×{} pixels, {} channels",
             camera.name(),
             format.width_px,
             format.height_px,
             format.channels
-        ))
+        );
+        Ok([vec![image], camera.settings()].concat().join("; "))
     };
     let shown = || -> Result<String, RealError> {
         #[cfg(feature = "window")]
@@ -156,6 +158,10 @@ pub fn camera(rig: &Rig) -> Result<Box<dyn Camera>, RealError> {
         CameraDriver::Virtual => Err(RealError::Virtual {
             rig: rig.name.clone(),
         }),
+        CameraDriver::Replay => {
+            let replay = rig.camera.replay.clone().unwrap_or_default();
+            Ok(Box::new(ReplayCamera::open(&replay.file, rig)?))
+        }
         #[cfg(feature = "genicam")]
         CameraDriver::Genicam => Ok(Box::new(crate::capture::genicam::GenicamCamera::open(rig)?)),
         #[cfg(not(feature = "genicam"))]

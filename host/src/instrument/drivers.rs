@@ -6,7 +6,7 @@
 //!
 //! | key | values |
 //! |---|---|
-//! | `camera.driver` | `virtual` (default), `genicam` with a table `[camera.genicam]` |
+//! | `camera.driver` | `virtual` (default), `genicam` with a table `[camera.genicam]`, `replay` with a table `[camera.replay]` |
 //! | `projector.driver` | `virtual` (default), `files` with a table `[projector.files]`, `window` with a table `[projector.window]` |
 //! | `trigger.port` | a serial port, or `auto` (default) to look for the box on USB |
 //!
@@ -25,6 +25,8 @@ pub enum CameraDriver {
     Virtual,
     /// A GigE Vision or USB3 Vision camera.
     Genicam,
+    /// An earlier measurement is shown again.
+    Replay,
 }
 
 /// What drives the projector.
@@ -104,6 +106,14 @@ impl Default for Genicam {
             buffers: 256,
         }
     }
+}
+
+/// The earlier measurement that is shown again.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Replay {
+    /// Its folder, or its `raw.zarr`; see [`ReplayCamera`](crate::capture::replay::ReplayCamera).
+    pub file: PathBuf,
 }
 
 /// Where the patterns go that another program shows.

@@ -7,7 +7,7 @@
 use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize};
 
-use crate::instrument::drivers::{CameraDriver, Files, Genicam, ProjectorDriver, Trigger, Window};
+use crate::instrument::drivers::{CameraDriver, Files, Genicam, ProjectorDriver, Replay, Trigger, Window};
 
 /// A complete instrument.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -133,6 +133,9 @@ pub struct CameraPart {
     /// Settings of the driver `genicam`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub genicam: Option<Genicam>,
+    /// Settings of the driver `replay`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub replay: Option<Replay>,
     /// Colour channels of a frame: 1 or 3.
     pub channels: u8,
     /// Bits of a digital number: 8, 10, 12 or 16.

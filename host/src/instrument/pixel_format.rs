@@ -106,6 +106,12 @@ impl PixelFormat {
         }
     }
 
+    /// Whether its bytes are the values as files have them: one byte each, or all 16 bits of two, the least first.
+    #[must_use]
+    pub const fn is_stored_as_it_is(&self) -> bool {
+        matches!(self.packing, Packing::Bytes) || matches!(self.packing, Packing::Words) && self.bits == 16
+    }
+
     /// The first `count` values in `bytes`, of which there are enough.
     fn unpack(&self, bytes: &[u8], count: usize) -> Vec<u16> {
         let most = u16::MAX >> (16 - self.bits);

@@ -26,7 +26,7 @@ use zarrs::array::{
 use zarrs::metadata::FillValueMetadata;
 use zarrs::storage::{ReadableStorageTraits as _, StoreKey};
 
-use super::atomic::AtomicStore;
+use super::atomic::{AtomicStore, Unfinished};
 use super::error::StoreError;
 use super::group::metadata_key;
 use super::header::Header;
@@ -284,7 +284,7 @@ impl ZarrArray {
         self.store.path_of(&self.key(index))
     }
 
-    fn check_index(&self, index: usize) -> Result<(), StoreError> {
+    pub(super) fn check_index(&self, index: usize) -> Result<(), StoreError> {
         if index < self.chunks() {
             return Ok(());
         }
@@ -295,6 +295,30 @@ impl ZarrArray {
             expected,
             index.to_string(),
         ))
+    }
+
+    /// Begins the file of chunk `index`.
+    pub(super) fn begin_file(&self, index: usize) -> std::io::Result<Unfinished> {
+        self.store.begin(&self.path_of(index))
+    }
+
+    /// Bytes of a whole chunk without its checksum.
+    pub(super) const fn chunk_bytes(&self) -> usize {
+        self.file_bytes - CHECKSUM
+    }
+
+    /// Bytes of the elements in chunk `index` that belong to the array.
+    pub(super) fn bytes_of(&self, index: usize) -> usize {
+        self.chunk_bytes() / self.chunk * self.range(index).len()
+    }
+
+    /// The element that stands for no data, little-endian.
+    pub(super) fn no_data(&self) -> Vec<u8> {
+        let mut bytes = self.array.fill_value().as_ne_bytes().to_vec();
+        if cfg!(target_endian = "big") {
+            bytes.reverse();
+        }
+        bytes
     }
 
     /// Whether chunk `index` was written.

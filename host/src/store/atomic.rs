@@ -75,6 +75,13 @@ impl AtomicStore {
     }
 
     fn write_and_rename(&self, target: &Path, value: &[u8]) -> io::Result<()> {
+        let mut unfinished = self.begin(target)?;
+        unfinished.file().write_all(value)?;
+        unfinished.publish()
+    }
+
+    /// Begins a file that will be `target`, to be written piece by piece.
+    pub(super) fn begin(&self, target: &Path) -> io::Result<Unfinished> {
         let number = self.next.fetch_add(1, Ordering::Relaxed);
         let mut name = target
             .file_name()
@@ -82,14 +89,44 @@ impl AtomicStore {
             .to_owned();
         name.push(format!("{TEMPORARY}{}-{number}", std::process::id()));
         let temporary = target.with_file_name(name);
-        let written = create_with_folder(&temporary)
-            .and_then(|mut file| file.write_all(value))
-            .and_then(|()| fs::rename(&temporary, target));
-        if written.is_err() {
-            // The first error is the one to tell; if this fails too, the leftover is a temporary.
-            let _ = fs::remove_file(&temporary);
+        Ok(Unfinished {
+            file: create_with_folder(&temporary)?,
+            temporary,
+            target: target.to_owned(),
+            is_published: false,
+        })
+    }
+}
+
+/// A file under its temporary name. Dropped before it is published, it goes.
+#[derive(Debug)]
+pub(super) struct Unfinished {
+    file: File,
+    temporary: PathBuf,
+    target: PathBuf,
+    is_published: bool,
+}
+
+impl Unfinished {
+    /// The file, to write to.
+    pub(super) const fn file(&mut self) -> &mut File {
+        &mut self.file
+    }
+
+    /// Gives it its real name.
+    pub(super) fn publish(mut self) -> io::Result<()> {
+        fs::rename(&self.temporary, &self.target)?;
+        self.is_published = true;
+        Ok(())
+    }
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        if !self.is_published {
+            // Why it was not finished is told; if this fails too, the leftover is a temporary.
+            let _ = fs::remove_file(&self.temporary);
         }
-        written
     }
 }
 

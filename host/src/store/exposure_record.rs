@@ -73,6 +73,35 @@ pub struct ExposureRecord {
     pub lit_irradiance: f64,
 }
 
+impl ExposureRecord {
+    /// No data in any of its fields: an exposure that was never taken.
+    pub const NONE: Self = Self {
+        incident: i64::MIN,
+        kind: u8::MAX,
+        exposure_s: f64::NAN,
+        trigger_tick: FILL_U64,
+        strobe_on_tick: FILL_U64,
+        strobe_off_tick: FILL_U64,
+        frame_id: FILL_U64,
+        camera_timestamp_s: f64::NAN,
+        attempts: 0,
+        flags: u16::MAX,
+        lit_solid_angle_sr: f64::NAN,
+        lit_irradiance: f64::NAN,
+    };
+
+    /// Of a frame of which nothing is known but what the camera says: its number and its time-stamp in s.
+    #[must_use]
+    pub const fn of_frame(frame_id: u64, camera_timestamp_s: f64) -> Self {
+        Self {
+            frame_id,
+            camera_timestamp_s,
+            attempts: 1,
+            ..Self::NONE
+        }
+    }
+}
+
 /// All columns of a file, in the order of the record's fields.
 #[derive(Debug)]
 pub(super) struct RecordColumns(Vec<ZarrArray>);

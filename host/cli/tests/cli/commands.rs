@@ -85,6 +85,9 @@ pub(crate) struct Use {
     pub(crate) stdin: &'static str,
 }
 
+/// A moment of `rcg camera bench`.
+const TRIAL: &str = "--source synthetic --image-size 8 --seconds 0.05 --frames-per-s 200";
+
 impl Scene {
     /// With two measurements, and one that is only planned.
     pub(crate) fn new() -> Self {
@@ -175,7 +178,8 @@ impl Scene {
             "controller bench" => vec!["--count 3".to_owned()],
             // Long, and tried elsewhere; nothing that could be stopped; cameras are tried where there is one, by the trials.
             "paper" | "study" | "worlds" | "controller stop" | "camera list" | "camera info"
-            | "camera grab" | "camera bench" => vec![],
+            | "camera grab" => vec![],
+            "camera bench" => vec![format!("{TRIAL} --to {dir}")],
             other => panic!("`rcg {other}` has no use here: add a quick one"),
         };
         let stdin = match words[0].as_str() {

@@ -26,6 +26,7 @@ mod brackets;
 mod budgets;
 mod by_hand;
 mod calibrations;
+mod cameras;
 mod command;
 mod commands;
 mod directions;

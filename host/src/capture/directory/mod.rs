@@ -16,8 +16,9 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
+use crate::capture::camera_clock::CameraClock;
 use crate::capture::session::Opening;
-use crate::capture::{Instrument, Tally};
+use crate::capture::{CaptureError, Instrument, Tally};
 use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::optics::View;
 use crate::instrument::rig::Rig;
@@ -26,7 +27,7 @@ use crate::plan::pattern::{LitSet, PatternMaker};
 use crate::plan::{Directions, Exposure, Plan};
 use crate::store::raw::SUBJECT;
 use crate::store::whole_file::{FileError, write_whole};
-use crate::store::{Lock, RawLayout, RawStore, Segment, StoreError};
+use crate::store::{Lock, RawLayout, RawStore, StoreError};
 
 mod begin;
 mod error;
@@ -43,7 +44,8 @@ use files::write_synced;
 pub(crate) use identity::{Sums, stamps_of, sums_at, sums_of};
 pub(crate) use lineage::box_of;
 use manifest::Manifest;
-pub(crate) use segment::take_segment;
+use segment::planned;
+pub(crate) use segment::{Taken, take_segment};
 
 /// How far a measurement is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -283,11 +285,11 @@ impl Measurement {
         let mut result = Ok(());
         std::thread::scope(|scope| {
             // One segment is written while the next is captured.
-            let (tx, rx) = sync_channel::<(usize, Segment)>(1);
+            let (tx, rx) = sync_channel::<(usize, Taken)>(1);
             let raw = &raw;
             let writer = scope.spawn(move || -> Result<(), StoreError> {
-                for (index, segment) in rx {
-                    raw.write_segment(index, &segment)?;
+                for (index, taken) in rx {
+                    taken.write(raw, index)?;
                 }
                 Ok(())
             });
@@ -302,9 +304,10 @@ impl Measurement {
                     .filter(|before| **before == patterns[shown.clone()])
                     .count();
                 instrument.camera.begin_part(same as u64);
-                match self.capture_segment(instrument, &maker, &patterns[shown], &mut report) {
-                    Ok(segment) => {
-                        if tx.send((index, segment)).is_err() {
+                match self.capture_segment(instrument, &maker, range.start, &patterns[shown], &mut report) {
+                    Ok(taken) => {
+                        // Here the trigger box waits where the disk is slower.
+                        if tx.send((index, taken)).is_err() {
                             break; // the writer has failed; its error follows
                         }
                     }
@@ -327,6 +330,7 @@ impl Measurement {
         let tally = raw.tally()?;
         let mut facts = Map::new();
         facts.insert("capture".to_owned(), json!(tally));
+        facts.insert("camera_clock".to_owned(), json!(camera_clock(&raw)?));
         self.note(State::Captured, facts)?;
         Ok(tally)
     }
@@ -400,11 +404,14 @@ impl Measurement {
         &self,
         instrument: &mut Instrument,
         maker: &PatternMaker,
+        first: usize,
         patterns: &[Exposure],
         progress: &mut dyn FnMut(usize),
-    ) -> Result<Segment, MeasurementError> {
+    ) -> Result<Taken, MeasurementError> {
         let lit = self.lit_sets(maker, patterns);
         let timings = self.plan.timings();
+        let planned = planned(first, &timings, patterns, &lit);
+        instrument.camera.expect(&planned).map_err(CaptureError::from)?;
         take_segment(instrument, &timings, patterns, &lit, progress)
     }
 
@@ -440,4 +447,17 @@ impl Measurement {
         manifest.note(state, facts);
         manifest.write()
     }
+}
+
+/// What the frames of `raw` say of the camera's clock; a jump of it is worth a word.
+fn camera_clock(raw: &RawStore) -> Result<CameraClock, StoreError> {
+    let clock = CameraClock::of(raw)?;
+    for jump in &clock.jumps {
+        tracing::warn!(
+            exposure = jump.exposure,
+            by_s = jump.by_s,
+            "the camera's clock has jumped"
+        );
+    }
+    Ok(clock)
 }

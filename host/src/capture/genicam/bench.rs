@@ -10,7 +10,11 @@ use super::set::{format_or_set, set_image, set_network};
 use super::stream::stream_of;
 use super::{Refusal, open_device};
 use crate::capture::camera::CameraError;
+use crate::capture::flow::{About, Arrived, Source};
 use crate::instrument::drivers::Genicam;
+
+/// How long is waited for a frame at a time.
+const POLL: Duration = Duration::from_millis(100);
 
 /// What arrived of a free-running camera.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -43,6 +47,112 @@ pub struct Throughput {
     pub bytes_per_s: f64,
 }
 
+/// A camera that runs free. Dropped, it stops.
+pub struct FreeRunning {
+    id: String,
+    camera: aravis::Camera,
+    stream: aravis::Stream,
+    region_px: (usize, usize),
+    pixel_format: String,
+    payload: u32,
+    ids: Option<Ids>,
+    /// Number of the newest frame, and how many arrived whole.
+    newest: u64,
+    frames: u64,
+}
+
+impl FreeRunning {
+    /// Lets the camera of these `settings` run free, at `frames_per_s` if it can be told.
+    ///
+    /// # Errors
+    /// [`CameraError`].
+    pub fn start(settings: &Genicam, frames_per_s: Option<f64>) -> Result<Self, CameraError> {
+        let (id, camera) = open_device(settings.device.as_deref())?;
+        let refusal = Refusal(&id);
+        let pixel_format = format_or_set(&refusal, &camera, settings)?;
+        let region_px = set_image(&refusal, &camera, settings, &pixel_format)?;
+        camera.clear_triggers().map_err(refusal.feature("TriggerMode"))?;
+        if let Some(rate) = frames_per_s {
+            camera
+                .set_frame_rate(rate)
+                .map_err(refusal.feature("AcquisitionFrameRate"))?;
+        }
+        camera
+            .set_acquisition_mode(AcquisitionMode::Continuous)
+            .map_err(refusal.feature("AcquisitionMode"))?;
+        set_network(&refusal, &camera, settings)?;
+        let stream = stream_of(&refusal, &camera)?;
+        let payload = camera.payload().map_err(refusal.feature("PayloadSize"))?;
+        for _ in 0..settings.buffers {
+            stream.push_buffer(Buffer::new_allocate(payload as usize));
+        }
+        camera
+            .start_acquisition()
+            .map_err(refusal.feature("AcquisitionStart"))?;
+        Ok(Self {
+            id,
+            camera,
+            stream,
+            region_px,
+            pixel_format,
+            payload,
+            ids: None,
+            newest: 0,
+            frames: 0,
+        })
+    }
+
+    /// What `of` makes of the next frame that arrives whole within `timeout`, and of its number.
+    fn next_with<T>(&mut self, timeout: Duration, of: impl FnOnce(&Buffer, u64) -> T) -> Option<T> {
+        let buffer = self.stream.timeout_pop_buffer(timeout.as_micros() as u64)?;
+        let gige = self.camera.is_gv_device();
+        let number = self
+            .ids
+            .get_or_insert_with(|| Ids::new(buffer.frame_id(), gige))
+            .number_of(buffer.frame_id());
+        self.newest = self.newest.max(number.unwrap_or(0));
+        let whole = number.filter(|_| buffer.status() == BufferStatus::Success);
+        let made = whole.map(|number| of(&buffer, number));
+        self.frames += u64::from(made.is_some());
+        self.stream.push_buffer(buffer);
+        made
+    }
+
+    fn numbered(&self) -> u64 {
+        if self.ids.is_some() { self.newest + 1 } else { 0 }
+    }
+}
+
+impl Source for FreeRunning {
+    fn about(&self) -> About {
+        About {
+            id: self.id.clone(),
+            region_px: self.region_px,
+            pixel_format: self.pixel_format.clone(),
+        }
+    }
+
+    fn next(&mut self, bytes: &mut Vec<u8>, timeout: Duration) -> Result<Option<Arrived>, CameraError> {
+        Ok(self.next_with(timeout, |buffer, number| {
+            bytes.extend_from_slice(&buffer.image_data());
+            Arrived {
+                number,
+                timestamp_s: buffer.timestamp() as f64 * 1e-9,
+            }
+        }))
+    }
+
+    fn lost(&self) -> u64 {
+        self.numbered().saturating_sub(self.frames)
+    }
+}
+
+impl Drop for FreeRunning {
+    fn drop(&mut self) {
+        self.camera.stop_acquisition().ok();
+    }
+}
+
 /// Lets the camera of these `settings` run free for `duration`, at `frames_per_s` if it can be told, and counts.
 ///
 /// # Errors
@@ -53,54 +163,22 @@ pub fn bench(
     duration: Duration,
     progress: &dyn Fn(u64),
 ) -> Result<Throughput, CameraError> {
-    let (id, camera) = open_device(settings.device.as_deref())?;
-    let refusal = Refusal(&id);
-    let pixel_format = format_or_set(&refusal, &camera, settings)?;
-    let region_px = set_image(&refusal, &camera, settings, &pixel_format)?;
-    camera.clear_triggers().map_err(refusal.feature("TriggerMode"))?;
-    if let Some(rate) = frames_per_s {
-        camera
-            .set_frame_rate(rate)
-            .map_err(refusal.feature("AcquisitionFrameRate"))?;
-    }
-    camera
-        .set_acquisition_mode(AcquisitionMode::Continuous)
-        .map_err(refusal.feature("AcquisitionMode"))?;
-    set_network(&refusal, &camera, settings)?;
-    let stream = stream_of(&refusal, &camera)?;
-    let payload = camera.payload().map_err(refusal.feature("PayloadSize"))?;
-    for _ in 0..settings.buffers {
-        stream.push_buffer(Buffer::new_allocate(payload as usize));
-    }
-    camera
-        .start_acquisition()
-        .map_err(refusal.feature("AcquisitionStart"))?;
+    let mut running = FreeRunning::start(settings, frames_per_s)?;
     let began = Instant::now();
-    let mut ids: Option<Ids> = None;
-    let (mut frames, mut last) = (0, 0);
     while began.elapsed() < duration {
-        let Some(buffer) = stream.timeout_pop_buffer(100_000) else {
-            continue;
-        };
-        let number = ids
-            .get_or_insert_with(|| Ids::new(buffer.frame_id(), camera.is_gv_device()))
-            .number_of(buffer.frame_id());
-        last = last.max(number.unwrap_or(0));
-        if buffer.status() == BufferStatus::Success {
-            frames += 1;
-            if frames % 256 == 0 {
-                progress(frames);
-            }
+        let came = running.next_with(POLL, |_, _| ());
+        if came.is_some() && running.frames.is_multiple_of(256) {
+            progress(running.frames);
         }
-        stream.push_buffer(buffer);
     }
     let elapsed_s = began.elapsed().as_secs_f64();
+    let FreeRunning { camera, stream, .. } = &running;
     camera
         .stop_acquisition()
-        .map_err(refusal.feature("AcquisitionStop"))?;
-    let numbered = if ids.is_some() { last + 1 } else { 0 };
+        .map_err(Refusal(&running.id).feature("AcquisitionStop"))?;
+    let frames = running.frames;
     Ok(Throughput {
-        region_px,
+        region_px: running.region_px,
         packet_bytes: camera
             .is_gv_device()
             .then(|| camera.gv_get_packet_size().ok())
@@ -108,13 +186,13 @@ pub fn bench(
         buffers: settings.buffers,
         elapsed_s,
         frames,
-        lost: numbered.saturating_sub(frames),
+        lost: running.lost(),
         underruns: stream.statistics().2,
         resent_packets: stream.info_uint64_by_name("n_resent_packets"),
         missing_packets: stream.info_uint64_by_name("n_missing_packets"),
         frames_per_s: frames as f64 / elapsed_s,
-        bytes_per_s: frames as f64 * f64::from(payload) / elapsed_s,
-        pixel_format,
-        id,
+        bytes_per_s: frames as f64 * f64::from(running.payload) / elapsed_s,
+        pixel_format: running.pixel_format.clone(),
+        id: running.id.clone(),
     })
 }

@@ -16,6 +16,7 @@ mod bench;
 mod grab;
 mod ids;
 mod list;
+mod said;
 mod set;
 mod stream;
 
@@ -33,10 +34,11 @@ use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::pixel_format::PixelFormat;
 use crate::instrument::rig::Rig;
 
-pub use bench::{Throughput, bench};
+pub use bench::{FreeRunning, Throughput, bench};
 pub use grab::{Grabbed, grab};
 use ids::Ids;
 pub use list::{Details, Listed, details, list};
+use said::said_of;
 use set::{set_image, set_levels, set_network, set_strobe, set_trigger};
 use stream::{probe, stream_of, take_back};
 
@@ -219,6 +221,10 @@ impl Camera for GenicamCamera {
 
     fn format(&self) -> FrameFormat {
         self.binner.image()
+    }
+
+    fn settings(&self) -> Vec<String> {
+        said_of(&self.camera, &self.settings)
     }
 
     fn arm(&mut self) -> Result<(), CameraError> {

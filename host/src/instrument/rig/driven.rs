@@ -21,6 +21,7 @@ impl Rig {
             camera: CameraPart {
                 driver: CameraDriver::Virtual,
                 genicam: None,
+                replay: None,
                 ..self.camera.clone()
             },
             projector: ProjectorPart {
@@ -41,6 +42,7 @@ impl Rig {
             camera: CameraPart {
                 driver: other.camera.driver,
                 genicam: other.camera.genicam.clone(),
+                replay: other.camera.replay.clone(),
                 ..self.camera.clone()
             },
             projector: ProjectorPart {
@@ -106,6 +108,11 @@ impl Rig {
                 self.camera.genicam.is_some(),
             ),
             (
+                "camera.replay",
+                camera == CameraDriver::Replay,
+                self.camera.replay.is_some(),
+            ),
+            (
                 "projector.files",
                 projector == ProjectorDriver::Files,
                 self.projector.files.is_some(),
@@ -125,6 +132,9 @@ impl Rig {
         }
         if projector == ProjectorDriver::Window && self.projector.window.is_none() {
             return Err(error("projector.window", "a table with patch_px", "nothing"));
+        }
+        if camera == CameraDriver::Replay && self.camera.replay.is_none() {
+            return Err(error("camera.replay", "a table with a file", "nothing"));
         }
         if let Some(files) = &self.projector.files
             && !(0.0..=86_400.0).contains(&files.patience_s)
@@ -242,6 +252,16 @@ mod tests {
                 &[camera, ("[projector]\n", "[projector]\ndriver = \"files\"\n")],
                 "projector.files",
                 "found nothing",
+            ),
+            (
+                &[projector, ("[camera]", "[camera]\ndriver = \"replay\"")],
+                "camera.replay",
+                "found nothing",
+            ),
+            (
+                &[("[camera]", "[camera]\nreplay = { file = \"m\" }")],
+                "camera.replay",
+                "no settings of a driver that is not named",
             ),
             (
                 &[("[camera]", "[camera]\ngenicam = {}")],

@@ -461,7 +461,7 @@ impl<'a> Loop<'a> {
         };
         instrument.camera.begin_part(part);
         let taken = take_segment(instrument, &self.timings, exposures, lit, &mut |_| {})?;
-        Ok(journal.frames.write_segment(segment, &taken)?)
+        Ok(taken.write(&journal.frames, segment)?)
     }
 }
 

@@ -38,6 +38,10 @@ use super::header::Header;
 use super::seal::Seals;
 use super::tally::{Tally, TallyColumns};
 
+mod write;
+
+pub use write::SegmentWriter;
+
 /// Name of the format in the group's attributes.
 const FORMAT: &str = "raw";
 /// Name and axes of the array of frames.
@@ -170,19 +174,7 @@ impl RawStore {
         for (name, value) in attributes {
             all.entry(name).or_insert(value);
         }
-        let frames = ZarrArray::create(&store, &layout.frames(), layout.about_frames())?;
-        let records = RecordColumns::create(&store, layout.exposures, layout.segment, layout.clock_hz)?;
-        let segments = frames.chunks();
-        let tallies = TallyColumns::create(&store, segments, layout.segment)?;
-        let seals = Seals::create(&store, segments, subject(&all))?;
-        let arrays = std::iter::once(&frames)
-            .chain(records.arrays())
-            .chain(tallies.arrays())
-            .chain([seals.array()]);
-        let metadata = arrays
-            .map(|array| (array.name().to_owned(), array.metadata()))
-            .collect();
-        group::write(&store, &all, &metadata)?;
+        describe(&store, &layout, &all)?;
         group::publish(&partial, path, FORMAT, false)?;
         Self::open(path)
     }
@@ -317,93 +309,6 @@ impl RawStore {
         }
     }
 
-    /// Writes segment `index`, which must be the next one or, again, the one written last.
-    ///
-    /// # Errors
-    /// [`StoreError::Argument`] if it is another segment, if the lengths are not those of
-    /// [`Self::segment_range`], or if a sample has more bits than the layout says: nothing is
-    /// written then. [`StoreError::DiskFull`] or [`StoreError::Io`]: the segment is not whole and
-    /// can be written again.
-    pub fn write_segment(&self, index: usize, segment: &Segment) -> Result<(), StoreError> {
-        self.check(index, segment)?;
-        let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
-        let next = match progress.next {
-            Some(next) => next,
-            None => self.count_whole_segments()?,
-        };
-        progress.next = Some(next);
-        if index != next && index.checked_add(1) != Some(next) {
-            let expected = format!("{next}, the next one");
-            return Err(StoreError::argument(
-                self.store.root(),
-                "index of the segment to write",
-                expected,
-                index.to_string(),
-            ));
-        }
-        progress.next = Some(index);
-        self.put(index, segment, &mut progress)?;
-        progress.next = Some(index + 1);
-        Ok(())
-    }
-
-    /// Writes segment `index`, whichever others are there, in place of an older one: of captures in which each segment is one by itself.
-    ///
-    /// # Errors
-    /// As for [`write_segment`](Self::write_segment).
-    pub fn put_segment(&self, index: usize, segment: &Segment) -> Result<(), StoreError> {
-        self.check(index, segment)?;
-        let mut progress = self.progress.lock().unwrap_or_else(PoisonError::into_inner);
-        progress.next = None;
-        self.put(index, segment, &mut progress)
-    }
-
-    /// Refuses a segment `index` that is not as the layout says.
-    fn check(&self, index: usize, segment: &Segment) -> Result<(), StoreError> {
-        self.frames.check_len(index, segment.frames.len())?;
-        let root = self.store.root();
-        let (expected, found) = (self.segment_range(index).len(), segment.records.len());
-        if found != expected {
-            let what = format!("records of segment {index}");
-            return Err(StoreError::argument(
-                root,
-                what,
-                expected.to_string(),
-                found.to_string(),
-            ));
-        }
-        let (largest, allowed) = (segment.frames.iter().copied().max(), self.layout.largest_sample());
-        match largest.filter(|&sample| sample > allowed) {
-            None => Ok(()),
-            Some(sample) => Err(StoreError::argument(
-                root,
-                format!("samples of segment {index}"),
-                format!("at most {allowed} ({} bits)", self.layout.bits),
-                sample.to_string(),
-            )),
-        }
-    }
-
-    /// Writes the parts of segment `index`, its seal last.
-    fn put(&self, index: usize, segment: &Segment, progress: &mut Progress) -> Result<(), StoreError> {
-        if !progress.swept {
-            self.store.remove_temporaries()?;
-            progress.swept = true;
-        }
-        self.seals.erase(index)?;
-        self.frames.erase(index)?;
-        self.records.write(index, &segment.records)?;
-        self.tallies.write(index, &segment.tally)?;
-        if self.layout.bits <= 8 {
-            // Checked before: every sample fits.
-            let samples: Vec<u8> = segment.frames.iter().map(|&sample| sample as u8).collect();
-            self.frames.write(index, &samples)?;
-        } else {
-            self.frames.write(index, &segment.frames)?;
-        }
-        self.seals.write(index, self.parts())
-    }
-
     /// The arrays of which every segment has one chunk.
     fn parts(&self) -> impl Iterator<Item = &ZarrArray> {
         std::iter::once(&self.frames)
@@ -466,6 +371,27 @@ impl RawStore {
         self.seals.check(index, self.parts())?;
         Ok(segment)
     }
+}
+
+/// Writes the metadata of a file of this `layout` with these attributes of its group.
+fn describe(
+    store: &Arc<AtomicStore>,
+    layout: &RawLayout,
+    attributes: &Map<String, Value>,
+) -> Result<(), StoreError> {
+    let frames = ZarrArray::create(store, &layout.frames(), layout.about_frames())?;
+    let records = RecordColumns::create(store, layout.exposures, layout.segment, layout.clock_hz)?;
+    let segments = frames.chunks();
+    let tallies = TallyColumns::create(store, segments, layout.segment)?;
+    let seals = Seals::create(store, segments, subject(attributes))?;
+    let arrays = std::iter::once(&frames)
+        .chain(records.arrays())
+        .chain(tallies.arrays())
+        .chain([seals.array()]);
+    let metadata = arrays
+        .map(|array| (array.name().to_owned(), array.metadata()))
+        .collect();
+    group::write(store, attributes, &metadata)
 }
 
 /// What the file with these attributes of the group is about, as its seals take it.

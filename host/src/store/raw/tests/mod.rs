@@ -8,6 +8,7 @@ use super::*;
 use crate::store::OrphanFrame;
 
 mod hostile;
+mod pieces;
 
 const LAYOUT: RawLayout = RawLayout {
     exposures: 10,

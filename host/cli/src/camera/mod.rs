@@ -1,5 +1,7 @@
 //! `rcg camera`
 
+mod flow;
+
 use std::path::PathBuf;
 
 use rcg::instrument::drivers::Genicam;
@@ -26,8 +28,8 @@ enum Action {
     Info,
     /// Take one frame by software and write it as a PNG
     Grab(Grab),
-    /// Let the camera run free and count the frames that arrive whole
-    Bench(Bench),
+    /// Let the camera run free and count the frames that arrive whole, or those that reach the disk
+    Bench(flow::Args),
 }
 
 #[derive(Debug, clap::Args)]
@@ -41,24 +43,18 @@ struct Grab {
     exposure_ms: f64,
 }
 
-#[derive(Debug, clap::Args)]
-#[cfg_attr(not(feature = "genicam"), allow(dead_code))] // read by the driver
-struct Bench {
-    /// How long, seconds
-    #[arg(long, value_name = "S", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=86_400))]
-    seconds: u32,
-    /// Frames a second that the camera is asked for [default: as it is set]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    frames_per_s: Option<u32>,
-}
-
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let rig = Rig::load(rig)?;
     let mut settings = rig.camera.genicam.unwrap_or_default();
     if args.device.is_some() {
         settings.device.clone_from(&args.device);
     }
-    act(&args.action, &settings, output)
+    match &args.action {
+        Action::Bench(bench) if bench.is_synthetic() => {
+            flow::synthetic(bench, args.device.as_deref(), output)
+        }
+        action => act(action, &settings, output),
+    }
 }
 
 #[cfg(not(feature = "genicam"))]
@@ -75,23 +71,19 @@ fn act(action: &Action, settings: &Genicam, output: &Output) -> Done {
         Action::List => real::list(output),
         Action::Info => real::info(settings, output),
         Action::Grab(args) => real::grab(args, settings, output),
-        Action::Bench(args) => real::bench(args, settings, output),
+        Action::Bench(args) => flow::camera(args, settings, output),
     }
 }
 
 #[cfg(feature = "genicam")]
 mod real {
-    use std::time::Duration;
-
     use rcg::base::file_format::PICTURE;
-    use rcg::base::progress::Progress as _;
     use rcg::capture::genicam;
     use rcg::instrument::drivers::Genicam;
     use serde_json::json;
 
-    use super::{Bench, Grab};
+    use super::Grab;
     use crate::Done;
-    use crate::failure::Failure;
     use crate::output::{Output, table, to_write};
 
     pub(super) fn list(output: &Output) -> Done {
@@ -167,60 +159,5 @@ mod real {
                 found.range_dn(),
             )
         })
-    }
-
-    pub(super) fn bench(args: &Bench, settings: &Genicam, output: &Output) -> Done {
-        let duration = Duration::from_secs(u64::from(args.seconds));
-        let rate = args.frames_per_s.map(f64::from);
-        let expected = rate.map_or(0.0, |rate| rate * duration.as_secs_f64());
-        output.begin("camera", expected as usize, "frames");
-        let found = genicam::bench(settings, rate, duration, &|frames| output.reach(frames as usize))?;
-        output.end();
-        output.print(&json!(found), || {
-            let mut lines = vec![
-                ("camera", found.id.clone()),
-                (
-                    "frames",
-                    format!(
-                        "{}×{} px, {}",
-                        found.region_px.0, found.region_px.1, found.pixel_format
-                    ),
-                ),
-                (
-                    "arrived whole",
-                    format!(
-                        "{} in {:.1} s, {:.1} a second",
-                        found.frames, found.elapsed_s, found.frames_per_s
-                    ),
-                ),
-                ("of images", format!("{:.1} MB/s", found.bytes_per_s * 1e-6)),
-                (
-                    "lost",
-                    format!(
-                        "{}, {} of them as none may wait any more",
-                        found.lost, found.underruns
-                    ),
-                ),
-                (
-                    "packets",
-                    format!(
-                        "{} sent again, {} missing",
-                        found.resent_packets, found.missing_packets
-                    ),
-                ),
-                ("frames that may wait", found.buffers.to_string()),
-            ];
-            if let Some(bytes) = found.packet_bytes {
-                lines.push(("packet", format!("{bytes} bytes")));
-            }
-            table(&lines)
-        })?;
-        if found.frames == 0 {
-            return Err(Failure::Failed(anyhow::anyhow!(
-                "camera {}: expected frames, found none",
-                found.id
-            )));
-        }
-        Ok(())
     }
 }
