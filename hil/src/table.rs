@@ -4,7 +4,8 @@
 //! The host's command finds the parts where real ones would be: an emulated Pico with the real firmware at a serial port, a
 //! GigE Vision camera on the network, and a folder for the patterns of a projector that another program drives. What they
 //! would see and show comes from the virtual rig: PROJ edges of the firmware advance through the pictures in the folder, CAM edges
-//! expose, STROBE answers, and the images go out as frames of the camera.
+//! expose, STROBE answers, and the images go out as frames of the camera. In place of the folder an emulated [`Dlpc900`] can stand there
+//! ([`Table::lay_with`]): what was uploaded to it is what PROJ advances through.
 //!
 //! The table knows nothing of plans: what is measured, in which order and how often, is the command's affair alone. What stands in
 //! the holder is what a file beside the patterns says, `holder`: nothing for the sample, else as `put` takes it while views are
@@ -29,13 +30,15 @@ use rcg::calibrate::by_hand::held_of;
 use rcg::capture::camera::{Camera as _, CameraError};
 use rcg::capture::files::{CURRENT, READY, name_of, read_pattern};
 use rcg::capture::projector::{Projector as _, ProjectorError};
-use rcg::instrument::drivers::{CameraDriver, Files, Genicam, ProjectorDriver, Trigger};
+use rcg::instrument::drivers::{self, CameraDriver, Files, Genicam, ProjectorDriver, Trigger};
 use rcg::instrument::rig::Rig;
 use rcg::plan::Virtual;
+use rcg::plan::pattern::BitPattern;
 use rcg::virtual_rig::setup::{SetupError, World};
 use rcg::virtual_rig::{Held, VirtualCamera, VirtualProjector, Wires};
 
 use crate::bridge::{Bridge, BridgeError};
+use crate::dlpc900::{Dlpc900, Sequence, Served};
 use crate::dut::EmulatedPico;
 use crate::gige::{Counts, Faults, GigeCamera, GigeError, PixelFormat, Settings};
 
@@ -65,6 +68,9 @@ pub enum TableError {
     /// What is to stand in the holder.
     #[error("holder: {0}")]
     Holder(String),
+    /// The port of the projector.
+    #[error("projector: {0}")]
+    Port(io::Error),
     /// The answer to those who hand patterns over.
     #[error("{}: {source}", path.display())]
     Ready {
@@ -83,6 +89,8 @@ pub struct Table {
     slot: Arc<Mutex<Slot>>,
     over: Arc<AtomicBool>,
     workers: Vec<JoinHandle<Result<(), TableError>>>,
+    /// The projector's port, where it has one.
+    _projector: Option<Served>,
 }
 
 impl Table {
@@ -98,6 +106,21 @@ impl Table {
         settings: Settings,
         folder: &Path,
     ) -> Result<Self, TableError> {
+        Self::lay_with(rig, light, dut, settings, folder, None)
+    }
+
+    /// As [`lay`](Self::lay), with this unit for a projector where there is one.
+    ///
+    /// # Errors
+    /// [`TableError`].
+    pub fn lay_with(
+        rig: &Rig,
+        light: &Virtual,
+        dut: &EmulatedPico,
+        settings: Settings,
+        folder: &Path,
+        unit: Option<&Dlpc900>,
+    ) -> Result<Self, TableError> {
         let bridge = Bridge::start(dut, 0)?;
         let (format, name) = format_of(rig);
         let settings = Settings {
@@ -105,7 +128,16 @@ impl Table {
             formats: vec![format],
             ..settings
         };
-        let rig = equipped(rig, settings.address, name, bridge.port(), folder);
+        let served = unit.map(Dlpc900::serve).transpose().map_err(TableError::Port)?;
+        let mut rig = equipped(rig, settings.address, name, bridge.port(), folder);
+        if let Some(served) = &served {
+            rig.projector.driver = ProjectorDriver::Dlpc900;
+            rig.projector.files = None;
+            rig.projector.dlpc900 = Some(drivers::Dlpc900 {
+                device: Some(served.device()),
+                ..drivers::Dlpc900::default()
+            });
+        }
         let slot = Arc::new(Mutex::new(Slot {
             camera: Some(GigeCamera::start(settings.clone())?),
             settings,
@@ -135,7 +167,13 @@ impl Table {
         let over = Arc::new(AtomicBool::new(false));
         let patterns = {
             let over = Arc::clone(&over);
-            thread::spawn(move || until(&over, || shown.load()))
+            match unit {
+                Some(unit) => {
+                    let failed = shown.follow(unit);
+                    thread::spawn(move || until(&over, || lock(&failed).take().map_or(Ok(()), Err)))
+                }
+                None => thread::spawn(move || until(&over, || shown.load())),
+            }
         };
         let frames = {
             let (over, slot) = (Arc::clone(&over), Arc::clone(&slot));
@@ -147,6 +185,7 @@ impl Table {
             slot,
             over,
             workers: vec![patterns, frames],
+            _projector: served,
         })
     }
 
@@ -338,23 +377,13 @@ impl Shown {
         Ok(())
     }
 
-    /// Takes up a sequence that has come, and says so.
-    fn load(&mut self) -> Result<(), TableError> {
-        let current = fs::read_to_string(self.folder.join(CURRENT)).unwrap_or_default();
-        let current = current.trim();
-        if current.is_empty() || self.sequence.as_deref() == Some(current) {
-            return Ok(());
-        }
+    /// Shows these patterns one after the other from the next edge on.
+    fn show(&mut self, patterns: &[BitPattern]) -> Result<(), TableError> {
         self.change_held()?;
         self.projector.clear()?;
         let mut hasher = DefaultHasher::new();
-        for number in 0.. {
-            let path = self.folder.join(current).join(name_of(number));
-            if !path.is_file() {
-                break;
-            }
-            let pattern = read_pattern(&path)?;
-            self.projector.load(&pattern)?;
+        for pattern in patterns {
+            self.projector.load(pattern)?;
             (pattern.bytes(), pattern.level(), pattern.primary()).hash(&mut hasher);
         }
         let times = self.times.entry(hasher.finish()).or_default();
@@ -363,6 +392,38 @@ impl Shown {
             camera.arm()?;
         }
         *times += 1;
+        Ok(())
+    }
+
+    /// Shows what starts on `unit`. Returns where to look for what went wrong.
+    fn follow(mut self, unit: &Dlpc900) -> Arc<Mutex<Option<TableError>>> {
+        let failed = Arc::new(Mutex::new(None));
+        let place = Arc::clone(&failed);
+        unit.on_start(Box::new(move |sequence: Sequence| {
+            let patterns: Vec<BitPattern> = sequence.into_iter().map(|shown| shown.pattern).collect();
+            if let Err(error) = self.show(&patterns) {
+                *lock(&place) = Some(error);
+            }
+        }));
+        failed
+    }
+
+    /// Takes up a sequence that has come, and says so.
+    fn load(&mut self) -> Result<(), TableError> {
+        let current = fs::read_to_string(self.folder.join(CURRENT)).unwrap_or_default();
+        let current = current.trim();
+        if current.is_empty() || self.sequence.as_deref() == Some(current) {
+            return Ok(());
+        }
+        let mut patterns = Vec::new();
+        for number in 0.. {
+            let path = self.folder.join(current).join(name_of(number));
+            if !path.is_file() {
+                break;
+            }
+            patterns.push(read_pattern(&path)?);
+        }
+        self.show(&patterns)?;
         let ready = self.folder.join(READY);
         fs::write(&ready, current).map_err(|source| TableError::Ready { path: ready, source })?;
         self.sequence = Some(current.to_owned());

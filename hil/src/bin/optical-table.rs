@@ -8,6 +8,7 @@ use anyhow::Context as _;
 use clap::Parser;
 use rcg::instrument::rig::Rig;
 use rcg::plan::Virtual;
+use rcg_hil::dlpc900::Dlpc900;
 use rcg_hil::dut::PicoArgs;
 use rcg_hil::gige::Settings;
 use rcg_hil::table::{Table, own_address};
@@ -40,6 +41,9 @@ struct Args {
     /// Pixels a side of the camera's image
     #[arg(long, value_name = "N", default_value_t = 96)]
     image_size: u32,
+    /// What stands for the projector: a folder that takes its patterns, or an emulated DLPC900 with mirrors of the rig's size
+    #[arg(long, value_name = "files|dlpc900", default_value = "files", value_parser = ["files", "dlpc900"])]
+    projector: String,
     #[command(flatten)]
     pico: PicoArgs,
 }
@@ -61,7 +65,10 @@ fn main() -> anyhow::Result<()> {
         address: own_address(),
         ..Settings::default()
     };
-    let table = Table::lay(&rig, &light, &dut, camera, &out.join("patterns"))?;
+    let unit = (args.projector == "dlpc900")
+        .then(|| Dlpc900::like(&rig))
+        .transpose()?;
+    let table = Table::lay_with(&rig, &light, &dut, camera, &out.join("patterns"), unit.as_ref())?;
     write(&out.join("rig.toml"), &table.rig().to_toml())?;
     // The same rig without drivers: what is simulated as a whole.
     write(&out.join("simulated.toml"), &rig.to_toml())?;

@@ -13,6 +13,7 @@
 pub mod camera;
 pub mod device;
 pub mod directory;
+pub mod dlpc900;
 pub mod files;
 pub mod follow;
 #[cfg(feature = "genicam")]
@@ -162,6 +163,7 @@ impl Instrument {
                 self.projector.load(&image)?;
                 steps.push(timing.shown(&timings[0]));
             }
+            self.projector.pace(&steps)?;
             self.projector.ready()?;
             let settled = count - open.len();
             let Received {

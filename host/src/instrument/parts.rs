@@ -7,7 +7,7 @@
 use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize};
 
-use crate::instrument::drivers::{CameraDriver, Files, Genicam, ProjectorDriver, Trigger};
+use crate::instrument::drivers::{CameraDriver, Dlpc900, Files, Genicam, ProjectorDriver, Trigger};
 
 /// A complete instrument.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -199,6 +199,9 @@ pub struct ProjectorPart {
     /// Settings of the driver `files`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub files: Option<Files>,
+    /// Settings of the driver `dlpc900`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dlpc900: Option<Dlpc900>,
     /// From the trigger edge until the new pattern is stable, seconds.
     pub settle_s: f64,
     /// Shortest time between two patterns, seconds.
