@@ -106,10 +106,10 @@ fn a_measurement_by_a_real_rig_is_planned_without_it_and_names_what_is_missing()
     );
     // In place of the folder micromirrors, that nobody has connected.
     let mirrors = fs::read_to_string(&rig).unwrap();
-    let (before, after) = mirrors.split_once("[projector.files]").unwrap();
+    let (before, after) = mirrors.split_once("\n[projector.files]").unwrap();
     let after = after.split_once("[projector.lens]").unwrap().1;
     let mirrors =
-        format!("{before}[projector.dlpc900]\ndevice = \"tcp:127.0.0.1:1\"\n[projector.lens]{after}");
+        format!("{before}\n[projector.dlpc900]\ndevice = \"tcp:127.0.0.1:1\"\n[projector.lens]{after}");
     fs::write(&rig, mirrors.replace("\"files\"   ", "\"dlpc900\" ")).unwrap();
     let checked = run(&["rig", "check", "--rig", text(&rig)], "");
     assert!(
