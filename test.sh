@@ -35,7 +35,7 @@ need_features() {
     fi
     if ! pkg-config --exists 'aravis-0.8 >= 0.8.25' 2>/dev/null; then
         echo "no libaravis (Debian: libaravis-dev libusb-1.0-0-dev): the drivers of cameras are skipped"
-        features="--features rcg-firmware/clock-200mhz,rcg-cli/window,rcg-hil/window"
+        features="--features rcg-firmware/clock-200mhz,rcg-cli/dlpc900,rcg-cli/window,rcg-hil/window"
     fi
 }
 
@@ -197,6 +197,17 @@ if [ -n "$browser" ]; then
     wait "$browser" || { cat target/page.log; exit 1; }
     trap - EXIT
     tail -n 12 target/page.log
+fi
+
+if [ "$kind" = full ]; then
+    step "micromirrors behind a real hidraw, in an emulated PC"
+    machine() { command -v qemu-system-x86_64 >/dev/null && command -v cpio >/dev/null && [ -x /bin/busybox ]; }
+    machine || install_packages qemu-system-x86 cpio busybox-static || true
+    if machine; then
+        hil/guest/run.sh
+    else
+        echo "no qemu-system-x86, cpio or busybox-static: the emulated PC is skipped"
+    fi
 fi
 
 # Of each rig as many measurements, by the commands: none may be wrong in silence.

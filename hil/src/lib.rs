@@ -8,13 +8,14 @@
 //!
 //! A [`bridge`] gives an emulated Pico a serial port and wires, for the host's command as it is.
 //!
-//! A camera for the host's driver is [`gige`]: GigE Vision, real up to the sensor. A [`table`] has both, and a folder for a projector's
-//! patterns or a screen that a window fills, with the virtual rig's light.
+//! A camera for the host's driver is [`gige`]: GigE Vision, real up to the sensor; a projector is [`dlpc900`], real up to the mirrors. A
+//! [`table`] has a camera and, with the virtual rig's light, such a projector, a folder for its patterns or a screen that a window fills.
 //!
 //! Every figure that a trial finds goes into [`figures`] together with its limit, is checked there, and is printed.
 
 pub mod bench;
 pub mod bridge;
+pub mod dlpc900;
 pub mod dut;
 pub mod emulator;
 pub mod figures;

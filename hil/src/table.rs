@@ -4,7 +4,8 @@
 //! The host's command finds the parts where real ones would be: an emulated Pico with the real firmware at a serial port, a
 //! GigE Vision camera on the network, and a folder for the patterns of a projector that another program drives. What they
 //! would see and show comes from the virtual rig: PROJ edges of the firmware advance through the pictures in the folder, CAM edges
-//! expose, STROBE answers, and the images go out as frames of the camera.
+//! expose, STROBE answers, and the images go out as frames of the camera. In place of the folder an emulated [`Dlpc900`] can stand there
+//! ([`Table::lay_with`]): what was uploaded to it is what PROJ advances through.
 //!
 //! The table knows nothing of plans: what is measured, in which order and how often, is the command's affair alone. What stands in
 //! the holder is what a file beside the patterns says, `holder`: nothing for the sample, else as `put` takes it while views are
@@ -32,13 +33,15 @@ use rcg::calibrate::by_hand::held_of;
 use rcg::capture::camera::{Camera as _, CameraError};
 use rcg::capture::files::{CURRENT, READY, name_of, read_pattern};
 use rcg::capture::projector::{Projector as _, ProjectorError};
-use rcg::instrument::drivers::{CameraDriver, Files, Genicam, ProjectorDriver, Trigger, Window};
+use rcg::instrument::drivers::{self, CameraDriver, Files, Genicam, ProjectorDriver, Trigger, Window};
 use rcg::instrument::rig::Rig;
 use rcg::plan::Virtual;
+use rcg::plan::pattern::BitPattern;
 use rcg::virtual_rig::setup::{SetupError, World};
 use rcg::virtual_rig::{Held, VirtualCamera, VirtualProjector, Wires};
 
 use crate::bridge::{Bridge, BridgeError, Photodiode};
+use crate::dlpc900::{Dlpc900, Sequence, Served};
 use crate::dut::EmulatedPico;
 use crate::gige::{Counts, Faults, GigeCamera, GigeError, PixelFormat, Settings};
 
@@ -68,6 +71,9 @@ pub enum TableError {
     /// What is to stand in the holder.
     #[error("holder: {0}")]
     Holder(String),
+    /// The port of the projector.
+    #[error("projector: {0}")]
+    Port(io::Error),
     /// The answer to those who hand patterns over.
     #[error("{}: {source}", path.display())]
     Ready {
@@ -89,8 +95,12 @@ pub struct Screen {
 }
 
 /// What shows the patterns.
-enum Projection {
-    Folder(PathBuf),
+pub enum Projection<'a> {
+    /// A folder that takes them.
+    Folder(&'a Path),
+    /// Micromirrors; beside the path is the file that says what stands in the holder.
+    Mirrors(&'a Dlpc900, &'a Path),
+    /// A screen.
     Screen(Screen),
 }
 
@@ -102,6 +112,8 @@ pub struct Table {
     slot: Arc<Mutex<Slot>>,
     over: Arc<AtomicBool>,
     workers: Vec<JoinHandle<Result<(), TableError>>>,
+    /// The projector's port, where it has one.
+    _projector: Option<Served>,
 }
 
 impl Table {
@@ -117,24 +129,14 @@ impl Table {
         settings: Settings,
         folder: &Path,
     ) -> Result<Self, TableError> {
-        Self::lay_with(rig, light, dut, settings, Projection::Folder(folder.to_owned()))
+        Self::lay_with(rig, light, dut, settings, Projection::Folder(folder))
     }
 
-    /// As [`lay`](Self::lay), with a window in place of the folder. What stands in the holder is the sample.
+    /// As [`lay`](Self::lay), with another `projection` in place of the folder. Before a screen the sample stands in the holder.
     ///
     /// # Errors
     /// [`TableError`].
-    pub fn lay_before(
-        rig: &Rig,
-        light: &Virtual,
-        dut: &EmulatedPico,
-        settings: Settings,
-        screen: Screen,
-    ) -> Result<Self, TableError> {
-        Self::lay_with(rig, light, dut, settings, Projection::Screen(screen))
-    }
-
-    fn lay_with(
+    pub fn lay_with(
         rig: &Rig,
         light: &Virtual,
         dut: &EmulatedPico,
@@ -143,18 +145,15 @@ impl Table {
     ) -> Result<Self, TableError> {
         let mut rig = rig.clone();
         let (format, name) = format_of(&rig);
+        let served = match &projection {
+            Projection::Mirrors(unit, _) => Some(unit.serve().map_err(TableError::Port)?),
+            _ => None,
+        };
+        project(&mut rig, &projection, served.as_ref());
         let (bridge, shown) = match projection {
-            Projection::Folder(folder) => {
-                rig.projector.driver = ProjectorDriver::Files;
-                rig.projector.files = Some(Files {
-                    folder: folder.clone(),
-                    patience_s: 60.0,
-                });
-                (Bridge::start(dut, 0)?, Ok(folder))
-            }
+            Projection::Folder(folder) => (Bridge::start(dut, 0)?, Ok((folder, None))),
+            Projection::Mirrors(unit, folder) => (Bridge::start(dut, 0)?, Ok((folder, Some(unit)))),
             Projection::Screen(screen) => {
-                rig.projector.driver = ProjectorDriver::Window;
-                rig.projector.window = Some(screen.window);
                 let bridge = Bridge::start_before(dut, 0, Some(screen.photodiode))?;
                 (bridge, Err(screen.projector))
             }
@@ -181,21 +180,27 @@ impl Table {
         let over = Arc::new(AtomicBool::new(false));
         let mut workers = Vec::new();
         match shown {
-            Ok(folder) => {
+            Ok((folder, unit)) => {
                 let mut shown = Shown {
                     rig: bare,
                     world,
                     wires: bridge.wires().to_string(),
                     holder: folder.with_file_name(HOLDER),
                     held: String::new(),
-                    folder,
+                    folder: folder.to_owned(),
                     projector,
                     camera: Arc::clone(&camera),
                     sequence: None,
                     times: BTreeMap::new(),
                 };
                 let over = Arc::clone(&over);
-                workers.push(thread::spawn(move || until(&over, || shown.load())));
+                workers.push(match unit {
+                    Some(unit) => {
+                        let failed = shown.follow(unit);
+                        thread::spawn(move || until(&over, || lock(&failed).take().map_or(Ok(()), Err)))
+                    }
+                    None => thread::spawn(move || until(&over, || shown.load())),
+                });
             }
             Err(seen_by) => {
                 // Which patterns come nobody knows beforehand: all of them are one run.
@@ -215,6 +220,7 @@ impl Table {
             slot,
             over,
             workers,
+            _projector: served,
         })
     }
 
@@ -314,6 +320,31 @@ fn format_of(rig: &Rig) -> (PixelFormat, &'static str) {
     (format, format.name())
 }
 
+/// Gives `rig` the projector of a `projection`, the port of which is `served` where it has one.
+fn project(rig: &mut Rig, projection: &Projection, served: Option<&Served>) {
+    let projector = &mut rig.projector;
+    match projection {
+        Projection::Folder(folder) => {
+            projector.driver = ProjectorDriver::Files;
+            projector.files = Some(Files {
+                folder: folder.to_path_buf(),
+                patience_s: 60.0,
+            });
+        }
+        Projection::Mirrors(..) => {
+            projector.driver = ProjectorDriver::Dlpc900;
+            projector.dlpc900 = Some(drivers::Dlpc900 {
+                device: served.map(Served::device),
+                ..drivers::Dlpc900::default()
+            });
+        }
+        Projection::Screen(screen) => {
+            projector.driver = ProjectorDriver::Window;
+            projector.window = Some(screen.window.clone());
+        }
+    }
+}
+
 /// `rig` with the camera and the trigger box that stand on the table.
 fn equipped(mut rig: Rig, camera: Ipv4Addr, format: &str, port: &str) -> Rig {
     rig.camera.driver = CameraDriver::Genicam;
@@ -400,23 +431,13 @@ impl Shown {
         Ok(())
     }
 
-    /// Takes up a sequence that has come, and says so.
-    fn load(&mut self) -> Result<(), TableError> {
-        let current = fs::read_to_string(self.folder.join(CURRENT)).unwrap_or_default();
-        let current = current.trim();
-        if current.is_empty() || self.sequence.as_deref() == Some(current) {
-            return Ok(());
-        }
+    /// Shows these patterns one after the other from the next edge on.
+    fn show(&mut self, patterns: &[BitPattern]) -> Result<(), TableError> {
         self.change_held()?;
         self.projector.clear()?;
         let mut hasher = DefaultHasher::new();
-        for number in 0.. {
-            let path = self.folder.join(current).join(name_of(number));
-            if !path.is_file() {
-                break;
-            }
-            let pattern = read_pattern(&path)?;
-            self.projector.load(&pattern)?;
+        for pattern in patterns {
+            self.projector.load(pattern)?;
             (pattern.bytes(), pattern.level(), pattern.primary()).hash(&mut hasher);
         }
         let times = self.times.entry(hasher.finish()).or_default();
@@ -425,6 +446,38 @@ impl Shown {
             camera.arm()?;
         }
         *times += 1;
+        Ok(())
+    }
+
+    /// Shows what starts on `unit`. Returns where to look for what went wrong.
+    fn follow(mut self, unit: &Dlpc900) -> Arc<Mutex<Option<TableError>>> {
+        let failed = Arc::new(Mutex::new(None));
+        let place = Arc::clone(&failed);
+        unit.on_start(Box::new(move |sequence: Sequence| {
+            let patterns: Vec<BitPattern> = sequence.into_iter().map(|shown| shown.pattern).collect();
+            if let Err(error) = self.show(&patterns) {
+                *lock(&place) = Some(error);
+            }
+        }));
+        failed
+    }
+
+    /// Takes up a sequence that has come, and says so.
+    fn load(&mut self) -> Result<(), TableError> {
+        let current = fs::read_to_string(self.folder.join(CURRENT)).unwrap_or_default();
+        let current = current.trim();
+        if current.is_empty() || self.sequence.as_deref() == Some(current) {
+            return Ok(());
+        }
+        let mut patterns = Vec::new();
+        for number in 0.. {
+            let path = self.folder.join(current).join(name_of(number));
+            if !path.is_file() {
+                break;
+            }
+            patterns.push(read_pattern(&path)?);
+        }
+        self.show(&patterns)?;
         let ready = self.folder.join(READY);
         fs::write(&ready, current).map_err(|source| TableError::Ready { path: ready, source })?;
         self.sequence = Some(current.to_owned());

@@ -8,6 +8,7 @@ use anyhow::Context as _;
 use clap::Parser;
 use rcg::instrument::rig::Rig;
 use rcg::plan::Virtual;
+use rcg_hil::dlpc900::Dlpc900;
 use rcg_hil::dut::PicoArgs;
 use rcg_hil::gige::Settings;
 use rcg_hil::table::{Table, own_address};
@@ -44,6 +45,9 @@ struct Args {
     #[cfg(feature = "window")]
     #[arg(long, value_name = "HZ", value_parser = clap::value_parser!(u32).range(10..=1000))]
     window_hz: Option<u32>,
+    /// What stands for the projector: a folder that takes its patterns, or an emulated DLPC900 with mirrors of the rig's size
+    #[arg(long, value_name = "files|dlpc900", default_value = "files", value_parser = ["files", "dlpc900"])]
+    projector: String,
     #[command(flatten)]
     pico: PicoArgs,
 }
@@ -68,10 +72,18 @@ fn main() -> anyhow::Result<()> {
     #[cfg(feature = "window")]
     if let Some(hz) = args.window_hz {
         return before_a_screen(&out, rig, hz, |rig, screen| {
-            Table::lay_before(rig, &light, &dut, camera, screen)
+            Table::lay_with(rig, &light, &dut, camera, Projection::Screen(screen))
         });
     }
-    let table = Table::lay(&rig, &light, &dut, camera, &out.join("patterns"))?;
+    let unit = (args.projector == "dlpc900")
+        .then(|| Dlpc900::like(&rig))
+        .transpose()?;
+    let patterns = out.join("patterns");
+    let projection = match &unit {
+        Some(unit) => Projection::Mirrors(unit, &patterns),
+        None => Projection::Folder(&patterns),
+    };
+    let table = Table::lay_with(&rig, &light, &dut, camera, projection)?;
     wait(&out, &rig, table)
 }
 

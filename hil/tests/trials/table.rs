@@ -8,6 +8,7 @@ use std::process::{Child, Command, Stdio};
 use rcg::instrument::rig::Rig;
 use rcg::plan::Virtual;
 use rcg_hil::bench::{Bench, Outcome};
+use rcg_hil::dlpc900::Dlpc900;
 use rcg_hil::dut::EmulatedPico;
 use rcg_hil::figures::Limit;
 use rcg_hil::gige::{Faults, GigeCamera, Settings};
@@ -20,6 +21,7 @@ use crate::runs::Result;
 
 crate::trials!("table":
     what_a_camera_on_the_network_sees_has_the_bits_of_the_simulated_measurement [Emulator FastLink Camera],
+    what_micromirrors_over_usb_reports_show_has_the_bits_of_the_simulated_measurement [Emulator FastLink Camera],
     frames_that_are_lost_or_doubled_on_the_network_change_no_bit [Emulator FastLink Camera],
     a_camera_that_dies_ends_the_run_and_a_resumed_one_completes_it [Emulator FastLink Camera],
     a_rig_on_the_table_is_calibrated_by_hand_as_the_simulated_one [Emulator FastLink Camera],
@@ -45,11 +47,18 @@ const MEASURE: [&str; 9] = [
 /// A table with the rig files `rig.toml` and `simulated.toml` in `folder`.
 fn table(bench: &Bench, folder: &Path, noise: bool, settings: Settings) -> Result<Table> {
     let rig = Rig::load("rcg-1-16bit")?.with_image_size(SIZE)?;
-    table_of(bench, folder, &rig, noise, settings)
+    table_of(bench, folder, &rig, noise, settings, None)
 }
 
-/// As [`table`], of another `rig`.
-fn table_of(bench: &Bench, folder: &Path, rig: &Rig, noise: bool, settings: Settings) -> Result<Table> {
+/// As [`table`], of another `rig`, and with this unit for a projector where there is one.
+fn table_of(
+    bench: &Bench,
+    folder: &Path,
+    rig: &Rig,
+    noise: bool,
+    settings: Settings,
+    unit: Option<&Dlpc900>,
+) -> Result<Table> {
     let light = Virtual {
         noise,
         seed: 7,
@@ -63,7 +72,12 @@ fn table_of(bench: &Bench, folder: &Path, rig: &Rig, noise: bool, settings: Sett
         ..settings
     };
     let patterns = folder.join("patterns");
-    let table = Table::lay(rig, &light, &EmulatedPico { link, image }, settings, &patterns)?;
+    let dut = EmulatedPico { link, image };
+    let projection = match unit {
+        Some(unit) => Projection::Mirrors(unit, &patterns),
+        None => Projection::Folder(&patterns),
+    };
+    let table = Table::lay_with(rig, &light, &dut, settings, projection)?;
     std::fs::write(folder.join("rig.toml"), table.rig().to_toml())?;
     std::fs::write(folder.join("simulated.toml"), rig.to_toml())?;
     Ok(table)
@@ -149,6 +163,34 @@ fn what_a_camera_on_the_network_sees_has_the_bits_of_the_simulated_measurement(b
     }
     bench.figure(
         "brdf.zarr by a camera on the network, equal to the simulated one bit for bit",
+        bytes,
+        "bytes",
+        Limit::AtLeast(10_000.0),
+    )
+}
+
+fn what_micromirrors_over_usb_reports_show_has_the_bits_of_the_simulated_measurement(
+    bench: &mut Bench,
+) -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let folder = folder.path();
+    let rig = Rig::load("rcg-1-16bit")?.with_image_size(SIZE)?;
+    let unit = Dlpc900::like(&rig)?;
+    let table = table_of(bench, folder, &rig, true, Settings::default(), Some(&unit))?;
+    let path = folder.join("rig.toml").to_string_lossy().into_owned();
+    let checked = rcg(&["rig", "check", "--rig", &path])?;
+    if !checked.contains("DLP5500 at tcp:") || !checked.contains("1024×768 pixels, 432 patterns") {
+        return Err(format!("the check says of the projector: {checked}").into());
+    }
+    let (_, found) = measure(folder, "rig.toml", "table", &[])?;
+    table.clear()?;
+    let bytes = same(&simulated(folder, "on")?, &found)?;
+    let complaints = unit.complaints();
+    if !complaints.is_empty() {
+        return Err(format!("the unit complains of {}", complaints.join(", ")).into());
+    }
+    bench.figure(
+        "brdf.zarr by an emulated DLPC900, equal to the simulated one bit for bit",
         bytes,
         "bytes",
         Limit::AtLeast(10_000.0),
@@ -421,7 +463,7 @@ fn a_rig_on_the_table_is_calibrated_by_hand_as_the_simulated_one(bench: &mut Ben
     let folder = tempfile::tempdir()?;
     let folder = folder.path();
     let rig = Rig::load("dmd")?.with_image_size(64)?;
-    let table = table_of(bench, folder, &rig, false, Settings::default())?;
+    let table = table_of(bench, folder, &rig, false, Settings::default(), None)?;
     let said = calibrate_by_hand(folder)?;
     table.clear()?;
     let path = |name: &str| folder.join(name).to_string_lossy().into_owned();

@@ -81,7 +81,7 @@ fn table(bench: &Bench, folder: &Path, server: &Xvfb) -> Result<(Table, Arc<Mute
         ..Settings::default()
     };
     let (screen, faults) = Display::before(server, HZ, PATCH_PX)?;
-    let table = Table::lay_before(&rig, &light, &dut, settings, screen)?;
+    let table = Table::lay_with(&rig, &light, &dut, settings, Projection::Screen(screen))?;
     std::fs::write(folder.join("rig.toml"), table.rig().to_toml())?;
     std::fs::write(folder.join("simulated.toml"), rig.to_toml())?;
     Ok((table, faults))

@@ -34,7 +34,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ),
     (
         "Commands for the parts of an instrument, and for this program",
-        &["rig", "controller", "camera", "completions", "man"],
+        &["rig", "controller", "camera", "projector", "completions", "man"],
     ),
 ];
 

@@ -34,6 +34,7 @@ mod paper;
 mod patterns;
 mod plan;
 mod plot;
+mod projector;
 mod reflectance;
 mod render;
 mod report;
@@ -131,6 +132,7 @@ enum Command {
     /// Talk to the trigger box
     Controller(controller::Args),
     Camera(camera::Args),
+    Projector(projector::Args),
     Rig(rig::Args),
     Completions(shell::Completions),
     Man(shell::Man),
@@ -284,6 +286,7 @@ fn done(cli: &Cli, output: &Output) -> Done {
         Command::Paper(args) => paper::run(args, output),
         Command::Controller(args) => controller::run(args, rig, output),
         Command::Camera(args) => camera::run(args, rig, output),
+        Command::Projector(args) => projector::run(args, rig, output),
         Command::Rig(args) => rig::run(args, rig, output),
         Command::Completions(args) => shell::completions(args, described(), output),
         Command::Man(args) => shell::man(args, described(), output),

@@ -1,13 +1,15 @@
 //! `rcg patterns`
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use rcg::base::progress::Progress as _;
 use rcg::capture::directory::Measurement;
+use rcg::capture::dlpc900::image::PLANES;
+use rcg::capture::dlpc900::sheet::{Order, sheet};
 use rcg::instrument::optics::View;
 use rcg::instrument::rig::{Rig, Tilt};
-use rcg::judge::render::save;
+use rcg::judge::render::{PictureError, save};
 use rcg::plan::pattern::{BitPattern, PatternMaker};
 use rcg::plan::{Directions, PlanError, Request};
 use rcg::store::Lock;
@@ -36,6 +38,10 @@ pub(crate) struct Args {
     /// Tilt of the sample by its holder, as in `rcg measure --tilt` [default: none]
     #[arg(long, value_name = "TILT:TOWARDS[:TURN]", allow_hyphen_values = true)]
     tilt: Option<Tilt>,
+    /// Write sheets for programs that show 24 patterns in a frame, in place of single pictures: sheet-00000.png and so on, colours of 8
+    /// bits whose bits are patterns. ORDER names the colours of the first, second and third eight: grb (DLPC350, DLPC900), rgb or bgr
+    #[arg(long, value_name = "ORDER", value_parser = Order::parse)]
+    sheets: Option<Order>,
     #[command(flatten)]
     calibration: CalibrationArgs,
 }
@@ -59,17 +65,27 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let mut image = BitPattern::black(width, height);
     let measurable: Vec<usize> = directions.measurable().collect();
     let mut table =
-        "index,theta_deg,phi_deg,pixels,solid_angle_sr,irradiance,centroid_theta_deg,centroid_phi_deg\n"
+        "index,theta_deg,phi_deg,pixels,solid_angle_sr,irradiance,centroid_theta_deg,centroid_phi_deg"
             .to_owned();
+    table += if args.sheets.is_some() {
+        ",sheet,plane\n"
+    } else {
+        "\n"
+    };
     output.begin("patterns", measurable.len(), "patterns");
-    let mut written = 0;
+    let mut pictures = Pictures {
+        out: &args.out,
+        sheets: args.sheets,
+        waiting: Vec::new(),
+        written: 0,
+    };
     for (done, &index) in measurable.iter().enumerate() {
         let Ok(lit) = maker.lit_set(directions.grid.direction(index)) else {
             continue;
         };
         let (theta_deg, phi_deg) = directions.grid.angles_deg(index);
         let (lit_theta_deg, lit_phi_deg) = rcg::hemisphere::direction::to_degrees(lit.centroid);
-        writeln!(
+        write!(
             table,
             "{index},{theta_deg},{phi_deg},{},{:.8e},{:.8e},{:.5},{:.5}",
             lit.pixels.len(),
@@ -80,15 +96,14 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             (lit_phi_deg * 1e5).round() / 1e5 % 360.0
         )
         .expect("strings take everything");
+        table += &pictures.place();
         image.clear();
         image.light(&lit.pixels);
-        save(
-            &image.to_image(),
-            &args.out.join(format!("pattern-{index:05}.png")),
-        )?;
-        written += 1;
+        pictures.add(index, &image)?;
         output.reach(done + 1);
     }
+    pictures.end()?;
+    let written = pictures.written;
     // The table comes last: a directory that has it is whole.
     write_whole(&args.out.join("patterns.csv"), table.as_bytes())?;
     output.end();
@@ -101,4 +116,48 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             args.out.display()
         )
     })
+}
+
+/// The pictures that are written.
+struct Pictures<'a> {
+    out: &'a Path,
+    sheets: Option<Order>,
+    /// Patterns of the next sheet.
+    waiting: Vec<BitPattern>,
+    /// Patterns that were added.
+    written: usize,
+}
+
+impl Pictures<'_> {
+    /// The end of the line of the next pattern in the table: where it is, if that is a sheet.
+    fn place(&self) -> String {
+        match self.sheets {
+            Some(_) => format!(",{},{}\n", self.written / PLANES, self.written % PLANES),
+            None => "\n".to_owned(),
+        }
+    }
+
+    /// Writes the pattern of direction `index`, or lets it wait for its sheet.
+    fn add(&mut self, index: usize, pattern: &BitPattern) -> Result<(), PictureError> {
+        self.written += 1;
+        if self.sheets.is_none() {
+            let path = self.out.join(format!("pattern-{index:05}.png"));
+            return save(&pattern.to_image(), &path);
+        }
+        self.waiting.push(pattern.clone());
+        if self.waiting.len() == PLANES {
+            self.end()?;
+        }
+        Ok(())
+    }
+
+    /// Writes the sheet of what still waits.
+    fn end(&mut self) -> Result<(), PictureError> {
+        let Some(order) = self.sheets.filter(|_| !self.waiting.is_empty()) else {
+            return Ok(());
+        };
+        let number = (self.written - 1) / PLANES;
+        let path = self.out.join(format!("sheet-{number:05}.png"));
+        save(&sheet(&std::mem::take(&mut self.waiting), order), &path)
+    }
 }

@@ -16,6 +16,7 @@ pub mod camera;
 pub mod camera_clock;
 pub mod device;
 pub mod directory;
+pub mod dlpc900;
 pub mod files;
 pub mod flow;
 pub mod follow;
@@ -283,6 +284,7 @@ impl Instrument {
                 *timing
             });
         }
+        self.projector.pace(&steps)?;
         self.projector.ready()?;
         Ok((steps, shown))
     }

@@ -1,6 +1,8 @@
 //! The seam to projectors: patterns that are loaded first and then advanced by the trigger line, or shown when they are told to.
 
+use crate::base::blame::Blame;
 use crate::plan::pattern::BitPattern;
+use crate::plan::schedule::Timing;
 use crate::store::whole_file::FileError;
 
 /// What a projector could not do.
@@ -37,11 +39,26 @@ pub enum ProjectorError {
     File(#[from] FileError),
 }
 
+impl Blame for ProjectorError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Resolution { .. } | Self::Full { .. } => true,
+            Self::Failed { .. } => false,
+            Self::File(error) => error.is_input(),
+        }
+    }
+}
+
 /// A projector that shows black until triggered, then one loaded pattern after the other, each from one
 /// trigger to the next.
 pub trait Projector: Send {
     /// What a person knows it by.
     fn name(&self) -> &str;
+
+    /// What it says of itself, in one line.
+    fn description(&self) -> String {
+        self.name().to_owned()
+    }
 
     /// Resolution in pixels (width, height).
     fn size_px(&self) -> (usize, usize);
@@ -60,6 +77,14 @@ pub trait Projector: Send {
     /// # Errors
     /// [`ProjectorError`].
     fn load(&mut self, pattern: &BitPattern) -> Result<(), ProjectorError>;
+
+    /// The steps in which the patterns that are loaded will be shown, one after the other; a pattern stays in steps without a PROJ pulse.
+    ///
+    /// # Errors
+    /// [`ProjectorError`] where it cannot show them so.
+    fn pace(&mut self, _steps: &[Timing]) -> Result<(), ProjectorError> {
+        Ok(())
+    }
 
     /// All patterns are loaded; returns when the next trigger can show the first of them.
     ///

@@ -8,6 +8,7 @@ use crate::base::blame::Blame;
 use crate::capture::Instrument;
 use crate::capture::camera::{Camera, CameraError};
 use crate::capture::device::{Device, DeviceError};
+use crate::capture::dlpc900::Dlpc900Projector;
 use crate::capture::files::FilesProjector;
 use crate::capture::link::Link;
 use crate::capture::projector::{Projector, ProjectorError};
@@ -37,6 +38,21 @@ pub enum RealError {
         /// What to do.
         remedy: &'static str,
     },
+    /// The projector is another than the rig describes.
+    #[error(
+        "rig {rig}: expected projector.lens of the {}×{} mirrors of projector {projector}, found {}×{} pixels",
+        native.0, native.1, lens.0, lens.1
+    )]
+    Mirrors {
+        /// The rig's name.
+        rig: String,
+        /// The projector.
+        projector: String,
+        /// Its mirrors, (columns, rows).
+        native: (usize, usize),
+        /// What the rig has.
+        lens: (usize, usize),
+    },
     /// The rig has none.
     #[error("rig {rig}: expected drivers of a real camera and projector, found the virtual rig")]
     Virtual {
@@ -50,8 +66,8 @@ impl Blame for RealError {
         match self {
             Self::Device(error) => error.is_input(),
             Self::Camera(error) => error.is_input(),
-            Self::Projector(_) => false,
-            Self::NotBuilt { .. } | Self::Virtual { .. } => true,
+            Self::Projector(error) => error.is_input(),
+            Self::NotBuilt { .. } | Self::Mirrors { .. } | Self::Virtual { .. } => true,
         }
     }
 }
@@ -133,7 +149,7 @@ pub fn check(rig: &Rig) -> Vec<Finding> {
         let (width, height) = projector.size_px();
         Ok(format!(
             "{}, {width}×{height} pixels, {} patterns at a time",
-            projector.name(),
+            projector.description(),
             projector.capacity()
         ))
     };
@@ -179,10 +195,11 @@ pub fn camera(rig: &Rig) -> Result<Box<dyn Camera>, RealError> {
 /// [`RealError`].
 pub fn projector(rig: &Rig) -> Result<Box<dyn Projector>, RealError> {
     let lens = &rig.projector.lens;
+    let size_px = (lens.width_px as usize, lens.height_px as usize);
     match (rig.projector.driver, &rig.projector.files) {
         (ProjectorDriver::Files, Some(files)) => Ok(Box::new(FilesProjector::open(
             &files.folder,
-            (lens.width_px as usize, lens.height_px as usize),
+            size_px,
             Duration::from_secs_f64(files.patience_s),
         )?)),
         #[cfg(feature = "window")]
@@ -193,6 +210,19 @@ pub fn projector(rig: &Rig) -> Result<Box<dyn Projector>, RealError> {
             driver: "window",
             remedy: "build with `--features window`, which needs nothing else",
         }),
+        (ProjectorDriver::Dlpc900, _) => {
+            let settings = rig.projector.dlpc900.clone().unwrap_or_default();
+            let projector = Dlpc900Projector::open(&settings, rig.camera.exposure_delay_s)?;
+            if projector.size_px() != size_px {
+                return Err(RealError::Mirrors {
+                    rig: rig.name.clone(),
+                    projector: projector.name().to_owned(),
+                    native: projector.size_px(),
+                    lens: size_px,
+                });
+            }
+            Ok(Box::new(projector))
+        }
         _ => Err(RealError::Virtual {
             rig: rig.name.clone(),
         }),

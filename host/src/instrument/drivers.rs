@@ -7,7 +7,7 @@
 //! | key | values |
 //! |---|---|
 //! | `camera.driver` | `virtual` (default), `genicam` with a table `[camera.genicam]`, `replay` with a table `[camera.replay]` |
-//! | `projector.driver` | `virtual` (default), `files` with a table `[projector.files]`, `window` with a table `[projector.window]` |
+//! | `projector.driver` | `virtual` (default), `files` with a table `[projector.files]`, `dlpc900` with a table `[projector.dlpc900]`, `window` with a table `[projector.window]` |
 //! | `trigger.port` | a serial port, or `auto` (default) to look for the box on USB |
 //!
 //! Camera and projector are real together, or virtual together: a real camera does not see a simulated lamp.
@@ -40,6 +40,8 @@ pub enum ProjectorDriver {
     Files,
     /// A monitor that a window fills.
     Window,
+    /// A Texas Instruments DLPC900 with its micromirrors.
+    Dlpc900,
 }
 
 impl CameraDriver {
@@ -167,6 +169,66 @@ impl Pace {
     fn is_vsync(&self) -> bool {
         *self == Self::Vsync
     }
+}
+
+/// Shortest exposure of a pattern of one bit on a DLPC900, µs: 9,523 patterns a second (DLPS037H).
+pub const SHORTEST_US: u32 = 105;
+/// Longest exposure, µs: 24 bits (DLPU018J, 2.4.4.3.4).
+pub const LONGEST_US: u32 = (1 << 24) - 1;
+/// Shortest time from an edge at TRIG_IN_1 to the pattern, µs.
+pub const SHORTEST_DELAY_US: u16 = 104;
+/// By how much the edges of TRIG_OUT_1 may be late, µs.
+pub const SYNC_LATE_US: std::ops::RangeInclusive<i16> = -20..=20_000;
+
+/// Settings of a DLPC900; see [`Dlpc900Projector`](crate::capture::dlpc900::Dlpc900Projector) for what they do.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Dlpc900 {
+    /// Its serial number, a part of it or its device file, as `rcg projector list` shows them, or `tcp:HOST:PORT`; `None` for the only
+    /// one there is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub device: Option<String>,
+    /// How long a pattern is exposed and TRIG_OUT_1 frames it, µs; `None` for as long as the camera looks at it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exposure_us: Option<u32>,
+    /// Whether a pattern stays until the next trigger, else it goes when its exposure is over.
+    pub hold: bool,
+    /// From the edge of PROJ at TRIG_IN_1 to the pattern, µs.
+    pub trigger_delay_us: u16,
+    /// Which edge of TRIG_IN_1 shows the next pattern.
+    pub trigger_edge: Edge,
+    /// Whether TRIG_OUT_1 is low while a pattern is exposed.
+    pub sync_inverted: bool,
+    /// By how much TRIG_OUT_1 is late, µs: its edge at the start of the exposure and that at its end.
+    pub sync_late_us: [i16; 2],
+    /// Whether red, green and blue lights are switched by the unit's outputs, so that it can show one primary alone.
+    pub primaries: bool,
+}
+
+impl Default for Dlpc900 {
+    fn default() -> Self {
+        Self {
+            device: None,
+            exposure_us: None,
+            hold: true,
+            trigger_delay_us: 105,
+            trigger_edge: Edge::Rising,
+            sync_inverted: false,
+            sync_late_us: [0, 0],
+            primaries: false,
+        }
+    }
+}
+
+/// An edge of a trigger.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Edge {
+    /// From low to high.
+    #[default]
+    Rising,
+    /// From high to low.
+    Falling,
 }
 
 /// The trigger box.

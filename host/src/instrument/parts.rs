@@ -7,7 +7,9 @@
 use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize};
 
-use crate::instrument::drivers::{CameraDriver, Files, Genicam, ProjectorDriver, Replay, Trigger, Window};
+use crate::instrument::drivers::{
+    CameraDriver, Dlpc900, Files, Genicam, ProjectorDriver, Replay, Trigger, Window,
+};
 
 /// A complete instrument.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -205,6 +207,9 @@ pub struct ProjectorPart {
     /// Settings of the driver `window`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub window: Option<Window>,
+    /// Settings of the driver `dlpc900`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dlpc900: Option<Dlpc900>,
     /// From the trigger edge until the new pattern is stable, seconds.
     pub settle_s: f64,
     /// Shortest time between two patterns, seconds.

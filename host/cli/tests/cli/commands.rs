@@ -176,9 +176,11 @@ impl Scene {
                 .map(|ending| format!("--steps 3 --records {}", file(&format!("r.{ending}"))))
                 .to_vec(),
             "controller bench" => vec!["--count 3".to_owned()],
-            // Long, and tried elsewhere; nothing that could be stopped; cameras are tried where there is one, by the trials.
+            // Long, and tried elsewhere; nothing that could be stopped; cameras and projectors are tried where there is one, by the
+            // trials.
             "paper" | "study" | "worlds" | "controller stop" | "camera list" | "camera info"
-            | "camera grab" => vec![],
+            | "camera grab" | "projector list" | "projector info" | "projector show" | "projector upload"
+            | "projector test" | "projector video" => vec![],
             "camera bench" => vec![format!("{TRIAL} --to {dir}")],
             other => panic!("`rcg {other}` has no use here: add a quick one"),
         };

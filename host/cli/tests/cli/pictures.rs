@@ -46,6 +46,45 @@ fn patterns_light_as_many_pixels_as_the_table_says() {
 }
 
 #[test]
+fn sheets_hold_the_patterns_where_the_table_says() {
+    let scratch = tempfile::tempdir().unwrap();
+    let [alone, sheets] = ["alone", "sheets"].map(|name| scratch.path().join(name));
+    run(&["patterns", "--out", text(&alone), "--step", "22.5"], "").done();
+    let arguments = [
+        "patterns",
+        "--out",
+        text(&sheets),
+        "--step",
+        "22.5",
+        "--sheets",
+        "grb",
+    ];
+    run(&arguments, "").done();
+    let table = fs::read_to_string(sheets.join("patterns.csv")).unwrap();
+    assert!(table.lines().next().unwrap().ends_with(",sheet,plane"), "{table}");
+    let read = |name: String| image::open(scratch.path().join(name)).unwrap().into_rgb8();
+    for row in table.lines().skip(1).step_by(7) {
+        let cells: Vec<usize> = row.split(',').filter_map(|cell| cell.parse().ok()).collect();
+        let [index, .., sheet, plane] = cells[..] else {
+            panic!("{row}")
+        };
+        let sheet = read(format!("sheets/sheet-{sheet:05}.png"));
+        let pattern = read(format!("alone/pattern-{index:05}.png"));
+        let colour = [1, 0, 2][plane / 8];
+        let is_lit = |pixel: &image::Rgb<u8>| pixel.0[colour] >> (plane % 8) & 1 != 0;
+        assert!(
+            sheet
+                .pixels()
+                .map(is_lit)
+                .eq(pattern.pixels().map(|pixel| pixel.0[0] != 0)),
+            "{row}"
+        );
+    }
+    let files = fs::read_dir(&sheets).unwrap().count();
+    assert_eq!(files, (table.lines().count() - 1).div_ceil(24) + 1);
+}
+
+#[test]
 fn a_sphere_is_as_large_as_asked_and_lit_from_where_it_should() {
     let scratch = tempfile::tempdir().unwrap();
     let picture = scratch.path().join("sphere.png");

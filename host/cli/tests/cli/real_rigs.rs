@@ -104,6 +104,22 @@ fn a_measurement_by_a_real_rig_is_planned_without_it_and_names_what_is_missing()
         "{}",
         checked.stderr
     );
+    // In place of the folder micromirrors, that nobody has connected.
+    let mirrors = fs::read_to_string(&rig).unwrap();
+    let (before, after) = mirrors.split_once("\n[projector.files]").unwrap();
+    let after = after.split_once("[projector.lens]").unwrap().1;
+    let mirrors =
+        format!("{before}\n[projector.dlpc900]\ndevice = \"tcp:127.0.0.1:1\"\n[projector.lens]{after}");
+    fs::write(&rig, mirrors.replace("\"files\"   ", "\"dlpc900\" ")).unwrap();
+    let checked = run(&["rig", "check", "--rig", text(&rig)], "");
+    assert!(
+        checked
+            .stdout
+            .contains("missing: projector tcp:127.0.0.1:1: expected a unit's reports"),
+        "{checked:?}"
+    );
+    let info = ["projector", "info", "--rig", text(&rig)];
+    refuses(&info, "", 1, &["projector tcp:127.0.0.1:1", "expected", "found"]);
     let all = run(&["rig", "check", "--rig", "dmd"], "");
     assert_eq!(all.done().matches("virtual").count(), 3);
 }

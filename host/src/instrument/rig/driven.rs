@@ -4,6 +4,7 @@ use std::path::Path;
 
 use super::{CameraPart, ProjectorPart, Rig, RigError};
 use crate::instrument::drivers::{CameraDriver, Genicam, ProjectorDriver, Trigger};
+use crate::instrument::drivers::{LONGEST_US, SHORTEST_DELAY_US, SHORTEST_US, SYNC_LATE_US};
 use crate::instrument::parts::Binned;
 use crate::instrument::pixel_format::PixelFormat;
 
@@ -28,6 +29,7 @@ impl Rig {
                 driver: ProjectorDriver::Virtual,
                 files: None,
                 window: None,
+                dlpc900: None,
                 ..self.projector.clone()
             },
             trigger: None,
@@ -49,6 +51,7 @@ impl Rig {
                 driver: other.projector.driver,
                 files: other.projector.files.clone(),
                 window: other.projector.window.clone(),
+                dlpc900: other.projector.dlpc900.clone(),
                 ..self.projector.clone()
             },
             trigger: other.trigger.clone(),
@@ -122,6 +125,11 @@ impl Rig {
                 projector == ProjectorDriver::Window,
                 self.projector.window.is_some(),
             ),
+            (
+                "projector.dlpc900",
+                projector == ProjectorDriver::Dlpc900,
+                self.projector.dlpc900.is_some(),
+            ),
         ] {
             if is_given && !is_driver {
                 return Err(error(field, "no settings of a driver that is not named", "some"));
@@ -142,11 +150,70 @@ impl Rig {
             let found = files.patience_s.to_string();
             return Err(error("projector.files.patience_s", "0 to 86400 seconds", &found));
         }
+        if projector == ProjectorDriver::Dlpc900 {
+            self.check_dlpc900(error)?;
+        }
         match (camera, &self.camera.genicam) {
             (CameraDriver::Genicam, None) => Err(error("camera.genicam", "a table", "nothing")),
             (CameraDriver::Genicam, Some(genicam)) => self.check_genicam(genicam, error),
             _ => Ok(()),
         }
+    }
+
+    /// Checks what a DLPC900 is set to, and that each pattern is there before the camera looks and over before the next trigger, which would
+    /// be lost else: all further images would show another pattern than they should.
+    fn check_dlpc900(&self, error: impl Fn(&str, &str, &str) -> RigError) -> Result<(), RigError> {
+        let projector = &self.projector;
+        let settings = projector.dlpc900.clone().unwrap_or_default();
+        let delay_us = settings.trigger_delay_us;
+        let exposure_us = settings.exposure_us.unwrap_or(SHORTEST_US);
+        if delay_us < SHORTEST_DELAY_US {
+            let expected = format!("{SHORTEST_DELAY_US} µs or more");
+            return Err(error(
+                "projector.dlpc900.trigger_delay_us",
+                &expected,
+                &delay_us.to_string(),
+            ));
+        }
+        if !(SHORTEST_US..=LONGEST_US).contains(&exposure_us) {
+            let expected = format!("{SHORTEST_US} to {LONGEST_US} µs");
+            return Err(error(
+                "projector.dlpc900.exposure_us",
+                &expected,
+                &exposure_us.to_string(),
+            ));
+        }
+        if let Some(late_us) = settings.sync_late_us.iter().find(|us| !SYNC_LATE_US.contains(us)) {
+            let expected = format!("{} to {} µs", SYNC_LATE_US.start(), SYNC_LATE_US.end());
+            return Err(error(
+                "projector.dlpc900.sync_late_us",
+                &expected,
+                &late_us.to_string(),
+            ));
+        }
+        // A nanosecond may be lost in rounding.
+        let delay_s = f64::from(delay_us) * 1e-6 - 1e-9;
+        let shown_s = delay_s + f64::from(exposure_us) * 1e-6;
+        if projector.settle_s < delay_s {
+            let expected = format!("trigger_delay_us of projector.dlpc900, {delay_us} µs, or more");
+            return Err(error(
+                "projector.settle_s",
+                &expected,
+                &projector.settle_s.to_string(),
+            ));
+        }
+        if projector.min_period_s < shown_s {
+            let expected = format!(
+                "delay and exposure of projector.dlpc900, {} µs together, or more",
+                u32::from(delay_us) + exposure_us
+            );
+            return Err(error(
+                "projector.min_period_s",
+                &expected,
+                &projector.min_period_s.to_string(),
+            ));
+        }
+        Ok(())
     }
 
     /// Checks that what is read of the sensor is what `camera` describes: no frame would tell.
@@ -302,5 +369,43 @@ mod tests {
                 "{sentence}"
             );
         }
+    }
+
+    #[test]
+    fn what_a_dlpc900_is_set_to_fits_the_rig_or_is_refused() {
+        let camera = (
+            "[camera]",
+            "[camera]\ndriver = \"genicam\"\ngenicam = { region_px = [0, 0, 2048, 2048], pixel_format = \"RGB16\" }",
+        );
+        for (settings, field, found) in [
+            ("exposure_us = 104", "projector.dlpc900.exposure_us", "found 104"),
+            (
+                "trigger_delay_us = 103",
+                "projector.dlpc900.trigger_delay_us",
+                "found 103",
+            ),
+            (
+                "sync_late_us = [0, -21]",
+                "projector.dlpc900.sync_late_us",
+                "found -21",
+            ),
+            ("trigger_delay_us = 33301", "projector.settle_s", "found 0.0333"),
+            (
+                "exposure_us = 16600",
+                "projector.min_period_s",
+                "16705 µs together",
+            ),
+            ("trigger_edge = \"both\"", "projector", "rising"),
+        ] {
+            let mirrors = format!("[projector]\ndriver = \"dlpc900\"\ndlpc900 = {{ {settings} }}\n");
+            let sentence = sentence(&[camera, ("[projector]\n", &mirrors)]);
+            assert!(sentence.contains(field) && sentence.contains(found), "{sentence}");
+        }
+        let unnamed = "[projector]\ndriver = \"files\"\nfiles = { folder = \"p\" }\ndlpc900 = {}\n";
+        let sentence = sentence(&[camera, ("[projector]\n", unnamed)]);
+        assert!(
+            sentence.contains("projector.dlpc900: expected no settings"),
+            "{sentence}"
+        );
     }
 }
