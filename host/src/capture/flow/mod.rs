@@ -183,7 +183,7 @@ pub fn flow(
     let (give_back, empty) = channel();
     // All memory is there before the first frame: a page that the system has to find first makes a source wait.
     let written = (BATCH_BYTES / frame_bytes.max(1)).max(1);
-    for _ in 0..outlet.capacity() + written + 1 {
+    for _ in 0..=outlet.capacity() + written {
         give_back.send(vec![1; frame_bytes]).ok();
     }
     let began = Instant::now();
