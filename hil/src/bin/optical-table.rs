@@ -11,7 +11,7 @@ use rcg::plan::Virtual;
 use rcg_hil::dlpc900::Dlpc900;
 use rcg_hil::dut::PicoArgs;
 use rcg_hil::gige::Settings;
-use rcg_hil::table::{Table, own_address};
+use rcg_hil::table::{Projection, Table, own_address};
 
 /// Lay an optical table whose parts are real but for the light.
 ///

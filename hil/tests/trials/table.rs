@@ -13,7 +13,7 @@ use rcg_hil::dut::EmulatedPico;
 use rcg_hil::figures::Limit;
 use rcg_hil::gige::{Faults, GigeCamera, Settings};
 use rcg_hil::places;
-use rcg_hil::table::{HOLDER, Table, own_address};
+use rcg_hil::table::{HOLDER, Projection, Table, own_address};
 use serde_json::Value;
 
 use crate::chain::{contents, rcg};

@@ -18,7 +18,7 @@ use rcg_hil::figures::Limit;
 use rcg_hil::gige::Settings;
 use rcg_hil::places;
 use rcg_hil::screen::{Display, DisplayFaults, Eye, Xvfb};
-use rcg_hil::table::{Table, own_address};
+use rcg_hil::table::{Projection, Table, own_address};
 use x11rb::protocol::randr::{ConnectionExt as _, MonitorInfo};
 use x11rb::protocol::xproto::ConnectionExt as _;
 

@@ -92,12 +92,12 @@ impl Instrument {
     ) -> Result<Received, CaptureError> {
         let clock_hz = self.device.info().clock_hz;
         let tick_s = 1.0 / f64::from(clock_hz);
-        let exposures = timings.iter().map(|timing| step_of(timing, clock_hz));
+        let taking = timings.iter().map(|timing| step_of(timing, clock_hz));
         let lead_in = timings.first().map(|timing| Step {
             cam: Pulse::NONE,
             ..step_of(timing, clock_hz)
         });
-        let steps: Vec<Step> = lead_in.into_iter().chain(exposures).collect();
+        let steps: Vec<Step> = lead_in.into_iter().chain(taking).collect();
         let Self {
             device,
             camera,

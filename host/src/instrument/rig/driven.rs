@@ -104,46 +104,7 @@ impl Rig {
             }
             _ => {}
         }
-        for (field, is_driver, is_given) in [
-            (
-                "camera.genicam",
-                camera == CameraDriver::Genicam,
-                self.camera.genicam.is_some(),
-            ),
-            (
-                "camera.replay",
-                camera == CameraDriver::Replay,
-                self.camera.replay.is_some(),
-            ),
-            (
-                "projector.files",
-                projector == ProjectorDriver::Files,
-                self.projector.files.is_some(),
-            ),
-            (
-                "projector.window",
-                projector == ProjectorDriver::Window,
-                self.projector.window.is_some(),
-            ),
-            (
-                "projector.dlpc900",
-                projector == ProjectorDriver::Dlpc900,
-                self.projector.dlpc900.is_some(),
-            ),
-        ] {
-            if is_given && !is_driver {
-                return Err(error(field, "no settings of a driver that is not named", "some"));
-            }
-        }
-        if projector == ProjectorDriver::Files && self.projector.files.is_none() {
-            return Err(error("projector.files", "a table with a folder", "nothing"));
-        }
-        if projector == ProjectorDriver::Window && self.projector.window.is_none() {
-            return Err(error("projector.window", "a table with patch_px", "nothing"));
-        }
-        if camera == CameraDriver::Replay && self.camera.replay.is_none() {
-            return Err(error("camera.replay", "a table with a file", "nothing"));
-        }
+        self.check_settings(error)?;
         if let Some(files) = &self.projector.files
             && !(0.0..=86_400.0).contains(&files.patience_s)
         {
@@ -153,11 +114,60 @@ impl Rig {
         if projector == ProjectorDriver::Dlpc900 {
             self.check_dlpc900(error)?;
         }
-        match (camera, &self.camera.genicam) {
-            (CameraDriver::Genicam, None) => Err(error("camera.genicam", "a table", "nothing")),
-            (CameraDriver::Genicam, Some(genicam)) => self.check_genicam(genicam, error),
-            _ => Ok(()),
+        match &self.camera.genicam {
+            Some(genicam) => self.check_genicam(genicam, error),
+            None => Ok(()),
         }
+    }
+
+    /// Checks that the drivers that are named have their settings, as far as they need some, and no other ones have.
+    fn check_settings(&self, error: impl Fn(&str, &str, &str) -> RigError) -> Result<(), RigError> {
+        let (camera, projector) = (&self.camera, &self.projector);
+        let is_camera = |driver| camera.driver == driver;
+        let is_projector = |driver| projector.driver == driver;
+        // The table, whether its driver is named, whether it is there, and what it has to be where it is needed.
+        let tables = [
+            (
+                "camera.genicam",
+                is_camera(CameraDriver::Genicam),
+                camera.genicam.is_some(),
+                Some("a table"),
+            ),
+            (
+                "camera.replay",
+                is_camera(CameraDriver::Replay),
+                camera.replay.is_some(),
+                Some("a table with a file"),
+            ),
+            (
+                "projector.files",
+                is_projector(ProjectorDriver::Files),
+                projector.files.is_some(),
+                Some("a table with a folder"),
+            ),
+            (
+                "projector.window",
+                is_projector(ProjectorDriver::Window),
+                projector.window.is_some(),
+                Some("a table with patch_px"),
+            ),
+            (
+                "projector.dlpc900",
+                is_projector(ProjectorDriver::Dlpc900),
+                projector.dlpc900.is_some(),
+                None,
+            ),
+        ];
+        for (field, is_named, is_given, needed) in tables {
+            match needed {
+                _ if is_given && !is_named => {
+                    return Err(error(field, "no settings of a driver that is not named", "some"));
+                }
+                Some(needed) if is_named && !is_given => return Err(error(field, needed, "nothing")),
+                _ => {}
+            }
+        }
+        Ok(())
     }
 
     /// Checks what a DLPC900 is set to, and that each pattern is there before the camera looks and over before the next trigger, which would
