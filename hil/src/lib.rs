@@ -24,6 +24,7 @@ pub mod image;
 pub mod log;
 pub mod pico;
 pub mod places;
+mod projection;
 #[cfg(feature = "window")]
 pub mod screen;
 pub mod table;

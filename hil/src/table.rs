@@ -33,17 +33,18 @@ use rcg::calibrate::by_hand::held_of;
 use rcg::capture::camera::{Camera as _, CameraError};
 use rcg::capture::files::{CURRENT, READY, name_of, read_pattern};
 use rcg::capture::projector::{Projector as _, ProjectorError};
-use rcg::instrument::drivers::{self, CameraDriver, Files, Genicam, ProjectorDriver, Trigger, Window};
+use rcg::instrument::drivers::{CameraDriver, Genicam, Trigger};
 use rcg::instrument::rig::Rig;
 use rcg::plan::Virtual;
 use rcg::plan::pattern::BitPattern;
 use rcg::virtual_rig::setup::{SetupError, World};
 use rcg::virtual_rig::{Held, VirtualCamera, VirtualProjector, Wires};
 
-use crate::bridge::{Bridge, BridgeError, Photodiode};
+use crate::bridge::{Bridge, BridgeError};
 use crate::dlpc900::{Dlpc900, Sequence, Served};
 use crate::dut::EmulatedPico;
 use crate::gige::{Counts, Faults, GigeCamera, GigeError, PixelFormat, Settings};
+pub use crate::projection::{Projection, Screen};
 
 /// Name of the file that says what stands in the holder.
 pub const HOLDER: &str = "holder";
@@ -82,26 +83,6 @@ pub enum TableError {
         /// What the system says.
         source: io::Error,
     },
-}
-
-/// A screen that a window fills, in place of the folder.
-pub struct Screen {
-    /// What the rig file says of it.
-    pub window: Window,
-    /// What looks at it.
-    pub photodiode: Box<dyn Photodiode>,
-    /// Where what looks at it finds the virtual projector once there is one.
-    pub projector: Arc<Mutex<Option<VirtualProjector>>>,
-}
-
-/// What shows the patterns.
-pub enum Projection<'a> {
-    /// A folder that takes them.
-    Folder(&'a Path),
-    /// Micromirrors; beside the path is the file that says what stands in the holder.
-    Mirrors(&'a Dlpc900, &'a Path),
-    /// A screen.
-    Screen(Screen),
 }
 
 /// What stands on the table. It is cleared when this is dropped.
@@ -149,7 +130,7 @@ impl Table {
             Projection::Mirrors(unit, _) => Some(unit.serve().map_err(TableError::Port)?),
             _ => None,
         };
-        project(&mut rig, &projection, served.as_ref());
+        projection.equip(&mut rig, served.as_ref());
         let (bridge, shown) = match projection {
             Projection::Folder(folder) => (Bridge::start(dut, 0)?, Ok((folder, None))),
             Projection::Mirrors(unit, folder) => (Bridge::start(dut, 0)?, Ok((folder, Some(unit)))),
@@ -169,6 +150,7 @@ impl Table {
             settings,
             format,
             dies_after: None,
+            faults_after: None,
         }));
 
         let world = World::read(light, None)?;
@@ -255,6 +237,11 @@ impl Table {
         lock(&self.slot).dies_after = Some(frames);
     }
 
+    /// Says what goes wrong with the camera on purpose after so many further frames.
+    pub fn set_faults_after(&self, frames: u64, faults: Faults) {
+        lock(&self.slot).faults_after = Some((frames, faults));
+    }
+
     /// Switches the camera on again: a new one, of which nobody has set anything.
     ///
     /// # Errors
@@ -262,6 +249,7 @@ impl Table {
     pub fn revive(&self) -> Result<(), GigeError> {
         let mut slot = lock(&self.slot);
         slot.dies_after = None;
+        slot.faults_after = None;
         slot.camera = None;
         slot.camera = Some(GigeCamera::start(slot.settings.clone())?);
         Ok(())
@@ -320,31 +308,6 @@ fn format_of(rig: &Rig) -> (PixelFormat, &'static str) {
     (format, format.name())
 }
 
-/// Gives `rig` the projector of a `projection`, the port of which is `served` where it has one.
-fn project(rig: &mut Rig, projection: &Projection, served: Option<&Served>) {
-    let projector = &mut rig.projector;
-    match projection {
-        Projection::Folder(folder) => {
-            projector.driver = ProjectorDriver::Files;
-            projector.files = Some(Files {
-                folder: folder.to_path_buf(),
-                patience_s: 60.0,
-            });
-        }
-        Projection::Mirrors(..) => {
-            projector.driver = ProjectorDriver::Dlpc900;
-            projector.dlpc900 = Some(drivers::Dlpc900 {
-                device: served.map(Served::device),
-                ..drivers::Dlpc900::default()
-            });
-        }
-        Projection::Screen(screen) => {
-            projector.driver = ProjectorDriver::Window;
-            projector.window = Some(screen.window.clone());
-        }
-    }
-}
-
 /// `rig` with the camera and the trigger box that stand on the table.
 fn equipped(mut rig: Rig, camera: Ipv4Addr, format: &str, port: &str) -> Rig {
     rig.camera.driver = CameraDriver::Genicam;
@@ -368,6 +331,8 @@ struct Slot {
     format: PixelFormat,
     /// After how many further frames it has none.
     dies_after: Option<u64>,
+    /// After how many further frames what goes wrong.
+    faults_after: Option<(u64, Faults)>,
 }
 
 /// Sends the frames that are exposed.
@@ -383,7 +348,14 @@ fn pass_on(camera: &Mutex<Option<VirtualCamera>>, slot: &Mutex<Slot>) -> Result<
             slot.camera = None;
         }
         slot.dies_after = slot.dies_after.map(|left| left.saturating_sub(1));
+        let faults = slot.faults_after.take_if(|(left, _)| *left == 0);
+        if let Some((left, _)) = &mut slot.faults_after {
+            *left -= 1;
+        }
         let Some(camera) = &slot.camera else { continue };
+        if let Some((_, faults)) = faults {
+            camera.set_faults(faults);
+        }
         let timestamp_ns = (frame.timestamp_s * 1e9).round() as u64;
         let exposure_us = camera.config().exposure_us;
         camera.expose(&slot.format.pack(&frame.dn), timestamp_ns, exposure_us)?;

@@ -2,6 +2,7 @@
 //!
 //! Names are `device::topic::what`. Every figure is printed at the end and written to `target/hil-figures.json` and `.txt`.
 
+mod camera_faults;
 mod chain;
 mod image;
 mod limits;
@@ -82,6 +83,7 @@ fn main() -> ExitCode {
         stream::TRIALS,
         chain::TRIALS,
         table::TRIALS,
+        camera_faults::TRIALS,
         image::TRIALS,
     ];
     #[cfg(feature = "window")]

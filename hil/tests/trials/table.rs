@@ -45,7 +45,7 @@ const MEASURE: [&str; 9] = [
 ];
 
 /// A table with the rig files `rig.toml` and `simulated.toml` in `folder`.
-fn table(bench: &Bench, folder: &Path, noise: bool, settings: Settings) -> Result<Table> {
+pub(crate) fn table(bench: &Bench, folder: &Path, noise: bool, settings: Settings) -> Result<Table> {
     let rig = Rig::load("rcg-1-16bit")?.with_image_size(SIZE)?;
     table_of(bench, folder, &rig, noise, settings, None)
 }
@@ -269,7 +269,7 @@ fn frames_that_are_lost_or_doubled_on_the_network_change_no_bit(bench: &mut Benc
 }
 
 /// The simulated measurement without noise, with its rig file in `folder`.
-fn simulated_of(bench: &Bench, folder: &Path) -> Result<BTreeMap<String, Vec<u8>>> {
+pub(crate) fn simulated_of(bench: &Bench, folder: &Path) -> Result<BTreeMap<String, Vec<u8>>> {
     table(bench, folder, false, Settings::default())?.clear()?;
     simulated(folder, "off")
 }
@@ -310,6 +310,7 @@ fn what_is_not_as_the_rig_file_says_is_named(bench: &mut Bench) -> Outcome {
     };
     for (from, to, expected) in [
         ("", "", "firmware"),
+        ("", "", "; format RGB16 of RGB16; triggered by Line1 of "),
         (
             "Line1",
             "Line7",
