@@ -5,7 +5,7 @@ use std::path::Path;
 use aravis::{Buffer, BufferStatus, CameraExt as _, StreamExt as _};
 
 use super::set::{format_or_set, let_software_trigger, set_image, set_levels, set_network};
-use super::stream::stream_of;
+use super::stream::{PROBES, stream_of};
 use super::{Refusal, open_device};
 use crate::capture::camera::CameraError;
 use crate::instrument::drivers::Genicam;
@@ -86,23 +86,34 @@ pub fn grab(settings: &Genicam, exposure_s: f64) -> Result<Grabbed, CameraError>
     let_software_trigger(&refusal, &camera)?;
     let stream = stream_of(&refusal, &camera)?;
     let payload = camera.payload().map_err(refusal.feature("PayloadSize"))?;
-    for _ in 0..4 {
+    for _ in 0..PROBES {
         stream.push_buffer(Buffer::new_allocate(payload as usize));
     }
     camera
         .start_acquisition()
         .map_err(refusal.feature("AcquisitionStart"))?;
     let wait_us = ((exposure_s + 2.0) * 1e6) as u64;
-    let frame = camera
-        .software_trigger()
-        .map(|()| stream.timeout_pop_buffer(wait_us));
+    // One may get lost on a busy machine.
+    let mut frame = Ok(None);
+    for _ in 0..PROBES {
+        frame = camera.software_trigger().map(|()| {
+            let buffer = stream.timeout_pop_buffer(wait_us);
+            buffer.filter(|buffer| buffer.status() == BufferStatus::Success)
+        });
+        if !matches!(frame, Ok(None)) {
+            break;
+        }
+    }
     camera
         .stop_acquisition()
         .map_err(refusal.feature("AcquisitionStop"))?;
-    let buffer = frame.map_err(refusal.feature("TriggerSoftware"))?;
-    let buffer = buffer
-        .filter(|buffer| buffer.status() == BufferStatus::Success)
-        .ok_or_else(|| refusal.failed("expected a whole frame after a trigger by software, found none"))?;
+    let buffer = frame
+        .map_err(refusal.feature("TriggerSoftware"))?
+        .ok_or_else(|| {
+            refusal.failed(format!(
+                "expected a whole frame of one of {PROBES} triggers by software, found none"
+            ))
+        })?;
     let dn = format
         .values_of(&buffer.image_data(), region_px.0 * region_px.1)
         .ok_or_else(|| refusal.failed("expected a frame of the region's size, found a shorter one"))?;

@@ -14,7 +14,7 @@ const PACKET_REQUESTS: &str = "packet-request-ratio";
 /// What a frame by software may take.
 const SOFTWARE: Duration = Duration::from_secs(1);
 /// How many of them are tried.
-const PROBES: u64 = 4;
+pub(super) const PROBES: u64 = 4;
 
 /// The stream of frames. Packets that are lost are asked for again as often as it takes: with few packets to a frame, libaravis' limit
 /// of a quarter of them is none.
