@@ -5,13 +5,18 @@
 //! no time, must not leave frames in the few buffers that a driver has. What comes goes through a [ring](super::ring); where the
 //! run's frames are collected, they are taken out with each event of the box. At the run's end the camera comes back to
 //! who lent it, with nothing left behind.
+//!
+//! A simulated camera computes its frames on rayon's pool. Where a run is itself a task of that pool, as in studies, there is no such thread: its
+//! worker would wait for a thread that waits for a worker.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::{Scope, ScopedJoinHandle, park_timeout};
+use std::thread::{self, Scope, ScopedJoinHandle, park_timeout};
 use std::time::{Duration, Instant};
 
+use super::CaptureError;
 use super::camera::{Camera, CameraError, Frame};
+use super::follow::Ending;
 use super::ring::{Outlet, frames_in_ring, ring};
 
 /// A camera is asked for this long at a time: so late it comes back at most.
@@ -19,8 +24,37 @@ const POLL: Duration = Duration::from_millis(5);
 /// A camera that does not wait, such as a simulated one, is asked again so much later.
 const IDLE: Duration = Duration::from_millis(1);
 
+/// Frames are taken in for this long at a time where there is no thread for them: the trigger box has to be heard.
+const AT_ONCE: Duration = Duration::from_millis(100);
+
+/// Follows a run by `play`, which calls what it is given with each word of the trigger box: the frames that have come until then are
+/// added to `frames`.
+pub(super) fn taking_in(
+    camera: &mut dyn Camera,
+    frames: &mut Vec<Frame>,
+    play: impl FnOnce(&mut dyn FnMut() -> Result<(), CaptureError>) -> Result<Ending, CaptureError>,
+) -> Result<Ending, CaptureError> {
+    if rayon::current_thread_index().is_some() {
+        return play(&mut || {
+            let began = Instant::now();
+            while began.elapsed() < AT_ONCE
+                && let Some(frame) = camera.next_frame(Duration::ZERO)?
+            {
+                frames.push(frame);
+            }
+            Ok(())
+        });
+    }
+    thread::scope(|scope| {
+        let intake = Intake::begin(scope, camera);
+        let ending = play(&mut || Ok(intake.take(frames)?))?;
+        intake.end(frames)?;
+        Ok(ending)
+    })
+}
+
 /// The thread that takes frames in. Dropped, it ends.
-pub(super) struct Intake<'scope> {
+struct Intake<'scope> {
     frames: Outlet<Result<Frame, CameraError>>,
     over: Arc<AtomicBool>,
     thread: ScopedJoinHandle<'scope, ()>,
@@ -28,7 +62,7 @@ pub(super) struct Intake<'scope> {
 
 impl<'scope> Intake<'scope> {
     /// Begins to take in the frames of `camera`, which is armed.
-    pub(super) fn begin<'env>(scope: &'scope Scope<'scope, 'env>, camera: &'env mut dyn Camera) -> Self {
+    fn begin<'env>(scope: &'scope Scope<'scope, 'env>, camera: &'env mut dyn Camera) -> Self {
         let (inlet, frames) = ring(frames_in_ring(camera.format().len() * size_of::<u16>()));
         let over = Arc::new(AtomicBool::new(false));
         let is_over = Arc::clone(&over);
@@ -57,7 +91,7 @@ impl<'scope> Intake<'scope> {
     ///
     /// # Errors
     /// What the camera said instead of a frame.
-    pub(super) fn take(&self, frames: &mut Vec<Frame>) -> Result<(), CameraError> {
+    fn take(&self, frames: &mut Vec<Frame>) -> Result<(), CameraError> {
         // No more than fit at a time: a camera that sends without an end must not keep the box from being heard.
         for _ in 0..self.frames.capacity() {
             match self.frames.try_pop() {
@@ -72,7 +106,7 @@ impl<'scope> Intake<'scope> {
     ///
     /// # Errors
     /// What the camera said instead of a frame.
-    pub(super) fn end(self, frames: &mut Vec<Frame>) -> Result<(), CameraError> {
+    fn end(self, frames: &mut Vec<Frame>) -> Result<(), CameraError> {
         self.stop();
         let mut ended = Ok(());
         // Until the thread is gone: it may wait for room, too.
@@ -107,7 +141,8 @@ impl Drop for Intake<'_> {
 #[cfg(test)]
 mod tests {
     use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
-    use std::thread;
+
+    use rcg_protocol::State;
 
     use super::*;
     use crate::instrument::frame_format::FrameFormat;
@@ -205,6 +240,57 @@ mod tests {
             assert!(said.unwrap_err().to_string().contains("the connection has ended"));
             assert_eq!(frames.len(), 3);
         }
+    }
+
+    #[test]
+    fn a_worker_of_the_pool_waits_for_no_thread_that_may_need_the_pool() {
+        // On whose thread it was asked.
+        struct Asked(Vec<thread::ThreadId>);
+
+        impl Camera for Asked {
+            fn name(&self) -> &'static str {
+                "asked"
+            }
+
+            fn format(&self) -> FrameFormat {
+                FrameFormat {
+                    width_px: 1,
+                    height_px: 1,
+                    channels: 1,
+                    bits: 16,
+                }
+            }
+
+            fn arm(&mut self) -> Result<(), CameraError> {
+                Ok(())
+            }
+
+            fn next_frame(&mut self, _timeout: Duration) -> Result<Option<Frame>, CameraError> {
+                self.0.push(thread::current().id());
+                Ok(None)
+            }
+        }
+
+        let followed = || {
+            let mut camera = Asked(Vec::new());
+            let ending = Ending {
+                state: State::Done,
+                steps_done: 0,
+                fault: None,
+                at: None,
+            };
+            taking_in(&mut camera, &mut Vec::new(), |take_in| {
+                take_in()?;
+                thread::sleep(Duration::from_millis(5));
+                Ok(ending)
+            })
+            .unwrap();
+            let here = thread::current().id();
+            (!camera.0.is_empty(), camera.0.iter().all(|asked| *asked == here))
+        };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        assert_eq!(pool.install(followed), (true, true));
+        assert_eq!(followed(), (true, false));
     }
 
     #[test]

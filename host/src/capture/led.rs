@@ -17,7 +17,8 @@ use std::time::Duration;
 
 use rcg_protocol::{Event, Fault, Micros, Pace, Program, Pulse, Start, State, Step, StepId, StepRecord};
 
-use super::{CaptureError, Instrument, Received, is_done, taking_in};
+use super::intake::taking_in;
+use super::{CaptureError, Instrument, Received, is_done};
 use crate::capture::device::Device;
 use crate::capture::link::Link;
 use crate::capture::projector::{Leading, ProjectorError};

@@ -38,7 +38,6 @@ pub mod steps;
 #[cfg(feature = "window")]
 pub mod window;
 
-use std::thread;
 use std::time::Duration;
 
 use rcg_protocol::{Event, State, Step, StepRecord, Ticks};
@@ -46,7 +45,7 @@ use rcg_protocol::{Event, State, Step, StepRecord, Ticks};
 use crate::capture::camera::{Camera, CameraError, Fired, Frame};
 use crate::capture::device::{Device, DeviceError};
 use crate::capture::follow::Ending;
-use crate::capture::intake::Intake;
+use crate::capture::intake::taking_in;
 use crate::capture::link::Link;
 use crate::capture::pairing::{Outcome, pair};
 use crate::capture::projector::{Projector, ProjectorError};
@@ -364,21 +363,6 @@ impl Instrument {
         }
         Ok(())
     }
-}
-
-/// Follows a run by `play`, which calls what it is given with each word of the trigger box: the frames that have come until then are
-/// added to `frames`.
-fn taking_in(
-    camera: &mut dyn Camera,
-    frames: &mut Vec<Frame>,
-    play: impl FnOnce(&mut dyn FnMut() -> Result<(), CaptureError>) -> Result<Ending, CaptureError>,
-) -> Result<Ending, CaptureError> {
-    thread::scope(|scope| {
-        let intake = Intake::begin(scope, camera);
-        let ending = play(&mut || Ok(intake.take(frames)?))?;
-        intake.end(frames)?;
-        Ok(ending)
-    })
 }
 
 /// Refuses a run that ended before its `steps` were over.

@@ -194,6 +194,8 @@ mod tests {
                     dawdle(item, !slow_inlet);
                     assert_eq!(item, expected, "{capacity}");
                 }
+                // Who puts in ends a moment later.
+                assert_eq!(outlet.rest().next(), None);
                 assert_eq!(outlet.try_pop(), Err(Gone));
             });
             assert!((1..=capacity).contains(&outlet.high_water()), "{capacity}");

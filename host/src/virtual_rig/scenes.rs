@@ -1,7 +1,7 @@
 //! Scenes that were shown before: what stands in the holder again as it did is not computed again.
 
 use std::collections::VecDeque;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::held::Held;
 use super::scene::{Scene, Shining};
@@ -22,19 +22,6 @@ struct Known {
     shining: Option<(Truth, Arc<Shining>)>,
 }
 
-impl Known {
-    fn shining(&mut self, truth: &Truth) -> Arc<Shining> {
-        let is_same =
-            |other: &Truth| other.flaws == truth.flaws && other.rig.projector == truth.rig.projector;
-        if let Some((_, shining)) = self.shining.as_ref().filter(|(of, _)| is_same(of)) {
-            return shining.clone();
-        }
-        let shining = Arc::new(Shining::of(truth));
-        self.shining = Some((truth.clone(), shining.clone()));
-        shining
-    }
-}
-
 /// One of them.
 struct Shown {
     truth: Truth,
@@ -50,16 +37,17 @@ impl std::fmt::Debug for Shown {
 impl Scenes {
     /// What the rig that `truth` describes shows with `held` in it.
     pub(super) fn of(&self, truth: &Truth, held: Held) -> Arc<Scene> {
-        let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let is_this = |shown: &&Shown| shown.truth == *truth && shown.scene.is_of(&held);
-        if let Some(shown) = known.shown.iter().find(is_this) {
+        if let Some(shown) = self.known().shown.iter().find(is_this) {
             return shown.scene.clone();
         }
-        let shining = known.shining(truth);
+        // Nobody waits while it is computed: who computes on several cores may come by here again.
+        let shining = self.shining(truth);
         // Of a mirror no two views are alike.
         let is_kept = !matches!(held, Held::Mirror(_));
         let scene = Arc::new(Scene::of(truth, held, shining));
         if is_kept {
+            let mut known = self.known();
             known.shown.truncate(MOST - 1);
             known.shown.push_front(Shown {
                 truth: truth.clone(),
@@ -67,5 +55,20 @@ impl Scenes {
             });
         }
         scene
+    }
+
+    fn shining(&self, truth: &Truth) -> Arc<Shining> {
+        let is_same =
+            |other: &Truth| other.flaws == truth.flaws && other.rig.projector == truth.rig.projector;
+        if let Some((_, shining)) = self.known().shining.as_ref().filter(|(of, _)| is_same(of)) {
+            return shining.clone();
+        }
+        let shining = Arc::new(Shining::of(truth));
+        self.known().shining = Some((truth.clone(), shining.clone()));
+        shining
+    }
+
+    fn known(&self) -> MutexGuard<'_, Known> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

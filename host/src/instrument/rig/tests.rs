@@ -191,7 +191,7 @@ const MISTAKES: &[(&str, &str, &str)] = &[
     (
         "[camera.lens]\nwidth_px = 2048",
         "[camera.lense]\nwidth_px = 2048",
-        "camera.lense: expected one of `driver`, `genicam`, `channels`, `bits`, `full_well_e`, `read_noise_e`, `dark_dn`, `dark_current_e_per_s`, `exposure_s`, `exposure_delay_s`, `readout_s`, `overlap`, `lens`, `binned`, found unknown field `lense`",
+        "camera.lense: expected one of `driver`, `genicam`, `replay`, `channels`, `bits`, `full_well_e`, `read_noise_e`, `dark_dn`, `dark_current_e_per_s`, `exposure_s`, `exposure_delay_s`, `readout_s`, `overlap`, `lens`, `binned`, found unknown field `lense`",
     ),
     (
         "spot_deg = 1.0",
