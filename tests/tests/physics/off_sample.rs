@@ -76,8 +76,8 @@ fn what_the_standard_did_not_fill_is_off_sample_and_the_rest_is_right() {
     let (mut off_cells, mut off_lights, mut count, mut within) = (0, 0, 0_u32, 0_u32);
     let mut worst = 0.0_f64;
     for (seed, (preset, millimetres)) in DRAWS.into_iter().enumerate() {
-        // The camera and the projector off by as much are alike.
-        if seed == 1 && !is_full() {
+        // The camera and the projector off by as much are alike, and all of them off by less.
+        if matches!(seed, 1 | 3) && !is_full() {
             continue;
         }
         let folder = tempfile::tempdir().unwrap();
