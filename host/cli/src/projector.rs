@@ -5,13 +5,12 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Duration;
 
-use rcg::base::blame::Blame as _;
 use rcg::base::progress::Progress as _;
 use rcg::capture::dlpc900::packet::Commands;
 use rcg::capture::dlpc900::unit::Unit;
 use rcg::capture::dlpc900::{self, Dlpc900Projector, Kind, video};
 use rcg::capture::files::read_pattern;
-use rcg::capture::projector::{Projector as _, ProjectorError};
+use rcg::capture::projector::Projector as _;
 use rcg::instrument::drivers::Dlpc900;
 use rcg::instrument::rig::Rig;
 use rcg::plan::pattern::BitPattern;
@@ -212,16 +211,6 @@ fn pictures(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     Ok(paths)
 }
 
-/// Refuses `error` of the picture at `path`.
-fn refused(error: ProjectorError, path: &Path) -> Failure {
-    let failure = if error.is_input() {
-        Failure::input(error)
-    } else {
-        Failure::Failed(error.into())
-    };
-    failure.at(path.display())
-}
-
 /// Uploads `patterns`, read from `paths`, and shows each for `each_ms`, or until the next trigger.
 fn shown(
     settings: &Dlpc900,
@@ -233,7 +222,9 @@ fn shown(
     let mut projector = Dlpc900Projector::open(settings, 0.0)?;
     projector.clear()?;
     for (pattern, path) in patterns.iter().zip(paths) {
-        projector.load(pattern).map_err(|error| refused(error, path))?;
+        projector
+            .load(pattern)
+            .map_err(|error| Failure::from(error).at(path.display()))?;
     }
     let bytes = send(&mut projector, each_ms, output)?;
     let status = projector.check_runs()?;
@@ -314,18 +305,7 @@ fn frames(settings: &Dlpc900, args: &Video, output: &Output) -> Done {
         Kind::Dlpc900 => video::start(&mut Unit::new(commands), planes, args.frame_hz),
         Kind::Dlpc350 => video::start_dlpc350(&mut commands, planes, args.frame_hz),
     };
-    let started = started.map_err(|error| {
-        let is_input = matches!(
-            error,
-            video::VideoError::Planes(_) | video::VideoError::Short { .. }
-        );
-        let sentence = format!("projector {name}: {error}");
-        if is_input {
-            Failure::input(sentence)
-        } else {
-            Failure::Failed(anyhow::anyhow!(sentence))
-        }
-    })?;
+    let started = started.map_err(|error| Failure::from(error).at(format!("projector {name}")))?;
     let value = json!({
         "projector": name, "planes": started.planes, "exposure_us": started.exposure_us, "frame_us": started.frame_us,
     });

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::capture::projector::{Projector, ProjectorError};
+use crate::capture::projector::{Projector, ProjectorError, check_resolution, check_room};
 use crate::plan::pattern::BitPattern;
 use crate::store::whole_file::{FileError, write_whole};
 
@@ -111,19 +111,8 @@ impl Projector for FilesProjector {
 
     fn load(&mut self, pattern: &BitPattern) -> Result<(), ProjectorError> {
         let projector = || self.folder.display().to_string();
-        if pattern.size_px() != self.size_px {
-            return Err(ProjectorError::Resolution {
-                projector: projector(),
-                native: self.size_px,
-                found: pattern.size_px(),
-            });
-        }
-        if self.loaded == CAPACITY {
-            return Err(ProjectorError::Full {
-                projector: projector(),
-                limit: CAPACITY,
-            });
-        }
+        check_resolution(&projector(), self.size_px, pattern)?;
+        check_room(&projector(), self.loaded, CAPACITY)?;
         let png = encoded(pattern).map_err(|error| ProjectorError::Failed {
             projector: projector(),
             reason: format!("a pattern cannot be made a PNG: {error}"),

@@ -15,10 +15,10 @@
 
 use std::time::Duration;
 
-use rcg_protocol::{Event, Fault, Micros, Pace, Program, Pulse, Start, State, Step, StepId, StepRecord};
+use rcg_protocol::{Fault, Micros, Pace, Program, Pulse, Start, State, Step, StepId, StepRecord};
 
 use super::intake::taking_in;
-use super::{CaptureError, Instrument, Received, is_done};
+use super::{CaptureError, Instrument, Received, hear, is_done};
 use crate::capture::device::Device;
 use crate::capture::link::Link;
 use crate::capture::projector::{Leading, ProjectorError};
@@ -131,11 +131,7 @@ impl Instrument {
                     show.advance(device)
                 },
                 |event| {
-                    match event {
-                        Some(Event::Records { records: new, .. }) => records.extend(new),
-                        Some(Event::SpuriousStrobe { on, .. }) => spurious_on.push(on.0),
-                        _ => {}
-                    }
+                    hear(event, records, spurious_on);
                     recorded(records.len().saturating_sub(1));
                     Ok::<_, CaptureError>(())
                 },

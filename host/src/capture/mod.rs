@@ -160,6 +160,15 @@ impl Received {
     }
 }
 
+/// Keeps what an `event` of a run says of its steps and strobes.
+fn hear(event: Option<&Event>, records: &mut Vec<StepRecord>, spurious_on: &mut Vec<u64>) {
+    match event {
+        Some(Event::Records { records: new, .. }) => records.extend(new),
+        Some(Event::SpuriousStrobe { on, .. }) => spurious_on.push(on.0),
+        _ => {}
+    }
+}
+
 impl Instrument {
     /// Takes the exposures of `timings` of each of `count` patterns, one pattern after the other; `timings` is a
     /// [series](Timing::series). `patterns(i, image)` draws pattern `i` into an image that is black but for what watches
@@ -314,11 +323,7 @@ impl Instrument {
                 &table,
                 |_| take_in(),
                 |event| {
-                    match event {
-                        Some(Event::Records { records: new, .. }) => records.extend(new),
-                        Some(Event::SpuriousStrobe { on, .. }) => spurious_on.push(on.0),
-                        _ => {}
-                    }
+                    hear(event, records, spurious_on);
                     recorded(records.len());
                     Ok(())
                 },

@@ -39,6 +39,33 @@ pub enum ProjectorError {
     File(#[from] FileError),
 }
 
+/// Refuses a `pattern` that is not of the resolution `native` (width, height) of `projector`.
+pub(crate) fn check_resolution(
+    projector: &str,
+    native: (usize, usize),
+    pattern: &BitPattern,
+) -> Result<(), ProjectorError> {
+    if pattern.size_px() == native {
+        return Ok(());
+    }
+    Err(ProjectorError::Resolution {
+        projector: projector.to_owned(),
+        native,
+        found: pattern.size_px(),
+    })
+}
+
+/// Refuses one more pattern than `limit` where so many are `loaded` in `projector`.
+pub(crate) fn check_room(projector: &str, loaded: usize, limit: usize) -> Result<(), ProjectorError> {
+    if loaded < limit {
+        return Ok(());
+    }
+    Err(ProjectorError::Full {
+        projector: projector.to_owned(),
+        limit,
+    })
+}
+
 impl Blame for ProjectorError {
     fn is_input(&self) -> bool {
         match self {

@@ -60,7 +60,7 @@ use std::time::Duration;
 use rayon::prelude::*;
 
 use crate::capture::camera::{Camera, CameraError, Frame};
-use crate::capture::projector::{Projector, ProjectorError};
+use crate::capture::projector::{Projector, ProjectorError, check_resolution};
 use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::rig::Rig;
 use crate::plan::Faults;
@@ -294,14 +294,7 @@ impl Projector for VirtualProjector {
     }
 
     fn load(&mut self, pattern: &BitPattern) -> Result<(), ProjectorError> {
-        let (native, found) = (self.size_px(), pattern.size_px());
-        if native != found {
-            return Err(ProjectorError::Resolution {
-                projector: "virtual".to_owned(),
-                native,
-                found,
-            });
-        }
+        check_resolution(self.name(), self.size_px(), pattern)?;
         let lit = pattern.lit();
         let light = self.scene.light(pattern, &lit);
         let look = (pattern.level(), pattern.primary());

@@ -36,7 +36,7 @@ pub mod video;
 
 use std::fmt::Display;
 
-use crate::capture::projector::{Projector, ProjectorError};
+use crate::capture::projector::{Projector, ProjectorError, check_resolution, check_room};
 use crate::instrument::drivers::{Dlpc900, Edge, LONGEST_US, SHORTEST_US};
 use crate::plan::pattern::BitPattern;
 use crate::plan::schedule::Timing;
@@ -395,13 +395,7 @@ impl Projector for Dlpc900Projector {
     }
 
     fn load(&mut self, pattern: &BitPattern) -> Result<(), ProjectorError> {
-        if pattern.size_px() != self.model.size_px {
-            return Err(ProjectorError::Resolution {
-                projector: self.name.clone(),
-                native: self.model.size_px,
-                found: pattern.size_px(),
-            });
-        }
+        check_resolution(&self.name, self.model.size_px, pattern)?;
         if pattern.primary().is_some() && !self.settings.primaries {
             return Err(self.failed(
                 "expected white patterns, found one in a primary; if the unit's outputs switch red, green and blue lights, say so by \
@@ -411,14 +405,12 @@ impl Projector for Dlpc900Projector {
         self.patterns.push(pattern.clone());
         let stored = IMAGES * (PLANES / self.depth());
         let limit = self.model.entries.min(stored);
-        if self.patterns.len() > limit {
+        // With it there may be fewer: levels of grey take the planes of eight.
+        let room = check_room(&self.name, self.patterns.len() - 1, limit);
+        if room.is_err() {
             self.patterns.pop();
-            return Err(ProjectorError::Full {
-                projector: self.name.clone(),
-                limit,
-            });
         }
-        Ok(())
+        room
     }
 
     fn pace(&mut self, steps: &[Timing]) -> Result<(), ProjectorError> {

@@ -18,6 +18,7 @@ use std::time::Duration;
 use super::image::PLANES;
 use super::packet::{CommandError, Commands};
 use super::unit::{Entry, Mode, Play, Unit};
+use crate::base::blame::Blame;
 use crate::instrument::drivers::SHORTEST_US;
 
 /// Between the last pattern of a frame and the next vertical sync, µs (DLPU010: command 1A29).
@@ -66,6 +67,15 @@ pub enum VideoError {
     /// A command.
     #[error(transparent)]
     Command(#[from] CommandError),
+}
+
+impl Blame for VideoError {
+    fn is_input(&self) -> bool {
+        match self {
+            Self::Planes(_) | Self::Short { .. } => true,
+            Self::NoSource | Self::Invalid(_) | Self::Command(_) => false,
+        }
+    }
 }
 
 impl VideoPatterns {

@@ -81,11 +81,7 @@ impl FreeRunning {
             .set_acquisition_mode(AcquisitionMode::Continuous)
             .map_err(refusal.feature("AcquisitionMode"))?;
         set_network(&refusal, &camera, settings)?;
-        let stream = stream_of(&refusal, &camera)?;
-        let payload = camera.payload().map_err(refusal.feature("PayloadSize"))?;
-        for _ in 0..settings.buffers {
-            stream.push_buffer(Buffer::new_allocate(payload as usize));
-        }
+        let (stream, payload) = stream_of(&refusal, &camera, settings.buffers)?;
         camera
             .start_acquisition()
             .map_err(refusal.feature("AcquisitionStart"))?;

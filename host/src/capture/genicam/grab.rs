@@ -1,16 +1,20 @@
 //! One frame by software, to look at.
 
 use std::path::Path;
+use std::time::Duration;
 
-use aravis::{Buffer, BufferStatus, CameraExt as _, StreamExt as _};
+use aravis::CameraExt as _;
 
-use super::set::{format_or_set, let_software_trigger, set_image, set_levels, set_network};
-use super::stream::{PROBES, stream_of};
+use super::set::{format_or_set, set_image, set_levels, set_network};
+use super::stream::{by_software, stream_of};
 use super::{Refusal, open_device};
 use crate::capture::camera::CameraError;
 use crate::instrument::drivers::Genicam;
 use crate::instrument::pixel_format::PixelFormat;
 use crate::store::whole_file::{FileError, write_whole};
+
+/// Frames that may wait.
+const BUFFERS: u32 = 4;
 
 /// A frame as the sensor gave it.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -83,37 +87,9 @@ pub fn grab(settings: &Genicam, exposure_s: f64) -> Result<Grabbed, CameraError>
     camera
         .set_exposure_time(exposure_s * 1e6)
         .map_err(refusal.feature("ExposureTime"))?;
-    let_software_trigger(&refusal, &camera)?;
-    let stream = stream_of(&refusal, &camera)?;
-    let payload = camera.payload().map_err(refusal.feature("PayloadSize"))?;
-    for _ in 0..PROBES {
-        stream.push_buffer(Buffer::new_allocate(payload as usize));
-    }
-    camera
-        .start_acquisition()
-        .map_err(refusal.feature("AcquisitionStart"))?;
-    let wait_us = ((exposure_s + 2.0) * 1e6) as u64;
-    // One may get lost on a busy machine.
-    let mut frame = Ok(None);
-    for _ in 0..PROBES {
-        frame = camera.software_trigger().map(|()| {
-            let buffer = stream.timeout_pop_buffer(wait_us);
-            buffer.filter(|buffer| buffer.status() == BufferStatus::Success)
-        });
-        if !matches!(frame, Ok(None)) {
-            break;
-        }
-    }
-    camera
-        .stop_acquisition()
-        .map_err(refusal.feature("AcquisitionStop"))?;
-    let buffer = frame
-        .map_err(refusal.feature("TriggerSoftware"))?
-        .ok_or_else(|| {
-            refusal.failed(format!(
-                "expected a whole frame of one of {PROBES} triggers by software, found none"
-            ))
-        })?;
+    let (stream, _) = stream_of(&refusal, &camera, BUFFERS)?;
+    let patience = Duration::from_secs_f64(exposure_s + 2.0);
+    let (buffer, _) = by_software(&refusal, &camera, &stream, patience)?;
     let dn = format
         .values_of(&buffer.image_data(), region_px.0 * region_px.1)
         .ok_or_else(|| refusal.failed("expected a frame of the region's size, found a shorter one"))?;

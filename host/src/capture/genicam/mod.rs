@@ -168,11 +168,7 @@ impl GenicamCamera {
             let gone = Arc::clone(&gone);
             device.connect_control_lost(move |_| gone.store(true, Ordering::Relaxed));
         }
-        let stream = stream_of(&refusal, &camera)?;
-        let payload = camera.payload().map_err(refusal.feature("PayloadSize"))?;
-        for _ in 0..settings.buffers {
-            stream.push_buffer(Buffer::new_allocate(payload as usize));
-        }
+        let (stream, _) = stream_of(&refusal, &camera, settings.buffers)?;
         let probes = [
             probe(&refusal, &camera, &stream)?,
             probe(&refusal, &camera, &stream)?,

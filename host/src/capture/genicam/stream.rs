@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use aravis::glib::prelude::ObjectExt as _;
-use aravis::{BufferStatus, CameraExt as _, CameraExtManual as _, StreamExt as _};
+use aravis::{Buffer, BufferStatus, CameraExt as _, CameraExtManual as _, StreamExt as _};
 
 use super::Refusal;
 use super::set::let_software_trigger;
@@ -11,19 +11,29 @@ use crate::capture::camera::CameraError;
 
 /// How many packets of a frame are asked for again at most, as a share of its packets.
 const PACKET_REQUESTS: &str = "packet-request-ratio";
+/// The feature that triggers a frame.
+const SOFTWARE_TRIGGER: &str = "TriggerSoftware";
 /// What a frame by software may take.
 const SOFTWARE: Duration = Duration::from_secs(1);
 /// How many of them are tried.
-pub(super) const PROBES: u64 = 4;
+const PROBES: u64 = 4;
 
-/// The stream of frames. Packets that are lost are asked for again as often as it takes: with few packets to a frame, libaravis' limit
-/// of a quarter of them is none.
-pub(super) fn stream_of(refusal: &Refusal, camera: &aravis::Camera) -> Result<aravis::Stream, CameraError> {
+/// The stream of frames, with so many `buffers`, and the bytes of each. Packets that are lost are asked for again as often as it takes:
+/// with few packets to a frame, libaravis' limit of a quarter of them is none.
+pub(super) fn stream_of(
+    refusal: &Refusal,
+    camera: &aravis::Camera,
+    buffers: u32,
+) -> Result<(aravis::Stream, u32), CameraError> {
     let stream = camera.create_stream().map_err(refusal.feature("stream"))?;
     if stream.find_property(PACKET_REQUESTS).is_some() {
         stream.set_property(PACKET_REQUESTS, 2.0_f64);
     }
-    Ok(stream)
+    let payload = camera.payload().map_err(refusal.feature("PayloadSize"))?;
+    for _ in 0..buffers {
+        stream.push_buffer(Buffer::new_allocate(payload as usize));
+    }
+    Ok((stream, payload))
 }
 
 /// Gives the buffers that are full back to the `stream`.
@@ -48,12 +58,24 @@ pub(super) fn probe(
     camera: &aravis::Camera,
     stream: &aravis::Stream,
 ) -> Result<Probe, CameraError> {
-    let feature = "TriggerSoftware";
-    if !camera.is_feature_available(feature).unwrap_or(false) {
+    if !camera.is_feature_available(SOFTWARE_TRIGGER).unwrap_or(false) {
         return Err(refusal.failed(
             "expected a software trigger, by which is learnt how the camera numbers its frames, found none",
         ));
     }
+    let (buffer, lost) = by_software(refusal, camera, stream, SOFTWARE)?;
+    let id = buffer.frame_id();
+    stream.push_buffer(buffer);
+    Ok(Probe { id, lost })
+}
+
+/// An acquisition of frames that software triggers, until one arrives whole within `patience`: that, and how many before it did not.
+pub(super) fn by_software(
+    refusal: &Refusal,
+    camera: &aravis::Camera,
+    stream: &aravis::Stream,
+    patience: Duration,
+) -> Result<(Buffer, u64), CameraError> {
     let_software_trigger(refusal, camera)?;
     take_back(stream);
     camera
@@ -61,9 +83,9 @@ pub(super) fn probe(
         .map_err(refusal.feature("AcquisitionStart"))?;
     let mut found = Ok(None);
     for lost in 0..PROBES {
-        let came = camera.software_trigger().map(|()| whole(stream, SOFTWARE));
+        let came = camera.software_trigger().map(|()| whole(stream, patience));
         let is_over = !matches!(came, Ok(None));
-        found = came.map(|id| id.map(|id| Probe { id, lost }));
+        found = came.map(|buffer| buffer.map(|buffer| (buffer, lost)));
         if is_over {
             break;
         }
@@ -71,25 +93,23 @@ pub(super) fn probe(
     camera
         .stop_acquisition()
         .map_err(refusal.feature("AcquisitionStop"))?;
-    match found.map_err(refusal.feature(feature))? {
-        Some(probe) => Ok(probe),
-        None => Err(refusal.failed(format!(
+    found.map_err(refusal.feature(SOFTWARE_TRIGGER))?.ok_or_else(|| {
+        refusal.failed(format!(
             "expected a whole frame within {} s of one of {PROBES} triggers by software, found none",
-            SOFTWARE.as_secs()
-        ))),
-    }
+            patience.as_secs_f64()
+        ))
+    })
 }
 
-/// The id of the next frame that arrives whole within `patience`.
-fn whole(stream: &aravis::Stream, patience: Duration) -> Option<u64> {
+/// The next frame that arrives whole within `patience`.
+fn whole(stream: &aravis::Stream, patience: Duration) -> Option<Buffer> {
     let began = Instant::now();
     while let Some(left) = patience.checked_sub(began.elapsed()) {
         let buffer = stream.timeout_pop_buffer(left.as_micros() as u64)?;
-        let id = (buffer.status() == BufferStatus::Success).then(|| buffer.frame_id());
-        stream.push_buffer(buffer);
-        if id.is_some() {
-            return id;
+        if buffer.status() == BufferStatus::Success {
+            return Some(buffer);
         }
+        stream.push_buffer(buffer);
     }
     None
 }

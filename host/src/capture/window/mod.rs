@@ -34,7 +34,7 @@ mod monitor;
 mod picture;
 mod surface;
 
-use crate::capture::projector::{Leading, Projector, ProjectorError};
+use crate::capture::projector::{Leading, Projector, ProjectorError, check_resolution, check_room};
 use crate::instrument::drivers::Window;
 use crate::instrument::rig::Rig;
 use crate::plan::pattern::BitPattern;
@@ -196,19 +196,8 @@ impl Projector for WindowProjector {
     }
 
     fn load(&mut self, pattern: &BitPattern) -> Result<(), ProjectorError> {
-        if pattern.size_px() != self.size_px {
-            return Err(ProjectorError::Resolution {
-                projector: self.name.clone(),
-                native: self.size_px,
-                found: pattern.size_px(),
-            });
-        }
-        if self.loaded.len() == CAPACITY {
-            return Err(ProjectorError::Full {
-                projector: self.name.clone(),
-                limit: CAPACITY,
-            });
-        }
+        check_resolution(&self.name, self.size_px, pattern)?;
+        check_room(&self.name, self.loaded.len(), CAPACITY)?;
         self.loaded.push(Picture::of(pattern));
         Ok(())
     }
