@@ -49,8 +49,7 @@ need_screen() {
 tests() {
     local host
     host=$(rustc -vV | sed -n 's/^host: //p' | tr 'a-z-' 'A-Z_')
-    env "CARGO_TARGET_${host}_RUNNER=$PWD/tests/timed.sh" \
-        cargo test --workspace $features --no-fail-fast "$@" 2>&1 | tee -a target/tests.log
+    env "CARGO_TARGET_${host}_RUNNER=$PWD/tests/timed.sh" cargo test --workspace $features --no-fail-fast "$@"
 }
 
 finish() {
@@ -87,9 +86,9 @@ if [ "$kind" = fast ]; then
     step "host: lints"
     cargo clippy --workspace --all-targets $features -- -D warnings
     step "unit tests and mocked links"
-    tests --lib -- --skip calibrate:: --skip judge::fit:: --skip study::
-    tests --test source --test follow --test wire_v1 --test properties --test sequencer --test session \
-        --test at_most_once --test disconnects --test strangers --test streaming --test takeover --test telemetry --test wires
+    tests --lib -- --skip calibrate:: --skip judge::fit:: --skip study:: 2>&1 | tee -a target/tests.log
+    tests --test source --test follow --test wire_v1 --test wire_v2 --test properties --test sequencer --test session --test starts --test packets \
+        --test at_most_once --test disconnects --test strangers --test streaming --test takeover --test telemetry --test wires 2>&1 | tee -a target/tests.log
     finish
     exit
 fi
@@ -98,7 +97,8 @@ step "emulated Pico and its screen"
 need_screen
 command -v npm >/dev/null || install_packages nodejs npm ca-certificates || true
 if command -v npm >/dev/null; then
-    (cd hil/emulator && npm ci --no-audit --no-fund)
+    # Behind a pipe of their own, here and below: node makes one that it inherits non-blocking for all who write into it.
+    (cd hil/emulator && npm ci --no-audit --no-fund) 2>&1 | cat
 else
     echo "no npm: the emulated Pico and its trials are skipped"
 fi
@@ -154,11 +154,21 @@ export RCG_FIRMWARE_ELF=$firmware
 
 if [ -d hil/emulator/node_modules ]; then
     step "emulator: tests"
-    (cd hil/emulator && npm test)
+    (cd hil/emulator && npm test) 2>&1 | cat
 fi
 
-step "tests and trials"
-tests
+# Trials wait for an emulated Pico half of their time: the other tests go on beside them.
+step "tests: build"
+tests --no-run
+step "tests"
+(set -e; tests --test trials) >target/trials.log 2>&1 &
+trials=$!
+trap 'kill "$trials" 2>/dev/null || true' EXIT
+RCG_TRIALS_APART=1 tests 2>&1 | tee -a target/tests.log
+step "trials: the rest of them"
+wait "$trials" || { cat target/trials.log; exit 1; }
+trap - EXIT
+tail -n 12 target/trials.log
 
 # The browser keeps one core busy: the Python package is tested beside it.
 browser=

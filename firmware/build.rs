@@ -4,6 +4,7 @@
 //! word, and an image that lacks them links to an empty file.
 
 use std::path::PathBuf;
+use std::process::Command;
 use std::{env, fs, io};
 
 fn main() -> io::Result<()> {
@@ -34,6 +35,27 @@ fn main() -> io::Result<()> {
         println!("cargo:rustc-link-arg-bins=-Tlink-rp.x");
     }
     println!("cargo:rustc-link-arg-bins=-Tdefmt.x");
+
+    // What it is built from, and whether that was changed since.
+    let git = |arguments: &[&str]| {
+        let output = Command::new("git").args(arguments).output().ok()?;
+        let text = String::from_utf8(output.stdout).ok()?;
+        output.status.success().then(|| text.trim().to_owned())
+    };
+    let commit = git(&["rev-parse", "--short=8", "HEAD"]).unwrap_or_default();
+    let changed = git(&["status", "--porcelain", "--", ".", "../protocol", "../Cargo.lock"]);
+    println!("cargo:rustc-env=RCG_COMMIT={}", commit.get(..8).unwrap_or("0"));
+    let modified = changed.is_none_or(|changed| !changed.is_empty());
+    println!(
+        "cargo:rustc-env=RCG_MODIFIED={}",
+        if modified { "yes" } else { "" }
+    );
+    for file in ["src", "../protocol/src", "../Cargo.lock"] {
+        println!("cargo:rerun-if-changed={file}");
+    }
+    if let Some(log) = git(&["rev-parse", "--git-path", "logs/HEAD"]) {
+        println!("cargo:rerun-if-changed={log}");
+    }
 
     // Without this defmt compiles everything below `error` out.
     println!("cargo:rerun-if-env-changed=DEFMT_LOG");

@@ -138,10 +138,7 @@ impl Burst {
         } else {
             self.steps
         };
-        let end = begin
-            + (from..to)
-                .map(|step| store.step_words(step as usize))
-                .sum::<usize>();
+        let end = begin + store.words_of(from as usize..to as usize);
         self.next = (to, end);
         if to == self.steps {
             self.next = (0, 0);
@@ -150,35 +147,73 @@ impl Burst {
         Some((begin..end, u64::from(to - from)))
     }
 
-    /// How many steps are fired whole `now` after the start of the run, if nothing stops it before.
+    /// Counts the steps that are fired whole `now` after the start of the run, if nothing stops it before.
     #[must_use]
-    pub fn fired(&self, now: Ticks, store: &Store, format: WordFormat) -> u64 {
+    pub fn tally_by(&self, now: Ticks) -> Tally {
         let passes = now.0 / self.length.0.max(1);
-        let mut left = now.0 - passes * self.length.0;
-        let mut words = store.table();
-        let mut fired = passes * u64::from(self.steps);
-        for step in 0..self.steps {
-            let mut outline = Outline::new(format);
-            let (of_step, after) = words.split_at(store.step_words(step as usize));
-            outline.add(of_step);
-            words = after;
-            let Some(rest) = left.checked_sub(outline.period().0) else {
-                break;
-            };
-            left = rest;
-            fired += 1;
-        }
-        fired
+        Tally::new(passes, Ticks(now.0 - passes * self.length.0), self.steps)
     }
 
-    /// How long the first `steps` steps last.
+    /// Counts how long the first `steps` steps last.
     #[must_use]
-    pub fn duration_of(&self, steps: u64, store: &Store, format: WordFormat) -> Ticks {
+    pub fn tally_of(&self, steps: u64) -> Tally {
         let passes = steps / u64::from(self.steps.max(1));
-        let rest = (steps - passes * u64::from(self.steps)) as usize;
-        let words = (0..rest).map(|step| store.step_words(step)).sum();
-        let mut outline = Outline::new(format);
-        outline.add(&store.table()[..words]);
-        Ticks(passes * self.length.0) + outline.period()
+        let rest = steps - passes * u64::from(self.steps);
+        Tally::new(passes, Ticks(u64::MAX), rest as u32)
+    }
+}
+
+/// How far a burst got, counted step by step: the steps of one pass may be so many that it takes a while.
+#[derive(Clone, Copy, Debug)]
+pub struct Tally {
+    passes: u64,
+    /// What is left of the time, or nearly for ever.
+    left: Ticks,
+    /// Steps that it may be at most of the last pass.
+    most: u32,
+    /// The next step of the pass, its word, and when it begins.
+    step: u32,
+    word: usize,
+    begins: Ticks,
+}
+
+impl Tally {
+    const fn new(passes: u64, left: Ticks, most: u32) -> Self {
+        Self {
+            passes,
+            left,
+            most,
+            step: 0,
+            word: 0,
+            begins: Ticks::ZERO,
+        }
+    }
+
+    /// Looks at up to `steps` steps of `burst`. Returns how many were fired and when the last one ended, once that is known.
+    pub fn go_on(
+        &mut self,
+        burst: &Burst,
+        store: &Store,
+        format: WordFormat,
+        steps: u32,
+    ) -> Option<(u64, Ticks)> {
+        let words = store.table();
+        for _ in 0..steps {
+            let mut outline = Outline::new(format);
+            let end = self.word + store.step_words(self.step as usize);
+            let over = self.step == self.most || {
+                outline.add(&words[self.word..end]);
+                outline.period() > self.left
+            };
+            if over {
+                let fired = self.passes * u64::from(burst.steps) + u64::from(self.step);
+                return Some((fired, Ticks(self.passes * burst.length.0) + self.begins));
+            }
+            self.left = self.left - outline.period();
+            self.begins += outline.period();
+            self.word = end;
+            self.step += 1;
+        }
+        None
     }
 }

@@ -15,11 +15,14 @@ use embassy_rp::bind_interrupts;
 use embassy_rp::interrupt::{self, InterruptExt, typelevel};
 use embassy_sync::blocking_mutex::{Mutex, raw::CriticalSectionRawMutex};
 use heapless::Deque;
-use rcg_firmware::session::{EngineCommand, Session};
+use rcg_firmware::control;
+use rcg_firmware::kept::Kept;
+use rcg_firmware::session::Session;
 use rcg_protocol::{
-    Decoder, Fault, FrameError, Request, Response, Seq, SessionId, State, ToDevice, ToHost, decode, encode,
+    Decoder, Event, Fault, FrameError, Request, Response, Seq, SessionId, State, ToDevice, ToHost, Unit,
+    decode, encode,
 };
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::board::engine::Engine;
 use crate::board::{Clock, PulseParts};
@@ -42,28 +45,24 @@ struct Controller {
 }
 
 /// Puts the controller in place and lets the DMA interrupt it. To be called once.
-#[inline(never)] // as `new_session`
-pub(crate) fn install(clock: Clock, seed: u32, pulse: PulseParts) {
+#[unsafe(link_section = ".boot_text")]
+#[inline(never)]
+pub(crate) fn install(clock: Clock, seed: u32, unit: Unit, kept: Kept, pulse: PulseParts) {
     static CELL: StaticCell<Controller> = StaticCell::new();
-    let session = new_session(clock.hz(), seed);
+    // In its place from the start: on its way there it would pass over the stack, which has no room for it.
+    static SESSION: ConstStaticCell<Session> = ConstStaticCell::new(Session::new(1_000_000, 0));
+    let session = SESSION.take();
+    session.boot(unit, kept, clock.hz(), seed);
     let controller = CELL.init_with(|| Controller {
         clock,
         session,
-        engine: Engine::new(pulse, clock),
+        engine: Engine::new(pulse, clock, kept),
         routes: Deque::new(),
         events_to: LinkId::Uart,
     });
     CONTROLLER.lock(|cell| cell.replace(Some(controller)));
     // SAFETY: the handler takes the lock like everybody else, and no code relies on this interrupt being off.
     unsafe { interrupt::DMA_IRQ_0.enable() };
-}
-
-/// A session in its place. On its way there it may pass over the stack, and it is a good part of the memory: so
-/// this is a call of its own, whose frame is gone when it returns.
-#[inline(never)]
-fn new_session(clock_hz: u32, seed: u32) -> &'static mut Session {
-    static SESSION: StaticCell<Session> = StaticCell::new();
-    SESSION.init_with(|| Session::new(clock_hz, seed))
 }
 
 /// Runs `work` on the controller, alone.
@@ -134,13 +133,18 @@ fn send() {
 }
 
 /// Makes the next message a frame at the start of `out`, which has room for [`rcg_protocol::MAX_FRAME`] bytes, if it
-/// is one for `link`. Returns how long the frame is; zero if there is none.
-pub(crate) fn next_frame(link: LinkId, out: &mut [u8]) -> usize {
-    let length = with(|controller| controller.next_frame(link, out)).unwrap_or(0);
+/// is one for `link`. Returns how long the frame is, zero if there is none, and how many step records are in it.
+pub(crate) fn next_frame(link: LinkId, out: &mut [u8]) -> (usize, u32) {
+    let (length, records) = with(|controller| controller.next_frame(link, out)).unwrap_or_default();
     if length == 0 {
         send(); // the next message may be for the other link
     }
-    length
+    (length, records)
+}
+
+/// `records` step records were sent to nobody.
+pub(crate) fn records_lost(records: u32) {
+    with(|controller| controller.session.records_lost(records));
 }
 
 /// Lets time pass: engine, time-outs, messages to the links.
@@ -149,10 +153,16 @@ pub(crate) fn poll() {
     with(|controller| {
         let now = controller.clock.now();
         controller.session.poll(now);
+        controller.engine.note_edges();
         controller.obey();
     });
     service();
     send();
+}
+
+/// Whether the box was asked to go to its boot loader, and has nothing else to do.
+pub(crate) fn leaves() -> bool {
+    with(|controller| controller.session.leaves(controller.clock.now())).unwrap_or(false)
 }
 
 /// The state, and the fault if it is one.
@@ -166,9 +176,7 @@ pub(crate) fn state() -> (State, Option<Fault>) {
 
 impl Controller {
     fn turn(&mut self) -> bool {
-        let more = self.engine.turn(self.session);
-        self.obey();
-        more
+        control::turn(&mut self.engine, self.session)
     }
 
     fn request(&mut self, link: LinkId, message: &ToDevice) {
@@ -181,24 +189,12 @@ impl Controller {
             self.routes.pop_front();
         }
         self.routes.push_back((session, message.seq, link)).ok(); // there is room now
-        self.session.request(self.clock.now(), message);
-        self.obey();
+        control::request(&mut self.engine, self.session, self.clock.now(), message);
     }
 
     /// Carries out what the session commands the engine.
     fn obey(&mut self) {
-        while let Some(command) = self.session.engine_action() {
-            self.carry_out(command);
-        }
-    }
-
-    #[inline(never)] // rare, and large on the stack
-    fn carry_out(&mut self, command: EngineCommand) {
-        match command {
-            EngineCommand::Prime => self.engine.prime(self.session),
-            EngineCommand::Go(start) => self.engine.go(start, self.session),
-            EngineCommand::Halt => self.engine.halt(),
-        }
+        control::obey(&mut self.engine, self.session);
     }
 
     /// The link that the next message goes to.
@@ -206,14 +202,18 @@ impl Controller {
         self.session.message().map(|message| self.route(message))
     }
 
-    fn next_frame(&mut self, link: LinkId, out: &mut [u8]) -> usize {
+    fn next_frame(&mut self, link: LinkId, out: &mut [u8]) -> (usize, u32) {
         match self.session.message() {
             Some(message) if self.route(message) == link => {
                 let length = encode(message, out).expect("MAX_FRAME holds every message").len();
+                let records = match message {
+                    ToHost::Event(Event::Records { records, .. }) => records.len() as u32,
+                    _ => 0,
+                };
                 self.session.message_sent();
-                length
+                (length, records)
             }
-            _ => 0,
+            _ => (0, 0),
         }
     }
 

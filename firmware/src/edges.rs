@@ -53,6 +53,45 @@ impl EdgeClock {
     }
 }
 
+/// Leaves out levels that are too short to be meant: both of their edges.
+#[derive(Clone, Copy, Debug)]
+pub struct Filter {
+    shortest: Ticks,
+    /// The last edge, as long as it is not certain to stay.
+    held: Option<Sighting>,
+}
+
+impl Filter {
+    /// Leaves out what is shorter than this.
+    #[must_use]
+    pub const fn new(shortest: Ticks) -> Self {
+        Self { shortest, held: None }
+    }
+
+    /// The next edge. Returns the one before it, if that was meant and was not [taken](Self::settled) yet.
+    pub fn edge(&mut self, edge: Sighting) -> Option<Sighting> {
+        match self.held.take() {
+            Some(held) if edge.at.saturating_sub(held.at) < self.shortest => None,
+            held => {
+                self.held = Some(edge);
+                held
+            }
+        }
+    }
+
+    /// The last edge, if it is certain by `now` that it was meant, all edges up to then being known.
+    pub fn settled(&mut self, now: Ticks) -> Option<Sighting> {
+        let shortest = self.shortest;
+        self.held.take_if(|held| held.at + shortest <= now)
+    }
+
+    /// The time of the last edge, if it is not certain that it was meant.
+    #[must_use]
+    pub fn doubtful(&self) -> Option<Ticks> {
+        self.held.map(|held| held.at)
+    }
+}
+
 /// When the counter had this value, not long before `elapsed` by the coarse clock.
 #[must_use]
 pub fn time_of(counter: u32, elapsed: Ticks) -> Ticks {
@@ -75,6 +114,33 @@ mod tests {
         let mut high = EdgeClock::new(true);
         assert!(!high.edge(counter_at(10), Ticks(10)).active);
         assert!(high.edge(counter_at(20), Ticks(20)).active);
+    }
+
+    #[test]
+    fn short_levels_are_left_out_of_both_kinds() {
+        let line = [
+            (true, 100),
+            (false, 103),
+            (true, 105),
+            (false, 500),
+            (true, 504),
+            (false, 509),
+            (true, 900),
+        ];
+        let told = |shortest| {
+            let mut filter = Filter::new(Ticks(shortest));
+            let mut told = std::vec::Vec::new();
+            for (active, at) in line {
+                let at = Ticks(at);
+                told.extend(filter.settled(at).map(|edge| edge.at.0));
+                told.extend(filter.edge(Sighting { active, at }).map(|edge| edge.at.0));
+            }
+            told.extend(filter.settled(Ticks(2000)).map(|edge| edge.at.0));
+            told
+        };
+        assert_eq!(told(0), line.map(|(_, at)| at));
+        assert_eq!(told(3), [100, 500, 504, 509, 900]);
+        assert_eq!(told(5), [105, 509, 900]);
     }
 
     #[test]

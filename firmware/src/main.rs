@@ -38,10 +38,12 @@ async fn main(spawner: embassy_executor::Spawner) {
         mut led,
         mut watchdog,
         seed,
+        unit,
+        kept,
     } = board::Board::take();
-    controller::install(clock, seed, pulse);
+    controller::install(clock, seed, unit, kept, pulse);
     uart::spawn(spawner, uart);
-    usb::spawn(spawner, usb);
+    usb::spawn(spawner, usb, unit.serial);
 
     let mut shown = rcg_protocol::State::Idle;
     let mut tick = Ticker::every(board::POLL);
@@ -57,6 +59,13 @@ async fn main(spawner: embassy_executor::Spawner) {
                 defmt::info!("{} → {}", shown, state);
             }
             shown = state;
+        }
+        let live = matches!(state, rcg_protocol::State::Armed | rcg_protocol::State::Running);
+        if usb::is_stuck(clock) && !live {
+            board::reset(rcg_protocol::Reset::UsbStuck);
+        }
+        if controller::leaves() || usb::was_touched() && !live {
+            board::boot_loader();
         }
         led.set_level(lamp::level(state, Instant::now().as_millis()));
         watchdog.feed(board::WATCHDOG);

@@ -4,19 +4,15 @@
 //! A step was fired when the PIO has taken its last word, which the DMA and the FIFO tell, and when that
 //! word's time is over, which the clock tells. When a step ends is known beforehand: a free-running step
 //! begins where the one before it ended, a paced one [`SYNC_LATENCY`] after the SYNC edge that began it.
-//! That edge is the first one after the PIO began to look for it; other edges begin nothing.
+//! Which one that is [`crate::starts`] says.
 //!
 //! All times count from the start of the run, which is the start of the first step, or of the first SYNC
 //! edge when every step waits for one.
-//!
-//! # Tradeoffs
-//! Edges are seen with the resolution of [`crate::edges`]. A SYNC edge in the very tick in which the PIO
-//! begins to look may be taken for the one that it waits for.
 
 use heapless::Deque;
 use rcg_protocol::{Pace, Ticks};
 
-use crate::pulse::{SYNC_LATENCY, WAIT_LEAD};
+use crate::pulse::SYNC_LATENCY;
 
 /// Steps that can be given to the DMA and not yet be fired.
 ///
@@ -111,24 +107,25 @@ impl Progress {
         }
     }
 
-    /// A SYNC edge came. Returns whether it begins a step.
-    pub fn sync(&mut self, edge: Ticks) -> bool {
-        let first = self.fired == 0 && self.known == Ticks::ZERO;
-        if !first && edge < self.known + Ticks(WAIT_LEAD) {
-            return false;
+    /// Whether a step is on its way that has not begun, as far as is known.
+    #[must_use]
+    pub fn has_waiting(&self) -> bool {
+        self.ahead.back().is_some_and(|step| step.ends.is_none())
+    }
+
+    /// The SYNC edge at `edge` began the next step that waits. Returns when that one ends.
+    pub fn sync(&mut self, edge: Ticks) -> Ticks {
+        if let Some(next) = self.ahead.iter_mut().find(|step| step.ends.is_none()) {
+            self.known = edge + Ticks(SYNC_LATENCY) + next.period;
+            next.ends = Some(self.known);
         }
-        let Some(next) = self.ahead.iter_mut().find(|step| step.ends.is_none()) else {
-            return false;
-        };
-        self.known = edge + Ticks(SYNC_LATENCY) + next.period;
-        next.ends = Some(self.known);
-        true
+        self.known
     }
 
     /// Since when a step has been waiting for its SYNC edge, at `now`; `None` if none is.
     #[must_use]
     pub fn awaits_sync_since(&self, now: Ticks) -> Option<Ticks> {
-        let waits = self.known <= now && self.ahead.back().is_some_and(|step| step.ends.is_none());
+        let waits = self.known <= now && self.has_waiting();
         waits.then_some(self.known)
     }
 
@@ -180,27 +177,25 @@ mod tests {
     }
 
     #[test]
-    fn a_sync_edge_during_a_step_begins_nothing() {
+    fn a_paced_step_ends_so_long_after_its_edge() {
         let mut progress = Progress::new(Pace::EachOnSync);
         progress.push(3, Ticks(100));
         progress.push(3, Ticks(100));
         assert_eq!(progress.awaits_sync_since(Ticks::ZERO), Some(Ticks::ZERO));
-        assert!(progress.sync(Ticks(0)));
-        let end = SYNC_LATENCY + 100;
-        assert!(!progress.sync(Ticks(50)));
-        assert!(
-            !progress.sync(Ticks(end + WAIT_LEAD - 1)),
-            "before the PIO has seen SYNC at rest"
-        );
+        let end = progress.sync(Ticks(0));
+        assert_eq!(end, Ticks(SYNC_LATENCY + 100));
+        let before = end - Ticks(1);
         assert_eq!(
-            progress.awaits_sync_since(Ticks(end - 1)),
+            progress.awaits_sync_since(before),
             None,
             "the step is being played"
         );
-        assert_eq!(progress.awaits_sync_since(Ticks(end)), Some(Ticks(end)));
+        assert_eq!(progress.fired(6, before), 0, "its time is not over");
+        assert_eq!(progress.awaits_sync_since(end), Some(end));
         assert_eq!(progress.fired(6, LATE), 1, "the second has not begun");
-        assert!(progress.sync(Ticks(end + WAIT_LEAD)));
-        assert!(!progress.sync(LATE), "there is no third step");
+        assert!(progress.has_waiting());
+        progress.sync(end + Ticks(500));
+        assert!(!progress.has_waiting(), "there is no third step");
         assert_eq!(progress.awaits_sync_since(LATE), None);
         assert_eq!(progress.fired(6, LATE), 2);
     }

@@ -1,14 +1,21 @@
 //! Steps of the schedule as words for the PIO, and the reference reading of those words.
 //!
 //! # Design
-//! The two outputs are made by one PIO state machine that is fed by DMA, so neither interrupts nor traffic
-//! can move an edge. A word holds the levels of both outputs (bits 0 and 1: PROJ, CAM) and how long they
+//! The outputs are made by one PIO state machine that is fed by DMA, so neither interrupts nor traffic
+//! can move an edge. A word holds the levels of the outputs (bits 0 and 1: PROJ, CAM) and how long they
 //! last. Two PIO programs exist:
 //!
 //! - *free running*: `out pins, 2 / out x, 30 / jmp x--`: a word of count n lasts n + 3 ticks.
 //! - *paced*: one bit more says "now wait for a SYNC edge":
-//!   `out pins, 2 / out y, 1 / out x, 29 / jmp !y / wait 0 / wait 1 / jmp x--`: a word without the bit lasts
-//!   n + 5 ticks; a word with it lasts until [`SYNC_LATENCY`] after the edge.
+//!   `out pins, 2 / out y, 1 / out x, 29 / jmp y-- / jmp x--`: a word without the bit lasts n + 5 ticks. With it
+//!   `wait 0 [31] / jmp pin / wait 1 / push` follow instead: it lasts until [`SYNC_LATENCY`] after the edge.
+//!
+//! Where a further output pulses the words are *wide*: two levels more, and two bits between that are nobody's, as their pins are
+//! SYNC and STROBE. The same programs play them, with `out pins, 6` and four bits less to count with: a level takes a word for each
+//! half (quarter) of a second that it lasts, and a step can be [`WIDE_WORDS`] words long.
+//!
+//! An edge that is waited for comes after the line was at rest, and was at rest still [`SYNC_MASK`] ticks later: what
+//! rings back after a trailing edge is none.
 //!
 //! [`Reader`] plays words as those programs do. The simulated controller drives its rig with it, and the
 //! tests hold `schedule → words → edges = schedule` against it.
@@ -20,28 +27,47 @@
 use core::ops::{BitAnd, BitXor, Shl, Shr, Sub};
 
 use heapless::Vec;
-use rcg_protocol::{Fault, Level, Line, Pace, Polarity, Pulse, Step, Ticks};
+use rcg_protocol::{Aux, AuxPolarity, Fault, Level, Line, Pace, Polarity, Pulse, Step, Ticks};
 
 /// Ticks that a free-running word of count 0 lasts: `out`, `out`, one `jmp`.
 pub const FREE_OVERHEAD: u32 = 3;
 /// Ticks that a paced word of count 0 lasts: three `out`, `jmp !y`, one `jmp x--`.
 pub const PACED_OVERHEAD: u32 = 5;
-/// Ticks of a paced wait word before a SYNC edge can begin the step: three `out`, `jmp !y`, and the `wait 0`
-/// that must have seen the line at rest in the tick before the edge.
-pub const WAIT_LEAD: u64 = 5;
+/// Ticks of a paced wait word before the line is looked at: three `out`, `jmp y--`.
+pub const SYNC_READY: u64 = 4;
+/// Ticks in which the line is not looked at once it was seen at rest: those of `wait 0` with its delay.
+pub const SYNC_MASK: u64 = 32;
+/// Ticks of a paced wait word before a SYNC edge can begin the step: [`SYNC_READY`], [`SYNC_MASK`], and `jmp pin`, which
+/// must have seen the line at rest still.
+pub const WAIT_LEAD: u64 = SYNC_READY + SYNC_MASK + 1;
 /// Ticks from the SYNC edge, as the state machine sees it, to the first level of the step.
 ///
-/// `wait 1` ends in the tick of the edge, `jmp x--` takes the next, `out pins` acts in the one after.
+/// `wait 1` ends in the tick of the edge, `push` takes the next, `out pins` acts in the one after.
 pub const SYNC_LATENCY: u64 = 2;
 /// Longest step: 120 s at 125 MHz, 75 s at 200 MHz.
 pub const LONGEST_PERIOD: Ticks = Ticks(15_000_000_000);
-/// Most words of one step: the longest period in paced words, one more for each of five segments, one to wait.
-pub const WORDS_PER_STEP: usize = 36;
+/// Most words of one step: the longest period in paced words, one more for each of five segments, one to wait; or, as wide
+/// words, [`WIDE_WORDS`], one more for each of nine segments, one to wait.
+pub const WORDS_PER_STEP: usize = 44;
+/// Words of the longest level of a step in which a further output pulses: 18 s free running and 9 s paced at 125 MHz. To take in more
+/// would keep the UART waiting.
+pub const WIDE_WORDS: usize = WORDS_PER_STEP - 10;
+/// Outputs of a wide word, from PROJ on, among them two pins that are inputs.
+pub const WIDE_PINS: u32 = 6;
+/// Outputs of another word.
+pub const NARROW_PINS: u32 = 2;
 
 const PIN_PROJ: u32 = 0b01;
 const PIN_CAM: u32 = 0b10;
+const PIN_AUX_A: u32 = 0b01_0000;
+const PIN_AUX_B: u32 = 0b10_0000;
 const PINS: u32 = PIN_PROJ | PIN_CAM;
-const WAIT_BIT: u32 = 0b100;
+const OUTPUTS: [(u32, Line); 4] = [
+    (PIN_PROJ, Line::Proj),
+    (PIN_CAM, Line::Cam),
+    (PIN_AUX_A, Line::AuxA),
+    (PIN_AUX_B, Line::AuxB),
+];
 
 const _: () = assert!(LONGEST_PERIOD.0.div_ceil(1 << 29) + 5 < WORDS_PER_STEP as u64);
 
@@ -53,7 +79,7 @@ pub type StepWords = Vec<u32, WORDS_PER_STEP>;
 pub struct Edge {
     /// When.
     pub at: Ticks,
-    /// [`Line::Proj`] or [`Line::Cam`].
+    /// An output.
     pub line: Line,
     /// The level after the edge.
     pub level: Level,
@@ -64,13 +90,55 @@ pub struct Edge {
 pub struct WordFormat {
     pace: Pace,
     polarity: Polarity,
+    aux: AuxPolarity,
+    wide: bool,
 }
 
 impl WordFormat {
     /// The format for a pace and a polarity.
     #[must_use]
     pub const fn new(pace: Pace, polarity: Polarity) -> Self {
-        Self { pace, polarity }
+        Self {
+            pace,
+            polarity,
+            aux: AuxPolarity {
+                a_active_low: false,
+                b_active_low: false,
+                photo_active_low: false,
+                start_active_low: false,
+            },
+            wide: false,
+        }
+    }
+
+    /// The same where further outputs do what `aux` says.
+    #[must_use]
+    pub const fn with_aux(self, aux: &Aux) -> Self {
+        Self {
+            aux: aux.polarity,
+            wide: aux.has_pulses(),
+            ..self
+        }
+    }
+
+    /// Levels of a word, from its lowest bit on: [`NARROW_PINS`] or [`WIDE_PINS`].
+    #[must_use]
+    pub const fn pins(self) -> u32 {
+        if self.wide { WIDE_PINS } else { NARROW_PINS }
+    }
+
+    const fn wait_bit(self) -> u32 {
+        1 << self.pins()
+    }
+
+    /// Longest step.
+    #[must_use]
+    pub const fn longest_period(self) -> Ticks {
+        if self.wide {
+            Ticks((WIDE_WORDS as u64) << (u32::BITS - self.shift()))
+        } else {
+            LONGEST_PERIOD
+        }
     }
 
     /// Shortest distance of two edges, or of an edge and a border of the step, in ticks.
@@ -82,41 +150,44 @@ impl WordFormat {
         }
     }
 
-    pub(crate) const fn shift(self) -> u32 {
+    /// Bits of a word before its count.
+    #[must_use]
+    pub const fn shift(self) -> u32 {
         match self.pace {
-            Pace::FreeRunning => 2,
-            Pace::EachOnSync => 3,
+            Pace::FreeRunning => self.pins(),
+            Pace::EachOnSync => self.pins() + 1,
         }
-    }
-
-    const fn longest(self) -> u64 {
-        (u32::MAX >> self.shift()) as u64 + self.shortest() as u64
     }
 
     /// Levels of the pins at rest, as the low bits of a word.
     #[must_use]
     pub const fn rest(self) -> u32 {
-        self.polarity.proj_active_low as u32 * PIN_PROJ + self.polarity.cam_active_low as u32 * PIN_CAM
+        let narrow =
+            self.polarity.proj_active_low as u32 * PIN_PROJ + self.polarity.cam_active_low as u32 * PIN_CAM;
+        if !self.wide {
+            return narrow;
+        }
+        narrow + self.aux.a_active_low as u32 * PIN_AUX_A + self.aux.b_active_low as u32 * PIN_AUX_B
     }
 
-    /// The words of `step`, which is number `index` of the table or stream.
+    /// The words of `step`, which is number `index` of the table or stream, with the further outputs at rest.
     ///
     /// # Errors
     /// [`Fault::PulseOutsidePeriod`], [`Fault::EdgesTooClose`] or [`Fault::PeriodTooLong`], naming `index`.
     pub fn encode(self, step: &Step, index: u64) -> Result<StepWords, Fault> {
         let mut words = StepWords::new();
-        self.encode_into(step, index, &mut words)?;
+        self.encode_into(step, &Aux::default(), index, &mut words)?;
         Ok(words)
     }
 
-    /// Puts the words of `step` into `words`, which were empty, as [`encode`](Self::encode) does; some may be there
-    /// when it fails.
+    /// Puts the words of `step` into `words`, which were empty, as [`encode`](Self::encode) does, with the pulses of `aux`, which
+    /// this format is [of](Self::with_aux); some may be there when it fails.
     ///
     /// # Errors
     /// As [`encode`](Self::encode).
-    pub fn encode_into(self, step: &Step, index: u64, words: &mut StepWords) -> Result<(), Fault> {
+    pub fn encode_into(self, step: &Step, aux: &Aux, index: u64, words: &mut StepWords) -> Result<(), Fault> {
         let period = step.period;
-        if period > LONGEST_PERIOD {
+        if period > self.longest_period() {
             return Err(Fault::PeriodTooLong { step: index });
         }
         let (Some(proj), Some(cam)) = (edges_within(step.proj, period), edges_within(step.cam, period))
@@ -124,9 +195,18 @@ impl WordFormat {
             return Err(Fault::PulseOutsidePeriod { step: index });
         };
         if self.pace == Pace::EachOnSync {
-            put(words, self.rest() | WAIT_BIT);
+            put(words, self.rest() | self.wait_bit());
         }
-        let done = if period.0 <= SHORT_PERIOD {
+        let done = if self.wide {
+            let aux = [aux.a, aux.b].map(|aux| aux.of(step).and_then(|pulse| edges_within(pulse, period)));
+            let [Some(a), Some(b)] = aux else {
+                return Err(Fault::PulseOutsidePeriod { step: index });
+            };
+            let edges = [proj, cam, a, b].map(|edges| edges.map(|at| at.0));
+            wide_segments(self.rest(), edges, period.0, |pins, ticks| {
+                self.hold(pins, ticks, words)
+            })
+        } else if period.0 <= SHORT_PERIOD {
             let [proj, cam] = [proj, cam].map(|edges| edges.map(|at| at.0 as u32));
             let (shift, shortest) = (self.shift(), self.shortest());
             segments(self.rest(), proj, cam, period.0 as u32, |pins, ticks| {
@@ -151,16 +231,24 @@ impl WordFormat {
     }
 
     /// The words that keep the pins for a while; `None` if it is too short for a word.
-    fn hold(self, pins: u32, mut left: u64, words: &mut StepWords) -> Option<()> {
-        let shortest = u64::from(self.shortest());
-        while left > 0 {
-            let mut ticks = left.min(self.longest());
-            if ticks < left && left - ticks < shortest {
-                ticks -= shortest; // leave a remainder that a word can make
-            }
-            let count = ticks.checked_sub(shortest)?;
-            put(words, (count as u32) << self.shift() | pins);
-            left -= ticks;
+    fn hold(self, pins: u32, ticks: u64, words: &mut StepWords) -> Option<()> {
+        let (shift, shortest) = (self.shift(), self.shortest());
+        // Whole words are powers of two, so that many are made without reckoning in 64 bits for each.
+        let bits = u32::BITS - shift;
+        let mut whole = (ticks >> bits) as u32;
+        let mut rest = ticks as u32 & ((1 << bits) - 1);
+        let word = |ticks: u32| Some(ticks.checked_sub(shortest)? << shift | pins);
+        if whole > 0 && rest > 0 && rest < shortest {
+            // Leave a remainder that a word can make.
+            put(words, word((1 << bits) - shortest)?);
+            whole -= 1;
+            rest += shortest;
+        }
+        words
+            .resize(words.len() + whole as usize, word(1 << bits)?)
+            .expect("no step has more words");
+        if rest > 0 {
+            put(words, word(rest)?);
         }
         Some(())
     }
@@ -168,7 +256,7 @@ impl WordFormat {
     /// Whether `word` waits for a SYNC edge.
     #[must_use]
     pub fn waits(self, word: u32) -> bool {
-        self.pace == Pace::EachOnSync && word & WAIT_BIT != 0
+        self.pace == Pace::EachOnSync && word & self.wait_bit() != 0
     }
 
     pub(crate) fn duration(self, word: u32) -> Ticks {
@@ -202,7 +290,7 @@ impl Outline {
         let rest = self.format.rest();
         let wait = match self.format.pace {
             Pace::FreeRunning => 0,
-            Pace::EachOnSync => WAIT_BIT,
+            Pace::EachOnSync => self.format.wait_bit(),
         };
         let length = |word: u32| u64::from((word >> shift) + shortest); // at most 2³⁰ + 2
         let mut period = self.period.0;
@@ -275,6 +363,39 @@ where
     }
 }
 
+/// As [`segments`], of four outputs in the order of [`OUTPUTS`].
+fn wide_segments(
+    rest: u32,
+    pulses: [[u64; 2]; 4],
+    period: u64,
+    mut hold: impl FnMut(u32, u64) -> Option<()>,
+) -> Option<()> {
+    // An edge is its time and the pin that it toggles. Each is put before those that are later.
+    let mut edges = [0; 8];
+    for (number, at) in pulses.as_flattened().iter().enumerate() {
+        let edge = at << WIDE_PINS | u64::from(OUTPUTS[number / 2].0);
+        let mut place = number;
+        while place > 0 && edges[place - 1] > edge {
+            edges[place] = edges[place - 1];
+            place -= 1;
+        }
+        edges[place] = edge;
+    }
+    let (mut now, mut pins) = (0, rest);
+    for edge in edges {
+        let at = edge >> WIDE_PINS;
+        if at != now {
+            hold(pins, at - now)?;
+        }
+        (now, pins) = (at, pins ^ (edge as u32 & ((1 << WIDE_PINS) - 1)));
+    }
+    if period == now {
+        Some(())
+    } else {
+        hold(pins, period - now)
+    }
+}
+
 /// Adds a word, for which there is room: [`WORDS_PER_STEP`] is for the longest step.
 fn put(words: &mut StepWords, word: u32) {
     words.push(word).expect("no step has more words");
@@ -332,15 +453,15 @@ impl Reader {
         self.now
     }
 
-    /// Plays one word. `next_sync(t)` is the first SYNC edge at or after t; `emit` takes the edges in order,
-    /// PROJ before CAM where both change at once.
+    /// Plays one word. `next_sync(t)` is the first SYNC edge at or after t that is no ring-back; `emit` takes the edges in order,
+    /// PROJ before CAM before AUX-A before AUX-B where some change at once.
     pub fn play(
         &mut self,
         word: u32,
         next_sync: impl FnOnce(Ticks) -> Option<Ticks>,
         mut emit: impl FnMut(Edge),
     ) -> Played {
-        self.set_pins(word & PINS, &mut emit);
+        self.set_pins(word & ((1 << self.format.pins()) - 1), &mut emit);
         if self.format.waits(word) {
             match next_sync(self.now + Ticks(WAIT_LEAD)) {
                 Some(edge) => self.now = edge + Ticks(SYNC_LATENCY),
@@ -360,7 +481,7 @@ impl Reader {
 
     fn set_pins(&mut self, pins: u32, emit: &mut impl FnMut(Edge)) {
         let changed = self.pins ^ pins;
-        for (pin, line) in [(PIN_PROJ, Line::Proj), (PIN_CAM, Line::Cam)] {
+        for (pin, line) in OUTPUTS {
             if changed & pin != 0 {
                 let active = (pins ^ self.format.rest()) & pin != 0;
                 let level = if active { Level::Active } else { Level::Inactive };

@@ -5,7 +5,9 @@
 //! [`Fault::Refused`] that names command and state. The pulse engine (PIO and DMA, or the simulation)
 //! takes step after step with [`Sequencer::next_step`] and tells how far it got; it decides nothing.
 
-use rcg_protocol::{Command, Extent, Fault, Pace, Program, RunId, State, Step, StepId, Ticks};
+use rcg_protocol::{
+    Aux, AuxPolarity, Command, Extent, Fault, Pace, Program, RunId, Start, State, Step, StepId, Ticks,
+};
 
 use crate::burst::{Burst, Haste};
 use crate::pulse::{Outline, StepWords, WordFormat};
@@ -16,6 +18,8 @@ use crate::store::Store;
 pub struct Sequencer {
     state: State,
     program: Option<Program>,
+    /// What further lines do in it.
+    aux: Aux,
     run: RunId,
     /// Steps handed to the engine in this run.
     fetched: u64,
@@ -59,6 +63,12 @@ impl Sequencer {
         Self {
             state: State::Idle,
             program: None,
+            aux: Aux::resting(AuxPolarity {
+                a_active_low: false,
+                b_active_low: false,
+                photo_active_low: false,
+                start_active_low: false,
+            }),
             store: Store::new(),
             run: 0,
             fetched: 0,
@@ -74,8 +84,13 @@ impl Sequencer {
     /// The same, for a CPU that needs `step_cost` for a step that it handles by itself.
     #[must_use]
     pub const fn with_step_cost(mut self, step_cost: Ticks) -> Self {
-        self.haste = Haste::new(step_cost);
+        self.set_step_cost(step_cost);
         self
+    }
+
+    /// The CPU needs `step_cost` for a step that it handles by itself. To be called before anything is loaded.
+    pub const fn set_step_cost(&mut self, step_cost: Ticks) {
+        self.haste = Haste::new(step_cost);
     }
 
     /// The state.
@@ -123,7 +138,14 @@ impl Sequencer {
     /// Layout of the words, once a program is loaded.
     #[must_use]
     pub fn format(&self) -> Option<WordFormat> {
-        self.program.map(|p| WordFormat::new(p.pace, p.polarity))
+        self.program
+            .map(|p| WordFormat::new(p.pace, p.polarity).with_aux(&self.aux))
+    }
+
+    /// What the further lines do in the schedule that is loaded or being loaded.
+    #[must_use]
+    pub const fn aux(&self) -> &Aux {
+        &self.aux
     }
 
     /// Steps that fit now.
@@ -140,11 +162,13 @@ impl Sequencer {
     }
 
     /// Whether `command` is legal now, and if not, the fault that says so.
-    fn check(&self, command: Command) -> Result<(), Fault> {
+    pub(crate) fn check(&self, command: Command) -> Result<(), Fault> {
         use State::{Aborted, Armed, Done, Idle, Loaded, Running, Stopped};
         let streaming = self.program.is_some_and(|p| p.extent == Extent::Stream);
         let legal = match command {
-            Command::Load | Command::Clear => !matches!(self.state, Armed | Running),
+            Command::Load | Command::Clear | Command::Watch | Command::Boot | Command::Keep => {
+                !matches!(self.state, Armed | Running)
+            }
             Command::Append => {
                 self.program.is_some()
                     && !self.store.is_complete()
@@ -170,12 +194,23 @@ impl Sequencer {
         }
     }
 
-    /// Forgets the schedule and begins a new one.
+    /// Forgets the schedule and begins a new one, in which further lines rest.
     ///
     /// # Errors
-    /// [`Fault::Refused`], [`Fault::EmptySchedule`], [`Fault::TooManySteps`]; the old schedule stays then.
+    /// As [`load_with`](Self::load_with).
     pub fn load(&mut self, program: Program) -> Result<(), Fault> {
+        self.load_with(program, Aux::default())
+    }
+
+    /// Forgets the schedule and begins a new one, in which further lines do what `aux` says.
+    ///
+    /// # Errors
+    /// [`Fault::Refused`], [`Fault::StartPaced`], [`Fault::EmptySchedule`], [`Fault::TooManySteps`]; the old schedule stays then.
+    pub fn load_with(&mut self, program: Program, aux: Aux) -> Result<(), Fault> {
         self.check(Command::Load)?;
+        if program.start == Start::OnStartLine && program.pace == Pace::EachOnSync {
+            return Err(Fault::StartPaced);
+        }
         if let Extent::Table { steps, cycles } = program.extent {
             if steps == 0 || cycles == 0 {
                 return Err(Fault::EmptySchedule);
@@ -188,6 +223,7 @@ impl Sequencer {
         self.store.begin(program.extent);
         self.haste.clear();
         self.program = Some(program);
+        self.aux = aux;
         self.state = State::Idle;
         Ok(())
     }
@@ -223,7 +259,7 @@ impl Sequencer {
         for step in steps {
             let index = self.store.appended();
             let mut words = StepWords::new();
-            let encoded = format.encode_into(step, index, &mut words);
+            let encoded = format.encode_into(step, &self.aux, index, &mut words);
             if let Err(fault) = encoded.and_then(|()| self.store.push(&words)) {
                 self.store.retract(index - expected);
                 return Err(match fault {

@@ -43,13 +43,22 @@ impl Words {
         (self.first + index) % MAX_WORDS
     }
 
-    fn push(&mut self, word: u32) {
+    /// Puts `words`, for which there is room, behind the others: in one piece or, over the end of the ring, in two.
+    fn push(&mut self, words: &[u32]) {
         let place = self.place(self.len);
-        match self.ring.get_mut(place) {
-            Some(old) => *old = word,
-            None => self.ring.push(word).expect("the place is within the ring"),
-        }
-        self.len += 1;
+        let (first, second) = words.split_at(words.len().min(MAX_WORDS - place));
+        self.put(place, first);
+        self.put(0, second);
+        self.len += words.len();
+    }
+
+    /// Puts `words` at `place`: over those that were there before, and behind them.
+    fn put(&mut self, place: usize, words: &[u32]) {
+        let (over, behind) = words.split_at(words.len().min(self.ring.len() - place));
+        self.ring[place..place + over.len()].copy_from_slice(over);
+        self.ring
+            .extend_from_slice(behind)
+            .expect("the place is within the ring");
     }
 
     /// Takes the first `count` words off, which lie in one piece or, over the end of the ring, in two.
@@ -172,9 +181,7 @@ impl Store {
                 },
             });
         }
-        for &word in words {
-            self.words.push(word);
-        }
+        self.words.push(words);
         self.lengths.push_back(words.len() as u8).ok(); // there is room
         self.appended += 1;
         Ok(())
@@ -227,6 +234,21 @@ impl Store {
     #[must_use]
     pub fn step_words(&self, step: usize) -> usize {
         self.lengths.get(step).map_or(0, |&length| usize::from(length))
+    }
+
+    /// How many words the steps in `range` have together.
+    #[must_use]
+    pub fn words_of(&self, range: Range<usize>) -> usize {
+        // In pieces, as it is asked for a thousand steps at a time while everybody waits.
+        let (first, second) = self.lengths.as_slices();
+        let sum = |part: &[u8], from: usize| {
+            let range = range.start.saturating_sub(from)..range.end.saturating_sub(from);
+            let part = part
+                .get(range.start..range.end.min(part.len()))
+                .unwrap_or_default();
+            part.iter().map(|&length| usize::from(length)).sum::<usize>()
+        };
+        sum(first, 0) + sum(second, first.len())
     }
 
     /// Writes copies of a table behind it until there are `passes` or no further one fits. Returns how many

@@ -19,6 +19,9 @@ const UART_TX_BYTES: usize = 128;
 /// `RXIFLSEL` of the PL011: interrupt at 16 of 32 bytes (data sheet of the RP2040, UARTIFLS).
 const HALF_FULL: u8 = 0b010;
 
+/// GPIO of RX.
+const RX_PIN: usize = 1;
+
 /// Starts the tasks of UART0.
 pub(crate) fn spawn(spawner: Spawner, parts: UartParts) {
     static RX: StaticCell<[u8; UART_RX_BYTES]> = StaticCell::new();
@@ -37,6 +40,12 @@ pub(crate) fn spawn(spawner: Spawner, parts: UartParts) {
     // The first interrupt when the FIFO is half full: what is left, 170 µs, outlasts any critical section. As it
     // comes from the HAL it would be 40 µs.
     pac::UART0.uartifls().modify(|w| w.set_rxiflsel(HALF_FULL));
+    // A line that nobody drives is at rest.
+    pac::PADS_BANK0.gpio(RX_PIN).modify(|w| {
+        w.set_pue(true);
+        w.set_pde(false);
+        w.set_schmitt(true);
+    });
     let (tx, rx) = uart.split();
     spawner.spawn(uart_in(rx).expect("spawned once"));
     spawner.spawn(uart_out(tx).expect("spawned once"));
@@ -59,7 +68,7 @@ async fn uart_in(mut rx: BufferedUartRx) {
 async fn uart_out(mut tx: BufferedUartTx) {
     let mut frame = [0; MAX_FRAME];
     loop {
-        let length = controller::next_frame(LinkId::Uart, &mut frame);
+        let (length, _) = controller::next_frame(LinkId::Uart, &mut frame);
         if length == 0 {
             woken(LinkId::Uart).await;
         } else if let Err(error) = tx.write_all(&frame[..length]).await {

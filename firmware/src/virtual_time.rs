@@ -10,7 +10,9 @@ extern crate alloc;
 
 use alloc::collections::VecDeque;
 
-use rcg_protocol::{Decoder, MAX_FRAME, Pace, Polarity, Start, Ticks, ToDevice, encode};
+use rcg_protocol::{
+    Decoder, Input, Inputs, Line, MAX_FRAME, Pace, Polarity, Request, Start, Ticks, ToDevice, encode,
+};
 
 use crate::pulse::{Edge, Played, Reader, SYNC_LATENCY, StepWords, WordFormat};
 use crate::session::{Action, EngineCommand, Session};
@@ -31,6 +33,46 @@ pub trait Pins {
 
     /// The first edge of SYNC at `from` or later; `None` if none will come.
     fn next_sync(&mut self, from: Ticks) -> Option<Ticks>;
+
+    /// The first edge of START at `from` or later; `None` if none will come.
+    fn next_start(&mut self, from: Ticks) -> Option<Ticks> {
+        let _ = from;
+        None
+    }
+
+    /// What stands at `line`, an input, at `now`: its edges are counted from `since` on. `active_low` says what the box takes for
+    /// rest, whither it pulls the line. `None` if the box shall tell what it knows by itself: nobody drives SYNC, and STROBE has the
+    /// edges that came of those of the outputs.
+    fn input(&mut self, line: Line, since: Ticks, now: Ticks, active_low: bool) -> Option<Input> {
+        let _ = (line, since, now, active_low);
+        None
+    }
+}
+
+/// What was seen of an input.
+#[derive(Clone, Copy, Debug, Default)]
+struct Tally {
+    active: bool,
+    edges: u32,
+    last: [Option<Ticks>; 2],
+}
+
+impl Tally {
+    fn add(&mut self, at: Ticks, active: bool) {
+        self.active = active;
+        self.edges = self.edges.saturating_add(1);
+        self.last = [self.last[1], Some(at)];
+    }
+
+    /// As a box tells it that pulls the line up or not. What drives it is high while it is active, whatever the box takes for rest.
+    fn input(self, active_low: bool) -> Input {
+        Input {
+            high: self.active,
+            pulled_up: active_low,
+            edges: Some(self.edges),
+            last: self.last,
+        }
+    }
 }
 
 /// What the run is at.
@@ -103,6 +145,11 @@ pub struct VirtualBox<P> {
     now: Ticks,
     primed: Option<Reader>,
     run: Option<Run>,
+    /// What the box takes for active.
+    polarity: Polarity,
+    /// Since when edges of the inputs are counted, and those of STROBE.
+    counts_since: Ticks,
+    strobe: Tally,
 }
 
 impl<P: Pins> VirtualBox<P> {
@@ -116,7 +163,42 @@ impl<P: Pins> VirtualBox<P> {
             now,
             primed: None,
             run: None,
+            polarity: Polarity::default(),
+            counts_since: now,
+            strobe: Tally::default(),
         }
+    }
+
+    /// What stands at the inputs.
+    fn inputs(&mut self) -> Inputs {
+        let (since, now, polarity) = (self.counts_since, self.now, self.polarity);
+        let mut input = |line, active_low, tally: Tally| {
+            let seen = self.pins.input(line, since, now, active_low);
+            seen.unwrap_or_else(|| tally.input(active_low))
+        };
+        Inputs {
+            at: now,
+            since,
+            // Nobody drives it, as far as the box knows.
+            sync: input(
+                Line::Sync,
+                polarity.sync_active_low,
+                Tally {
+                    active: polarity.sync_active_low,
+                    ..Tally::default()
+                },
+            ),
+            strobe: input(Line::Strobe, polarity.strobe_active_low, self.strobe),
+        }
+    }
+
+    /// Counts edges of the inputs from now on.
+    fn watch(&mut self) {
+        self.counts_since = self.now;
+        self.strobe = Tally {
+            active: self.strobe.active,
+            ..Tally::default()
+        };
     }
 
     /// What its clock shows.
@@ -138,7 +220,18 @@ impl<P: Pins> VirtualBox<P> {
     pub fn hear(&mut self, bytes: &[u8], mut say: impl FnMut(&[u8])) {
         for &byte in bytes {
             match self.decoder.push::<ToDevice>(byte) {
-                Some(Ok(message)) => self.session.request(self.now, &message),
+                Some(Ok(message)) => {
+                    if message.request == Request::Inputs {
+                        let inputs = self.inputs();
+                        self.session.seen(inputs);
+                    }
+                    if message.request == Request::Photo {
+                        let (since, now) = (self.counts_since, self.now);
+                        let seen = self.pins.input(Line::Photo, since, now, false);
+                        self.session.photo_seen(seen.unwrap_or_default());
+                    }
+                    self.session.request(self.now, &message);
+                }
                 Some(Err(_)) => self.session.corrupt_frame(),
                 None => {}
             }
@@ -167,19 +260,28 @@ impl<P: Pins> VirtualBox<P> {
                     let format =
                         format.unwrap_or_else(|| WordFormat::new(Pace::FreeRunning, Polarity::default()));
                     self.primed = Some(Reader::new(format, Ticks::ZERO));
+                    let program = self.session.sequencer().program();
+                    self.polarity = program.map_or(self.polarity, |program| program.polarity);
                 }
                 Action::Engine(EngineCommand::Go(start)) => self.go(start),
                 Action::Engine(EngineCommand::Halt) => self.halt(),
+                Action::Engine(EngineCommand::Watch) => self.watch(),
+                Action::Engine(EngineCommand::Keep(kept)) => self.polarity = kept.lines,
             }
         }
     }
 
     fn go(&mut self, start: Start) {
         let Some(reader) = self.primed.take() else { return };
+        self.watch();
         let (mut started, mut phase) = (self.now, Phase::Ahead);
-        if start == Start::OnSync {
+        if start != Start::AtOnce {
             // An edge at this very tick is over before the engine waits for it.
-            let edge = self.pins.next_sync(self.now + Ticks(1));
+            let from = self.now + Ticks(1);
+            let edge = match start {
+                Start::OnStartLine => self.pins.next_start(from),
+                _ => self.pins.next_sync(from),
+            };
             match self.awaited(Ticks::ZERO, edge.map(|edge| edge - self.now)) {
                 Ok(awaited) => started = self.now + awaited + Ticks(SYNC_LATENCY),
                 Err(lost) => phase = lost,
@@ -201,6 +303,7 @@ impl<P: Pins> VirtualBox<P> {
     /// the time-out is over before, or if none comes.
     fn awaited(&self, from: Ticks, sync: Option<Ticks>) -> Result<Ticks, Phase> {
         let program = self.session.sequencer().program();
+        let program = program.filter(|program| program.start != Start::OnStartLine);
         let timeout = program.map_or(Ticks::ZERO, |program| {
             program.sync_timeout.to_ticks(self.clock_hz)
         });
@@ -329,6 +432,7 @@ impl<P: Pins> VirtualBox<P> {
     /// Tells the session of the edges of STROBE that have come.
     fn report_strobes(&mut self, run: &mut Run) {
         while let Some(edge) = run.strobes.pop_front_if(|edge| edge.at <= self.now) {
+            self.strobe.add(edge.at, edge.active);
             self.session
                 .strobe(edge.active, edge.at.saturating_sub(run.started));
         }

@@ -1,7 +1,7 @@
 //! A burst plays the table, all cycles of it, in slices that last long enough.
 
 use proptest::prelude::*;
-use rcg_firmware::burst::{Burst, Haste};
+use rcg_firmware::burst::{Burst, Haste, Tally};
 use rcg_firmware::pulse::WordFormat;
 use rcg_firmware::store::{MAX_WORDS, Store};
 use rcg_protocol::{Extent, Pace, Polarity, Pulse, Step, Ticks};
@@ -85,16 +85,23 @@ proptest! {
         cycles in 1..10_u32,
         steps in 0.0..=1.0_f64,
         early in 1..16_u64,
+        piece in 1..9_u32,
     ) {
         let table: Vec<Step> = table.into_iter().map(|(pulses, period)| step(pulses, period)).collect();
         let (store, burst) = burst(&table, cycles, 1_000);
         let steps = (steps * table.len() as f64 * f64::from(cycles)) as u64;
         let ends: u64 = table.iter().cycle().take(steps as usize).map(|step| step.period.0).sum();
-        prop_assert_eq!(burst.duration_of(steps, &store, FORMAT), Ticks(ends));
-        prop_assert_eq!(burst.fired(Ticks(ends), &store, FORMAT), steps);
-        prop_assert_eq!(burst.fired(Ticks(ends + early - 1), &store, FORMAT), steps);
+        // In pieces of some steps, none of which takes long.
+        let tally = |mut tally: Tally| loop {
+            if let Some(found) = tally.go_on(&burst, &store, FORMAT, piece) {
+                break found;
+            }
+        };
+        prop_assert_eq!(tally(burst.tally_of(steps)), (steps, Ticks(ends)));
+        prop_assert_eq!(tally(burst.tally_by(Ticks(ends))), (steps, Ticks(ends)));
+        prop_assert_eq!(tally(burst.tally_by(Ticks(ends + early - 1))), (steps, Ticks(ends)));
         if steps > 0 {
-            prop_assert_eq!(burst.fired(Ticks(ends - early), &store, FORMAT), steps - 1);
+            prop_assert_eq!(tally(burst.tally_by(Ticks(ends - early))).0, steps - 1);
         }
     }
 }

@@ -7,7 +7,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::Index;
 use rcg_firmware::pulse::{
-    Edge, LONGEST_PERIOD, Outline, Played, Reader, SYNC_LATENCY, WAIT_LEAD, WordFormat,
+    Edge, LONGEST_PERIOD, Outline, Played, Reader, SYNC_LATENCY, SYNC_MASK, WAIT_LEAD, WordFormat,
 };
 use rcg_protocol::{Fault, Level, Line, Pace, Polarity, Pulse, Step, Ticks};
 
@@ -221,16 +221,15 @@ fn execute(pace: Pace, words: &[u32], start: u64, sync: impl Fn(u64) -> bool) ->
             now += 1; // out x, 30
             word >> 2
         } else {
-            now += 3; // out y, 1; out x, 29; jmp !y
+            now += 3; // out y, 1; out x, 29; jmp y--
             if word >> 2 & 1 == 1 {
-                while sync(now) {
-                    now += 1; // wait 0 stalls
-                }
-                now += 1;
-                while !sync(now) {
-                    now += 1; // wait 1 stalls
-                }
-                now += 1;
+                // At rest, and at rest still when `jmp pin` looks; else from the start.
+                let mut ticks = now..now + 10_000;
+                let rests = ticks.find(|&tick| !sync(tick) && !sync(tick + 32));
+                let rests = rests.expect("it repeats");
+                let mut ticks = rests + 33..rests + 10_000;
+                now = ticks.find(|&tick| sync(tick)).expect("it repeats") + 2; // wait 1; push
+                continue;
             }
             word >> 3
         };
@@ -247,7 +246,7 @@ proptest! {
         gaps in vec((5..60_u64, 5..60_u64, 5..60_u64), 1..6),
         polarity in polarity(),
         paced in any::<bool>(),
-        sync in vec((1..20_u64, 1..20_u64), 1..40),
+        sync in vec((SYNC_MASK + 2..SYNC_MASK + 20, 1..20_u64), 1..40),
     ) {
         let pace = PACES[usize::from(paced)];
         let format = WordFormat::new(pace, polarity);

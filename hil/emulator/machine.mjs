@@ -13,20 +13,27 @@ import { UartLine } from './link/uart-line.mjs';
 import { UsbHost } from './link/usb-host.mjs';
 import { randomFrom } from './random.mjs';
 
-export const LINES = { proj: 2, cam: 3, sync: 4, strobe: 5, led: 25 };
+export const LINES = { proj: 2, cam: 3, sync: 4, strobe: 5, auxA: 6, auxB: 7, photo: 8, start: 9, led: 25 };
 const PINS = 30;
-const WATCHED = new Set([LINES.proj, LINES.cam, LINES.sync, LINES.strobe]);
-const OUTPUTS = new Set([LINES.proj, LINES.cam]);
+/** Lines that the box listens to. */
+export const INPUTS = new Set([LINES.sync, LINES.strobe, LINES.photo, LINES.start]);
+const OUTPUTS = new Set([LINES.proj, LINES.cam, LINES.auxA, LINES.auxB]);
+const WATCHED = new Set([...OUTPUTS, ...INPUTS]);
+/** Cycles of the input synchroniser: two flip-flops. */
+const SYNC_CYCLES = 2;
+const UART_RX = 1;
+/** A UART input that floats takes up a character now and then. */
+const NOISE_CYCLES = 100_000;
 
 /** The parts of a cycle, see above; in the last one the CPU begins an instruction. */
 const Phase = { events: 0, tick: 1, over: 2 };
 
 export class Machine {
   /** A machine with `image` in its flash, spoken to over `link` ("uart" or "usb"). */
-  constructor(image, { link = 'uart', lazy = true } = {}) {
+  constructor(image, { link = 'uart', lazy = true, flashCache = false, inputSync = false, uniqueId } = {}) {
     this.image = image;
     this.link = link;
-    this.options = { lazy };
+    this.options = { lazy, flashCache, uniqueId };
     /** The cycle that is now: all up to it have been played. */
     this.cycle = 0;
     /** Which part of the cycle it is. */
@@ -38,6 +45,11 @@ export class Machine {
     /** Cycles in which the CPU has worked. */
     this.busy = 0;
     this.overruns = 0;
+    /** For how many cycles interrupts were masked at most, and since when they are. */
+    this.longestMasked = 0;
+    this.maskedSince = -1;
+    /** Reads of flash, and misses, of the chips before this one. */
+    this.flash = { reads: 0, misses: 0 };
     /** What the ring oscillator's random bit is drawn from; it goes on over resets. */
     this.random = randomFrom(0);
     this.warnings = new Map();
@@ -53,6 +65,7 @@ export class Machine {
     this.plugged = true;
     this.world = new World((cycle) => this.expect(cycle));
     this.wires = new Wires(PINS, WATCHED, (pin, level) => this.edge(pin, level));
+    if (inputSync) this.wires.later = (action) => this.world.at(this.stamp + SYNC_CYCLES, action);
     this.strobe = null;
     this.vsync = null;
     this.profile = null;
@@ -61,11 +74,27 @@ export class Machine {
     this.chip.boot();
     this.edges.length = 0;
     this.uartLine = new UartLine(this);
+    if (link !== 'uart') this.leaveOpen();
+  }
+
+  /** Nobody is at the UART: its input is at rest only where it is pulled there. */
+  leaveOpen() {
+    const noise = randomFrom(1);
+    const hear = () => {
+      const { mcu, uart } = this.chip;
+      if (!mcu.gpio[UART_RX].pullupEnabled) uart.receive(Math.floor(noise() * 256));
+      this.world.at(this.cycle + NOISE_CYCLES, hear);
+    };
+    this.world.at(this.cycle + NOISE_CYCLES, hear);
   }
 
   startChip() {
     const before = this.chip;
-    if (before) this.overruns += before.uart.overruns;
+    if (before) {
+      this.overruns += before.uart.overruns;
+      const { reads, misses } = this.flashReads;
+      this.flash = { reads, misses };
+    }
     this.chip = new Chip(this, this.wires, before, this.options);
     this.wires.connect(this.chip.mcu);
     this.chip.mcu.onBreak = (code) => this.halt(`BKPT ${code}`);
@@ -81,6 +110,15 @@ export class Machine {
 
   get core() {
     return this.chip.mcu.core;
+  }
+
+  /** Reads of flash by the CPU, and how many of them missed the cache. */
+  get flashReads() {
+    const { cache } = this.core;
+    return {
+      reads: this.flash.reads + (cache?.reads ?? 0),
+      misses: this.flash.misses + (cache?.misses ?? 0),
+    };
   }
 
   /** The cycle up to which the PIO has been played, or has to be before anything touches it. */
@@ -123,10 +161,17 @@ export class Machine {
   execute(core) {
     const address = core.registers[15];
     const spent = core.executeInstruction();
+    if (core.PM !== this.maskedSince >= 0) this.masked(core.PM);
     if (this.profile !== null) this.profile.count(address, spent);
     this.busy += spent;
     this.cpuFree = this.cycle + spent;
     if (this.resetRequested) this.reset();
+  }
+
+  /** Interrupts are masked from now on, or no longer. */
+  masked(masked) {
+    if (!masked) this.longestMasked = Math.max(this.longestMasked, this.cycle - this.maskedSince);
+    this.maskedSince = masked ? this.cycle : -1;
   }
 
   /** The next cycle in which something is due. */
@@ -223,6 +268,21 @@ export class Machine {
   plug(plugged) {
     this.plugged = plugged;
     this.usb.plug(plugged);
+  }
+
+  /** Lets the USB controller hang until the chip is reset. */
+  wedge() {
+    this.usb.wedge();
+  }
+
+  /** The USB host goes to sleep, or wakes. */
+  doze(on) {
+    this.usb.doze(on);
+  }
+
+  /** Whether the USB host asks for packets. */
+  fetch(fetching) {
+    this.usb.fetch(fetching);
   }
 
   /** Lets the CPU go on at `address`. */

@@ -5,11 +5,16 @@ import { readImage } from './image.mjs';
 import { Machine } from './machine.mjs';
 import { Requests } from './requests.mjs';
 
-const USAGE = 'usage: node main.mjs --image FILE.elf|FILE.uf2 [--link uart|usb]';
+const USAGE = 'usage: node main.mjs --image FILE.elf|FILE.uf2 [--link uart|usb] [--flash-cache] [--input-sync]';
 
 function commandLine() {
   const { values } = parseArgs({
-    options: { image: { type: 'string' }, link: { type: 'string', default: 'uart' } },
+    options: {
+      image: { type: 'string' },
+      link: { type: 'string', default: 'uart' },
+      'flash-cache': { type: 'boolean', default: false },
+      'input-sync': { type: 'boolean', default: false },
+    },
   });
   if (!values.image) throw new Error('--image: expected a file, found nothing');
   if (!['uart', 'usb'].includes(values.link)) {
@@ -20,8 +25,8 @@ function commandLine() {
 
 let requests;
 try {
-  const { image, link } = commandLine();
-  requests = new Requests(new Machine(readImage(image), { link }));
+  const { image, link, 'flash-cache': flashCache, 'input-sync': inputSync } = commandLine();
+  requests = new Requests(new Machine(readImage(image), { link, flashCache, inputSync }));
 } catch (error) {
   console.error(`${error.message}\n${USAGE}`);
   process.exit(2);

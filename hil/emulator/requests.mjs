@@ -1,6 +1,6 @@
 // What a client may ask for: one JSON object per request, one per answer. hil/emulator/README.md has the table.
 import { Profile } from './profile.mjs';
-import { LINES } from './machine.mjs';
+import { INPUTS, LINES } from './machine.mjs';
 import { Rtt } from './rtt.mjs';
 
 const RAM = 0x20000000;
@@ -18,7 +18,7 @@ const KINDS = {
   positive: [(value) => isInteger(value) && value > 0, 'an integer above 0'],
   word: [(value) => isInteger(value) && value >= 0 && value <= 0xffffffff, 'an unsigned 32-bit integer'],
   level: [(value) => value === 0 || value === 1, '0 or 1'],
-  input: [(value) => value === LINES.sync || value === LINES.strobe, `${LINES.sync} or ${LINES.strobe}`],
+  input: [(value) => INPUTS.has(value), `one of ${[...INPUTS].join(', ')}`],
   list: [isList, 'a list of integers'],
   flag: [(value) => typeof value === 'boolean', 'true or false'],
   hex: [(value) => typeof value === 'string' && /^([0-9a-f]{2})*$/i.test(value), 'bytes in hexadecimal'],
@@ -162,6 +162,21 @@ const HANDLERS = {
     return {};
   },
 
+  fetch(_, machine, request) {
+    machine.fetch(take(request, 'on', 'flag'));
+    return {};
+  },
+
+  doze(_, machine, request) {
+    machine.doze(take(request, 'on', 'flag'));
+    return {};
+  },
+
+  wedge(_, machine) {
+    machine.wedge();
+    return {};
+  },
+
   levels(_, { wires }) {
     const gpio = {};
     for (const pin of Object.values(LINES)) gpio[pin] = { level: wires.levels[pin], driven: wires.isDriven(pin) };
@@ -169,11 +184,17 @@ const HANDLERS = {
   },
 
   stats(_, machine) {
+    const { reads, misses } = machine.flashReads;
+    const longest = machine.longestMasked;
+    machine.longestMasked = 0;
     return {
       cycle: machine.cycle,
       busy: machine.busy,
       clock_hz: machine.chip.mcu.clkSys,
       uart_overruns: machine.overruns + machine.chip.uart.overruns,
+      flash_reads: reads,
+      flash_misses: misses,
+      longest_masked: longest,
       warnings: Object.fromEntries(machine.warnings),
     };
   },

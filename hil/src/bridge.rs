@@ -252,7 +252,7 @@ impl Bench {
             let name = match edge.line {
                 Line::Proj => "proj",
                 Line::Cam => "cam",
-                Line::Sync | Line::Strobe => continue,
+                _ => continue,
             };
             self.tell(edge.at, name, edge.high)?;
         }

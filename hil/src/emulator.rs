@@ -7,6 +7,7 @@
 use std::io::{self, BufRead as _, BufReader, Write as _};
 use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::thread;
 
 use rcg_protocol::Line;
 use serde::Deserialize;
@@ -79,7 +80,7 @@ pub struct Ran {
     pub why: Why,
     /// Bytes that reached the host.
     pub received: Vec<u8>,
-    /// Edges of all four lines, in the order of time.
+    /// Edges of all lines, in the order of time.
     pub edges: Vec<Edge>,
     /// Bytes of RTT channel 0.
     pub rtt: Vec<u8>,
@@ -94,6 +95,10 @@ pub struct Stats {
     pub clock_hz: u32,
     /// Bytes that the UART lost because nobody fetched them.
     pub uart_overruns: u64,
+    /// What the CPU read of flash, code and data, by instructions.
+    pub flash_reads: u64,
+    /// Cycles in one piece in which interrupts were masked, at most, since this was last asked.
+    pub longest_masked: u64,
 }
 
 /// A camera's STROBE output: what follows on each rising edge of CAM.
@@ -138,7 +143,7 @@ pub struct Emulator {
 }
 
 impl Emulator {
-    /// Powers up a Pico with the firmware in the ELF file `image`, its host at `link`.
+    /// Powers up a Pico with the firmware in the ELF file `image`, its host at `link`. What comes from flash takes its time.
     ///
     /// # Errors
     /// [`EmulatorError::Process`].
@@ -151,10 +156,14 @@ impl Emulator {
             .arg(places::emulator())
             .arg("--image")
             .arg(image)
-            .args(["--link", link])
+            .args(["--link", link, "--flash-cache"])
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
+            // Node makes a pipe that it inherits non-blocking for all who write into it.
+            .stderr(Stdio::piped())
             .spawn()?;
+        let mut complaints = child.stderr.take().expect("it was piped");
+        thread::spawn(move || io::copy(&mut complaints, &mut io::stderr()));
         let requests = child.stdin.take();
         let answers = BufReader::new(child.stdout.take().expect("it was piped"));
         Ok(Self {
@@ -288,22 +297,46 @@ impl Emulator {
         self.tell(&json!({"op": "plug", "in": inserted}))
     }
 
-    /// Levels of PROJ and CAM on the wire.
+    /// Lets the USB host ask for what the device has to send, or not.
     ///
     /// # Errors
     /// [`EmulatorError`].
-    pub fn outputs(&mut self) -> Result<[bool; 2], EmulatorError> {
+    pub fn fetch(&mut self, on: bool) -> Result<(), EmulatorError> {
+        self.tell(&json!({"op": "fetch", "on": on}))
+    }
+
+    /// Lets the USB host go to sleep, or wakes it.
+    ///
+    /// # Errors
+    /// [`EmulatorError`].
+    pub fn doze(&mut self, on: bool) -> Result<(), EmulatorError> {
+        self.tell(&json!({"op": "doze", "on": on}))
+    }
+
+    /// Lets the USB controller hang until the chip is reset.
+    ///
+    /// # Errors
+    /// [`EmulatorError`].
+    pub fn wedge(&mut self) -> Result<(), EmulatorError> {
+        self.tell(&json!({"op": "wedge"}))
+    }
+
+    /// Levels of PROJ, CAM, AUX-A and AUX-B on the wire.
+    ///
+    /// # Errors
+    /// [`EmulatorError`].
+    pub fn outputs(&mut self) -> Result<[bool; 4], EmulatorError> {
         let request = json!({"op": "levels"});
         let answer: Value = self.ask(&request)?;
         let level = |line| {
             let level = answer.pointer(&format!("/gpio/{}/level", gpio(line)));
             level.and_then(Value::as_u64).map(|level| level != 0)
         };
-        match (level(Line::Proj), level(Line::Cam)) {
-            (Some(proj), Some(cam)) => Ok([proj, cam]),
+        match OUTPUTS.map(level) {
+            [Some(proj), Some(cam), Some(a), Some(b)] => Ok([proj, cam, a, b]),
             _ => Err(EmulatorError::BadAnswer {
                 request: request.to_string(),
-                reason: "no levels of PROJ and CAM".to_owned(),
+                reason: "no levels of the outputs".to_owned(),
             }),
         }
     }
@@ -352,12 +385,19 @@ struct Refusal {
     error: String,
 }
 
+/// What the box drives.
+const OUTPUTS: [Line; 4] = [Line::Proj, Line::Cam, Line::AuxA, Line::AuxB];
+
 const fn gpio(line: Line) -> u8 {
     match line {
         Line::Proj => 2,
         Line::Cam => 3,
         Line::Sync => 4,
         Line::Strobe => 5,
+        Line::AuxA => 6,
+        Line::AuxB => 7,
+        Line::Photo => 8,
+        Line::Start => 9,
     }
 }
 
@@ -367,6 +407,10 @@ const fn line(gpio: u64) -> Option<Line> {
         3 => Some(Line::Cam),
         4 => Some(Line::Sync),
         5 => Some(Line::Strobe),
+        6 => Some(Line::AuxA),
+        7 => Some(Line::AuxB),
+        8 => Some(Line::Photo),
+        9 => Some(Line::Start),
         _ => None,
     }
 }

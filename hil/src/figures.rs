@@ -116,19 +116,20 @@ impl Figures {
         figures
     }
 
-    /// The table for people: one line a figure, those beyond their limits marked.
+    /// The table for people: one line a figure below the name of its trial, those beyond their limits marked.
     #[must_use]
     pub fn table(&self) -> String {
         let figures = self.sorted();
         let width = |of: &dyn Fn(&Figure) -> usize| figures.iter().map(of).max().unwrap_or(0);
-        let trial_width = width(&|f| f.trial.chars().count());
         let name_width = width(&|f| f.name.chars().count());
         let value_width = width(&|f| number(f.value).chars().count());
         let mut table = String::new();
         let mut last = "";
         for figure in &figures {
-            let trial = if figure.trial == last { "" } else { &figure.trial };
-            last = &figure.trial;
+            if figure.trial != last {
+                writeln!(table, "{}", figure.trial).expect("a string takes everything");
+                last = &figure.trial;
+            }
             let value = number(figure.value);
             let limit = figure.limit.to_string();
             let mark = if figure.holds {
@@ -138,7 +139,7 @@ impl Figures {
             };
             writeln!(
                 table,
-                "{trial:trial_width$}  {:name_width$}  {value:>value_width$} {:8} {limit}{mark}",
+                "    {:name_width$}  {value:>value_width$} {:8} {limit}{mark}",
                 figure.name, figure.unit
             )
             .expect("a string takes everything");
@@ -202,7 +203,9 @@ mod tests {
         assert_eq!(error.to_string(), "jitter: expected = 0 ticks, found 1");
         let table = figures.table();
         assert_eq!(table.matches("beyond").count(), 1);
-        assert!(table.lines().last().unwrap().starts_with('b'));
+        let trials: Vec<&str> = table.lines().filter(|line| !line.starts_with(' ')).collect();
+        assert_eq!(trials, ["a", "b"]);
+        assert!(table.lines().last().unwrap().contains("beyond"), "{table}");
         assert!(!Limit::AtMost(3.0).holds(3.5) && Limit::AtLeast(3.0).holds(3.0));
     }
 }

@@ -82,17 +82,19 @@ impl Image {
             ".boot2",
             ".start_block",
             ".vector_table",
+            ".boot_text",
             ".text",
             ".rodata",
             ".data",
+            ".ram_text",
             ".end_block",
         ])
     }
 
-    /// Bytes of static variables in RAM; what is left is for the stack.
+    /// Bytes of code and static variables in RAM; what is left is for the stack.
     #[must_use]
     pub fn ram_bytes(&self) -> u64 {
-        self.size(&[".data", ".bss", ".uninit"])
+        self.size(&[".data", ".ram_text", ".bss", ".uninit"])
     }
 
     fn size(&self, names: &[&str]) -> u64 {

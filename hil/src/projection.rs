@@ -39,7 +39,8 @@ impl Projection<'_> {
                 projector.driver = ProjectorDriver::Files;
                 projector.files = Some(Files {
                     folder: folder.to_path_buf(),
-                    patience_s: 60.0,
+                    // A busy machine looks at what stands in the holder for as long as it takes.
+                    patience_s: 600.0,
                 });
             }
             Projection::Mirrors(..) => {

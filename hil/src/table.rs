@@ -319,6 +319,7 @@ fn equipped(mut rig: Rig, camera: Ipv4Addr, format: &str, port: &str) -> Rig {
     });
     rig.trigger = Some(Trigger {
         port: port.to_owned(),
+        ..Trigger::default()
     });
     rig
 }

@@ -7,7 +7,7 @@
 
 use std::fmt;
 
-use rcg_protocol::{Line, Polarity, Pulse, Step};
+use rcg_protocol::{Aux, AuxPulse, Line, Polarity, Pulse, Step, Ticks};
 
 /// A change of level of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -27,17 +27,45 @@ impl fmt::Display for Edge {
     }
 }
 
-/// The edges of both outputs when the steps begin at the given cycles; `steps` in the order of time.
+/// The edges of PROJ and CAM when the steps begin at the given cycles; `steps` in the order of time.
 pub fn schedule(polarity: Polarity, steps: impl IntoIterator<Item = (u64, Step)>) -> Vec<Edge> {
+    schedule_with(polarity, &Aux::default(), steps)
+}
+
+/// What `aux` makes of `step`.
+fn aux_pulse(aux: AuxPulse, step: &Step) -> Pulse {
+    match aux {
+        AuxPulse::Off => Pulse::NONE,
+        AuxPulse::InStep(pulse) => pulse,
+        AuxPulse::WithCam { .. } if step.cam.width == Ticks::ZERO => Pulse::NONE,
+        AuxPulse::WithCam { after, width } => Pulse {
+            at: step.cam.at + after,
+            width: if width == Ticks::ZERO {
+                step.cam.width
+            } else {
+                width
+            },
+        },
+    }
+}
+
+/// The edges of all outputs when the steps begin at the given cycles; `steps` in the order of time.
+pub fn schedule_with(
+    polarity: Polarity,
+    aux: &Aux,
+    steps: impl IntoIterator<Item = (u64, Step)>,
+) -> Vec<Edge> {
     let mut edges = Vec::new();
     let mut steps_edges = Vec::new();
     // A pulse that begins where the one before it ended is one pulse: no edge between them.
-    let mut pending: [Option<Edge>; 2] = [None; 2];
+    let mut pending: [Option<Edge>; 4] = [None; 4];
     for (start, step) in steps {
         steps_edges.clear();
         let lines = [
             (Line::Proj, step.proj, polarity.proj_active_low),
             (Line::Cam, step.cam, polarity.cam_active_low),
+            (Line::AuxA, aux_pulse(aux.a, &step), aux.polarity.a_active_low),
+            (Line::AuxB, aux_pulse(aux.b, &step), aux.polarity.b_active_low),
         ];
         for (last, (line, pulse, active_low)) in pending.iter_mut().zip(lines) {
             let Pulse { at, width } = pulse;
@@ -178,10 +206,10 @@ pub fn cut(expected: &[Edge], found: &[Edge]) -> Result<Cut, Difference> {
     }
 }
 
-/// The edges of PROJ and CAM.
+/// The edges of the outputs.
 #[must_use]
 pub fn outputs(edges: &[Edge]) -> Vec<Edge> {
-    let output = |edge: &&Edge| matches!(edge.line, Line::Proj | Line::Cam);
+    let output = |edge: &&Edge| matches!(edge.line, Line::Proj | Line::Cam | Line::AuxA | Line::AuxB);
     edges.iter().filter(output).copied().collect()
 }
 

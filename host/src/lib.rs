@@ -30,7 +30,7 @@
 //!
 //! | room | holds |
 //! |---|---|
-//! | [`base`] | words, progress, formats of files by their names, linear fits |
+//! | [`base`] | words, progress, formats of files by their names, linear fits, eight numbers computed at once |
 //! | [`hemisphere`] | directions, grids of incident ones, the disk of outgoing ones, which are judged |
 //! | [`store`] | Zarr arrays, frames and BRDFs on disk, provenance, files that are whole or not there |
 //! | [`instrument`] | the rig, its optics, the shape of frames, what calibration found |

@@ -275,3 +275,57 @@ fn who_unwinds_out_of_a_run_leaves_the_outputs_at_rest() {
         assert_eq!(ending.expect("it ends").state, State::Done);
     }
 }
+
+/// A series is followed from run to run, and each event is of one of them, in order.
+#[test]
+fn a_series_of_runs_is_followed_to_its_end() {
+    for (runs, start) in [(1, Start::AtOnce), (4, Start::AtOnce), (3, Start::OnSync)] {
+        let mut device = simulated("rcg-1");
+        let program = program(5, Micros::DEFAULT_DEAD_MAN, start, Pace::FreeRunning);
+        let Extent::Table { steps, .. } = program.extent else {
+            panic!("it is a table");
+        };
+        let step = Step {
+            proj: Pulse::new(0, 1_000),
+            cam: Pulse::NONE,
+            period: Ticks(100_000),
+        };
+        let mut heard = Vec::new();
+        let (done, ending) = device
+            .play_series(
+                &program,
+                &vec![step; steps as usize],
+                runs,
+                |event| -> Result<(), DeviceError> {
+                    match event {
+                        Some(Event::Started { run, .. }) => heard.push((*run, 0)),
+                        Some(Event::Records { run, records }) => {
+                            let (last, count) = heard.last_mut().expect("it has begun");
+                            assert_eq!(run, last);
+                            *count += records.len();
+                        }
+                        _ => {}
+                    }
+                    Ok(())
+                },
+            )
+            .expect("it comes to its end");
+        assert_eq!(
+            (done, ending.state, ending.steps_done),
+            (runs, State::Done, ending.steps_done)
+        );
+        let each = ending.steps_done as usize;
+        let expected: Vec<(u32, usize)> = (1..=runs).map(|run| (run, each)).collect();
+        assert!(each > 0);
+        assert_eq!(heard, expected);
+        // What is played next is a run by itself.
+        device
+            .play(
+                &program,
+                &vec![step; steps as usize],
+                |_| -> Result<(), DeviceError> { Ok(()) },
+            )
+            .expect("it ends");
+        assert_eq!(device.status().expect("it answers").run, runs + 1);
+    }
+}

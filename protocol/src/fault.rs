@@ -5,6 +5,7 @@ use core::fmt;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+use crate::schedule::Line;
 use crate::units::StepId;
 
 /// State of the controller's sequencer.
@@ -46,6 +47,12 @@ pub enum Command {
     Stop,
     /// [`crate::Request::Clear`].
     Clear,
+    /// [`crate::Request::Watch`]. Since version 3.
+    Watch,
+    /// [`crate::Request::Boot`]. Since version 3.
+    Boot,
+    /// [`crate::Request::Keep`]. Since version 3.
+    Keep,
 }
 
 /// Why a request was not carried out, or why a run ended by itself.
@@ -116,6 +123,19 @@ pub enum Fault {
     HostLost,
     /// The pulse engine lost its timing; the run was ended at once.
     Engine,
+    /// A SYNC edge came where a step ends or a glitch where one was awaited, and it is not certain which edge began the
+    /// step. Since version 2.
+    SyncUnclear {
+        /// The step.
+        step: StepId,
+    },
+    /// An input has more edges than can be told apart: noise, or an open line. Since version 2.
+    InputTooFast {
+        /// [`Line::Sync`], [`Line::Strobe`] or, since version 4, [`Line::Photo`] or [`Line::Start`].
+        line: Line,
+    },
+    /// A run that begins on START has no steps that wait for SYNC. Since version 4.
+    StartPaced,
 }
 
 impl fmt::Display for State {
@@ -142,6 +162,9 @@ impl fmt::Display for Command {
             Self::Start => "start",
             Self::Stop => "stop",
             Self::Clear => "clear",
+            Self::Watch => "watch the inputs",
+            Self::Boot => "go to the boot loader",
+            Self::Keep => "keep a polarity",
         })
     }
 }
@@ -169,6 +192,21 @@ impl fmt::Display for Fault {
             Self::SyncTimeout { step } => write!(f, "no SYNC edge came for {step}"),
             Self::HostLost => f.write_str("the host was silent for longer than the dead-man time"),
             Self::Engine => f.write_str("the pulse engine lost its timing"),
+            Self::SyncUnclear { step } => {
+                write!(
+                    f,
+                    "it is not certain which SYNC edge began {step}: its edges come when a step ends, or the line rings"
+                )
+            }
+            Self::InputTooFast { line } => {
+                write!(
+                    f,
+                    "{line} has more edges than can be told apart: expected pulses, found noise or an open line"
+                )
+            }
+            Self::StartPaced => {
+                f.write_str("a run that begins on START cannot have steps that wait for SYNC")
+            }
         }
     }
 }

@@ -12,7 +12,13 @@
 //! # Evolution
 //! postcard encodes enum variants by position: append variants, never reorder or remove them, and raise
 //! [`PROTOCOL_VERSION`] with every change of a message. The literal bytes of each version stand in a
-//! test that is never edited.
+//! test that is never edited. A host speaks the versions before its own too ([`SPOKEN`]) and asks a controller of one of
+//! these nothing that it does not know.
+//!
+//! Version 2 added [`Request::Identify`], [`Request::Filter`], [`Fault::SyncUnclear`] and [`Fault::InputTooFast`]; version 3
+//! [`Request::Watch`], [`Request::Inputs`], [`Request::Boot`], [`Request::Keep`] and [`Request::Kept`]; version 4
+//! the lines AUX-A, AUX-B, PHOTO and START: [`Request::Aux`], [`Request::KeepAux`], [`Request::KeptAux`], [`Request::Photo`],
+//! [`Event::Photo`], [`Start::OnStartLine`] and [`Request::Repeat`].
 
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
@@ -27,13 +33,23 @@ mod varint;
 pub use fault::{Command, Fault, State};
 pub use framing::{Decoder, FrameError, MAX_FRAME, decode, encode};
 pub use message::{
-    Counters, Event, Identity, Info, Reply, Request, Response, RunId, SCHEMA_HASH, Status, StepFlags,
-    StepRecord, Strobe, ToDevice, ToHost,
+    Chip, Counters, Event, Identity, Info, Input, Inputs, Photo, PhotoPulse, Reply, Request, Reset, Response,
+    RunId, SCHEMA_HASH, Status, StepFlags, StepRecord, Strobe, ToDevice, ToHost, Unit,
 };
 pub use schedule::{
-    Extent, Level, Line, Pace, Polarity, Program, Pulse, RECORDS_PER_EVENT, STEPS_PER_APPEND, Start, Step,
+    Aux, AuxPolarity, AuxPulse, Extent, Level, Line, PULSES_PER_EVENT, Pace, Polarity, Program, Pulse,
+    RECORDS_PER_EVENT, STEPS_PER_APPEND, Start, Step,
 };
 pub use units::{Micros, Seq, SessionId, StepId, Ticks};
 
 /// Version of the messages; raised with every change that a peer could notice.
-pub const PROTOCOL_VERSION: u16 = 1;
+pub const PROTOCOL_VERSION: u16 = 4;
+
+/// Versions that a host of this one speaks, each with the [`SCHEMA_HASH`] that it had: this one and those before it, whose
+/// messages are all among those of this one.
+pub const SPOKEN: [(u16, u64); 4] = [
+    (1, 0x82fe_7021_e662_6436),
+    (2, 0xd033_3967_ff23_5268),
+    (3, 0x35dc_ce3f_25d4_e40d),
+    (PROTOCOL_VERSION, SCHEMA_HASH),
+];

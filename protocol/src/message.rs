@@ -5,7 +5,7 @@ use postcard_schema::{Schema, key::hash::fnv1a64};
 use serde::{Deserialize, Serialize};
 
 use crate::fault::{Fault, State};
-use crate::schedule::{Program, RECORDS_PER_EVENT, StepBatch};
+use crate::schedule::{Aux, AuxPolarity, PULSES_PER_EVENT, Polarity, Program, RECORDS_PER_EVENT, StepBatch};
 use crate::units::{Seq, SessionId, StepId, Ticks};
 
 /// Hash of the shape of all messages, in both directions; equal only if both ends agree on every field.
@@ -67,6 +67,44 @@ pub enum Request {
     Abort,
     /// Forgets the schedule. Answered by [`Reply::Status`].
     Clear,
+    /// Answered by [`Reply::Unit`]. Since version 2.
+    Identify,
+    /// What is to be taken for a glitch of an input, from the next [`Request::Arm`] on until the end of the session; nothing is
+    /// at first. Answered by [`Reply::Status`]. Since version 2.
+    Filter {
+        /// STROBE is active, or at rest, for less than this: it stays as it was.
+        strobe: Ticks,
+    },
+    /// Counts the edges of both inputs from now on, until the next [`Request::Arm`]; refused while a run goes on. Answered by
+    /// [`Reply::Status`]. Since version 3.
+    Watch,
+    /// Answered by [`Reply::Inputs`]. Since version 3.
+    Inputs,
+    /// Leaves the firmware for the chip's boot loader, which takes another one; refused while a run goes on. Answered by
+    /// [`Reply::Status`], and then by nothing any more. Since version 3.
+    Boot,
+    /// Keeps this polarity over resets: outputs and pulls rest like that from the boot on, until a schedule says otherwise.
+    /// Refused while a run goes on. Answered by [`Reply::Status`]. Since version 3.
+    Keep(Polarity),
+    /// Answered by [`Reply::Kept`]. Since version 3.
+    Kept,
+    /// What the further lines do, from the next [`Request::Load`] on until the end of the session; they rest at first. Answered by
+    /// [`Reply::Status`]. Since version 4.
+    Aux(Aux),
+    /// Keeps this polarity of the further lines over resets, as [`Request::Keep`] does of the others. Answered by [`Reply::Status`].
+    /// Since version 4.
+    KeepAux(AuxPolarity),
+    /// Answered by [`Reply::KeptAux`]. Since version 4.
+    KeptAux,
+    /// Answered by [`Reply::Photo`]. Since version 4.
+    Photo,
+    /// From the next [`Request::Arm`] on until the end of the session a run of a table that is done is armed and started again by the
+    /// controller, as a run of its own, until there were so many; 0 for ever, and one at first. Answered by [`Reply::Status`]. Since
+    /// version 4.
+    Repeat {
+        /// Runs.
+        runs: u32,
+    },
 }
 
 /// A frame from the controller.
@@ -114,6 +152,16 @@ pub enum Reply {
         /// Number of the run.
         run: RunId,
     },
+    /// Which box it is, of all of its kind. Since version 2.
+    Unit(Unit),
+    /// What stands at the inputs. Since version 3.
+    Inputs(Inputs),
+    /// The polarity that is kept over resets. Since version 3.
+    Kept(Polarity),
+    /// The polarity of the further lines that is kept over resets. Since version 4.
+    KeptAux(AuxPolarity),
+    /// What stands at PHOTO. Since version 4.
+    Photo(Photo),
 }
 
 /// Who answers. Frozen for all versions.
@@ -148,6 +196,111 @@ pub struct Info {
     pub shortest_sync: u32,
     /// Longest step.
     pub longest_period: Ticks,
+}
+
+/// What stands at the inputs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
+pub struct Inputs {
+    /// When it was looked at, on the controller's clock.
+    pub at: Ticks,
+    /// Since when edges are counted: the last [`Request::Watch`], or the start of the last run.
+    pub since: Ticks,
+    /// SYNC.
+    pub sync: Input,
+    /// STROBE.
+    pub strobe: Input,
+}
+
+/// What stands at one input.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
+pub struct Input {
+    /// Whether the pin is high, whatever the polarity.
+    pub high: bool,
+    /// Whether the controller pulls the line up, else down: a line that nobody drives is there.
+    pub pulled_up: bool,
+    /// Changes of level; `None` where they were not looked for, as in a table of very short steps.
+    pub edges: Option<u32>,
+    /// The last two of these, the later one behind, on the controller's clock and up to a tick late.
+    pub last: [Option<Ticks>; 2],
+}
+
+/// What stands at PHOTO.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
+pub struct Photo {
+    /// The input, whose edges are counted as [`Inputs::since`] says; `None` for their number in a run that does not stamp it.
+    pub input: Input,
+    /// Pulses of the present or last run that [`Event::Photo`] told of, or was to: what has not come by the end of the run was lost
+    /// on the way.
+    pub pulses: u32,
+}
+
+/// Which box it is, of all of its kind.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
+pub struct Unit {
+    /// The number that its flash memory or its chip was made with; 0 if it cannot be read.
+    pub serial: u64,
+    /// The first 32 bits of the commit that its firmware was built from; 0 if that is not known.
+    pub commit: u32,
+    /// Whether what it was built from was another than that commit.
+    pub modified: bool,
+    /// What it runs on.
+    pub chip: Chip,
+    /// Why it was reset last.
+    pub reset: Reset,
+}
+
+/// What the firmware runs on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
+pub enum Chip {
+    /// No chip: the host simulates it.
+    Simulated,
+    /// RP2040.
+    Rp2040,
+    /// RP2350.
+    Rp2350,
+}
+
+/// Why the box was reset last.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
+pub enum Reset {
+    /// Power, the reset pin, or a debugger.
+    PowerOn,
+    /// The main loop hung and the watchdog bit.
+    Hang,
+    /// The firmware panicked.
+    Panic,
+    /// The CPU met what it cannot execute or reach.
+    HardFault,
+    /// USB did not get on any more.
+    UsbStuck,
+}
+
+impl core::fmt::Display for Chip {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Simulated => "simulated",
+            Self::Rp2040 => "RP2040",
+            Self::Rp2350 => "RP2350",
+        })
+    }
+}
+
+impl core::fmt::Display for Reset {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::PowerOn => "power-up or reset pin",
+            Self::Hang => "the watchdog, as the firmware hung",
+            Self::Panic => "a panic of the firmware",
+            Self::HardFault => "a hard fault",
+            Self::UsbStuck => "USB that did not get on",
+        })
+    }
 }
 
 /// How things stand on the controller.
@@ -235,6 +388,25 @@ pub enum Event {
         /// When, from the start of the run.
         at: Ticks,
     },
+    /// Pulses of PHOTO, in their order; none at the end of the run, to tell how many there were. Since version 4.
+    Photo {
+        /// The run.
+        run: RunId,
+        /// Number of the first of them in the run, from 0: where it is more than one after the last that came, those between were lost.
+        first: u32,
+        /// The pulses.
+        pulses: Vec<PhotoPulse, PULSES_PER_EVENT>,
+    },
+}
+
+/// One pulse of PHOTO.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
+pub struct PhotoPulse {
+    /// Leading edge, from the start of the run.
+    pub on: Ticks,
+    /// Its length; `None` if it had not ended when the run did.
+    pub width: Option<Ticks>,
 }
 
 /// What happened at one step.

@@ -1,4 +1,4 @@
-//! The schedule: what the two output lines do, in ticks.
+//! The schedule: what the output lines do, in ticks.
 
 use heapless::Vec;
 use postcard_schema::Schema;
@@ -8,6 +8,8 @@ use crate::units::{Micros, Ticks};
 
 /// How many steps one [`crate::Request::Append`] carries at most.
 pub const STEPS_PER_APPEND: usize = 8;
+/// How many pulses of PHOTO one [`crate::Event::Photo`] carries at most.
+pub const PULSES_PER_EVENT: usize = 8;
 /// How many step records one [`crate::Event::Records`] carries at most.
 pub const RECORDS_PER_EVENT: usize = 8;
 
@@ -23,6 +25,29 @@ pub enum Line {
     Sync,
     /// Input: the camera's exposure-active output.
     Strobe,
+    /// Output: a light source, a shutter, a second camera. Since version 4.
+    AuxA,
+    /// Output: as [`Line::AuxA`]. Since version 4.
+    AuxB,
+    /// Input: a photodiode, whose pulses are stamped. Since version 4.
+    Photo,
+    /// Input: what begins a run from outside. Since version 4.
+    Start,
+}
+
+impl core::fmt::Display for Line {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Proj => "PROJ",
+            Self::Cam => "CAM",
+            Self::Sync => "SYNC",
+            Self::Strobe => "STROBE",
+            Self::AuxA => "AUX-A",
+            Self::AuxB => "AUX-B",
+            Self::Photo => "PHOTO",
+            Self::Start => "START",
+        })
+    }
 }
 
 /// Logical level of a line: `Active` is high unless [`Polarity`] says otherwise.
@@ -95,6 +120,92 @@ pub struct Polarity {
     pub strobe_active_low: bool,
 }
 
+/// Which of the further lines rest high and pulse low. Since version 4.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
+#[allow(clippy::struct_excessive_bools)] // as `Polarity`
+pub struct AuxPolarity {
+    /// AUX-A rests high and pulses low.
+    pub a_active_low: bool,
+    /// AUX-B rests high and pulses low.
+    pub b_active_low: bool,
+    /// PHOTO is low while there is light.
+    pub photo_active_low: bool,
+    /// The falling edge of START counts.
+    pub start_active_low: bool,
+}
+
+/// What a further output does in every step. Since version 4.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
+pub enum AuxPulse {
+    /// It stays at rest.
+    #[default]
+    Off,
+    /// This pulse; none if its width is zero.
+    InStep(Pulse),
+    /// A pulse with that of CAM; none where CAM has none.
+    WithCam {
+        /// From the leading edge of CAM to its own.
+        after: Ticks,
+        /// Its length; zero for that of CAM.
+        width: Ticks,
+    },
+}
+
+/// What the further lines do, from the next [`crate::Request::Load`] on. Since version 4.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[cfg_attr(target_os = "none", derive(defmt::Format))]
+pub struct Aux {
+    /// Resting levels.
+    pub polarity: AuxPolarity,
+    /// AUX-A.
+    pub a: AuxPulse,
+    /// AUX-B.
+    pub b: AuxPulse,
+    /// Whether pulses of PHOTO are told of.
+    pub photo: bool,
+}
+
+impl Aux {
+    /// Lines at rest, on the sides that `polarity` says.
+    #[must_use]
+    pub const fn resting(polarity: AuxPolarity) -> Self {
+        Self {
+            polarity,
+            a: AuxPulse::Off,
+            b: AuxPulse::Off,
+            photo: false,
+        }
+    }
+
+    /// Whether an output pulses.
+    #[must_use]
+    pub const fn has_pulses(&self) -> bool {
+        !matches!((self.a, self.b), (AuxPulse::Off, AuxPulse::Off))
+    }
+}
+
+impl AuxPulse {
+    /// The pulse in `step`; `None` if a time of it is beyond all bounds.
+    #[must_use]
+    pub fn of(self, step: &Step) -> Option<Pulse> {
+        match self {
+            Self::Off => Some(Pulse::NONE),
+            Self::InStep(pulse) => Some(pulse),
+            Self::WithCam { .. } if step.cam.is_none() => Some(Pulse::NONE),
+            Self::WithCam { after, width } => Some(Pulse {
+                at: step.cam.at.checked_add(after)?,
+                width: if width == Ticks::ZERO {
+                    step.cam.width
+                } else {
+                    width
+                },
+            }),
+        }
+    }
+}
+
 /// How long the schedule is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(target_os = "none", derive(defmt::Format))]
@@ -118,6 +229,9 @@ pub enum Start {
     AtOnce,
     /// At the first SYNC edge after it.
     OnSync,
+    /// At the first edge of [`Line::Start`] after it, which is awaited for as long as the host is heard. Steps are then free running.
+    /// Since version 4.
+    OnStartLine,
 }
 
 /// What begins each further step.

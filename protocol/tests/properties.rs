@@ -4,9 +4,10 @@ use proptest::collection::vec;
 use proptest::option;
 use proptest::prelude::*;
 use rcg_protocol::{
-    Command, Counters, Decoder, Event, Extent, Fault, Identity, Info, MAX_FRAME, Micros, Pace, Polarity,
-    Program, Pulse, Reply, Request, Response, Seq, SessionId, Start, State, Status, Step, StepFlags, StepId,
-    StepRecord, Strobe, Ticks, ToDevice, ToHost, encode,
+    Aux, AuxPolarity, AuxPulse, Chip, Command, Counters, Decoder, Event, Extent, Fault, Identity, Info,
+    Input, Line, MAX_FRAME, Micros, Pace, Photo, PhotoPulse, Polarity, Program, Pulse, Reply, Request, Reset,
+    Response, Seq, SessionId, Start, State, Status, Step, StepFlags, StepId, StepRecord, Strobe, Ticks,
+    ToDevice, ToHost, Unit, encode,
 };
 
 fn cases(cases: u32) -> ProptestConfig {
@@ -70,6 +71,15 @@ fn fault() -> impl Strategy<Value = Fault> {
         any::<u64>().prop_map(|step| Fault::SyncTimeout { step: StepId(step) }),
         Just(Fault::HostLost),
         Just(Fault::Engine),
+        Just(Fault::StartPaced),
+        any::<u64>().prop_map(|step| Fault::SyncUnclear { step: StepId(step) }),
+        prop_oneof![
+            Just(Line::Sync),
+            Just(Line::Strobe),
+            Just(Line::Photo),
+            Just(Line::Start)
+        ]
+        .prop_map(|line| Fault::InputTooFast { line }),
     ]
 }
 
@@ -78,7 +88,7 @@ fn program() -> impl Strategy<Value = Program> {
         any::<(u32, u32)>().prop_map(|(steps, cycles)| Extent::Table { steps, cycles }),
         Just(Extent::Stream)
     ];
-    let start = prop_oneof![Just(Start::AtOnce), Just(Start::OnSync)];
+    let start = prop_oneof![Just(Start::AtOnce), Just(Start::OnSync), Just(Start::OnStartLine)];
     let pace = prop_oneof![Just(Pace::FreeRunning), Just(Pace::EachOnSync)];
     (
         extent,
@@ -103,6 +113,23 @@ fn program() -> impl Strategy<Value = Program> {
         })
 }
 
+fn aux_polarity() -> impl Strategy<Value = AuxPolarity> {
+    any::<(bool, bool, bool, bool)>().prop_map(|(a, b, photo, start)| AuxPolarity {
+        a_active_low: a,
+        b_active_low: b,
+        photo_active_low: photo,
+        start_active_low: start,
+    })
+}
+
+fn aux_pulse() -> impl Strategy<Value = AuxPulse> {
+    prop_oneof![
+        Just(AuxPulse::Off),
+        any::<(u64, u64)>().prop_map(|(at, width)| AuxPulse::InStep(Pulse::new(at, width))),
+        (ticks(), ticks()).prop_map(|(after, width)| AuxPulse::WithCam { after, width }),
+    ]
+}
+
 fn request() -> impl Strategy<Value = Request> {
     prop_oneof![
         any::<u32>().prop_map(|nonce| Request::Hello { nonce }),
@@ -120,6 +147,22 @@ fn request() -> impl Strategy<Value = Request> {
         Just(Request::Stop),
         Just(Request::Abort),
         Just(Request::Clear),
+        Just(Request::Identify),
+        any::<u64>().prop_map(|strobe| Request::Filter {
+            strobe: Ticks(strobe)
+        }),
+        (aux_polarity(), aux_pulse(), aux_pulse(), any::<bool>()).prop_map(|(polarity, a, b, photo)| {
+            Request::Aux(Aux {
+                polarity,
+                a,
+                b,
+                photo,
+            })
+        }),
+        aux_polarity().prop_map(Request::KeepAux),
+        Just(Request::KeptAux),
+        Just(Request::Photo),
+        any::<u32>().prop_map(|runs| Request::Repeat { runs }),
     ]
 }
 
@@ -181,6 +224,25 @@ fn reply() -> impl Strategy<Value = Reply> {
         status().prop_map(Reply::Status),
         any::<u32>().prop_map(|steps| Reply::Room { steps }),
         any::<u32>().prop_map(|run| Reply::Armed { run }),
+        aux_polarity().prop_map(Reply::KeptAux),
+        any::<(bool, bool, Option<u32>, u32)>().prop_map(|(high, pulled_up, edges, pulses)| {
+            let input = Input {
+                high,
+                pulled_up,
+                edges,
+                last: [Some(Ticks(u64::MAX)); 2],
+            };
+            Reply::Photo(Photo { input, pulses })
+        }),
+        (any::<u64>(), any::<u32>(), any::<bool>()).prop_map(|(serial, commit, modified)| {
+            Reply::Unit(Unit {
+                serial,
+                commit,
+                modified,
+                chip: Chip::Rp2350,
+                reset: Reset::UsbStuck,
+            })
+        }),
     ]
 }
 
@@ -204,6 +266,16 @@ fn event() -> impl Strategy<Value = Event> {
         }),
         (any::<u32>(), ticks()).prop_map(|(run, on)| Event::SpuriousStrobe { run, on }),
         any::<(u32, u32)>().prop_map(|(run, steps)| Event::Room { run, steps }),
+        (any::<(u32, u32)>(), vec((ticks(), option::of(ticks())), 0..=8)).prop_map(
+            |((run, first), pulses)| {
+                let pulses = pulses.into_iter().map(|(on, width)| PhotoPulse { on, width });
+                Event::Photo {
+                    run,
+                    first,
+                    pulses: pulses.collect(),
+                }
+            }
+        ),
         (any::<u32>(), state(), option::of(fault()), any::<u64>(), ticks()).prop_map(
             |(run, state, fault, steps_done, at)| Event::Ended {
                 run,

@@ -19,5 +19,5 @@ await page.mouse.move(box.x + 0.28 * box.width, box.y + 0.5 * box.height);
 await page.waitForTimeout(500);
 const top = (await page.locator("#state").boundingBox()).y;
 const last = await page.locator("#sphere").boundingBox();
-await page.screenshot({ path: picture, fullPage: true, clip: { x: 0, y: top, width: 1000, height: last.y + last.height + 10 - top } });
+await page.screenshot({ path: picture, fullPage: true, clip: { x: 0, y: top, width: 1000, height: last.y + last.height + 3 - top } });
 await browser.close();

@@ -124,6 +124,7 @@ impl Controller {
                     self.forget();
                     self.session.halted(at);
                 }
+                EngineCommand::Watch | EngineCommand::Keep(_) => {}
             }
         }
     }

@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use rcg::capture::device::{Device, DeviceError};
 use rcg::capture::link::Link;
-use rcg_protocol::{PROTOCOL_VERSION, SCHEMA_HASH};
-use rcg_tests::books::{PATIENCE, in_time};
+use rcg_protocol::{Aux, AuxPolarity, Event, PROTOCOL_VERSION, Polarity, SCHEMA_HASH, SPOKEN, State};
+use rcg_tests::books::{PATIENCE, in_time, steps, table};
+use rcg_tests::older::Older;
 use rcg_tests::strangers::{Echo, Noise, OtherVersion, Silent};
 use rcg_tests::{Controller, Faults, MockLink, Peer};
 
@@ -59,9 +60,10 @@ fn an_echo_is_a_timeout() {
 #[test]
 fn another_protocol_version_or_schema_is_named_and_asked_nothing_else() {
     for (version, schema) in [
-        (2, SCHEMA_HASH),
+        (PROTOCOL_VERSION + 1, SCHEMA_HASH),
+        (1, SCHEMA_HASH),
         (PROTOCOL_VERSION, !SCHEMA_HASH),
-        (2, 1),
+        (PROTOCOL_VERSION + 1, 1),
         (u16::MAX, 0),
     ] {
         let link = MockLink::new(OtherVersion::new(version, schema), Faults::NONE, Faults::NONE, 0);
@@ -101,17 +103,15 @@ fn another_version_over_any_line_is_named_or_times_out() {
     let mut named = 0;
     for seed in 0..200 {
         let link = MockLink::new(
-            OtherVersion::new(2, 3),
+            OtherVersion::new(PROTOCOL_VERSION + 1, 4),
             Faults::any(seed),
             Faults::any(!seed),
             seed,
         );
         match Device::connect(link, 1, PATIENCE) {
             Err(DeviceError::OtherVersion {
-                version: 2,
-                schema: 3,
-                ..
-            }) => named += 1,
+                version, schema: 4, ..
+            }) if version == PROTOCOL_VERSION + 1 => named += 1,
             Err(DeviceError::Timeout { request: "hello", .. }) => {}
             other => panic!("seed {seed}: {other:?}"),
         }
@@ -153,4 +153,61 @@ fn a_controller_that_falls_silent_is_a_timeout_for_every_request() {
     }
     client.link().set_faults(Faults::NONE, Faults::NONE);
     client.open_session(10).unwrap();
+}
+
+/// It is spoken to in what it knows, and asked nothing else: what it lacks is told in a sentence.
+#[test]
+fn a_controller_of_a_version_before_does_all_that_it_can() {
+    for (version, schema) in SPOKEN.into_iter().take(3) {
+        assert_ne!(schema, SCHEMA_HASH);
+        of_version(version);
+    }
+}
+
+fn of_version(version: u16) {
+    let link = MockLink::new(Older::new(version), Faults::NONE, Faults::NONE, 3);
+    let watch = link.another(Faults::NONE, Faults::NONE, 3);
+    let mut client = Device::connect(link, 1, PATIENCE).unwrap();
+    assert_eq!(client.protocol(), version);
+    assert_eq!(client.unit().unwrap().is_some(), version > 1);
+    if version < 3 {
+        let polarity = Polarity::default();
+        for error in [
+            client.watch().unwrap_err(),
+            client.inputs().unwrap_err(),
+            client.boot().unwrap_err(),
+            client.keep(polarity).unwrap_err(),
+            client.kept().unwrap_err(),
+        ] {
+            let found = format!("protocol version 3 or later), found version {version}: ");
+            assert!(error.to_string().contains(&found), "{error}");
+        }
+    }
+    for error in [
+        client.aux(&Aux::default()).unwrap_err(),
+        client.keep_aux(AuxPolarity::default()).unwrap_err(),
+        client.kept_aux().unwrap_err(),
+        client.photo().unwrap_err(),
+        client.repeat(2).unwrap_err(),
+    ] {
+        let found = format!("protocol version 4 or later), found version {version}: ");
+        assert!(error.to_string().contains(&found), "{error}");
+    }
+    client.load(&table(10, 3), &steps(10, 0)).unwrap();
+    client.arm().unwrap();
+    client.start().unwrap();
+    let mut records = 0;
+    while let Some(event) = client.next_event(Duration::from_millis(500)).unwrap() {
+        if let Event::Records { records: some, .. } = event {
+            records += some.len();
+        }
+    }
+    let status = client.status().unwrap();
+    assert_eq!((status.state, status.steps_done, records), (State::Done, 30, 30));
+    assert_eq!(watch.peer_mut(|peer| peer.misunderstood), 0);
+    // One of this version says more.
+    let link = MockLink::new(Controller::new(&[]), Faults::NONE, Faults::NONE, 3);
+    let mut client = Device::connect(link, 1, PATIENCE).unwrap();
+    assert_eq!(client.protocol(), PROTOCOL_VERSION);
+    assert!(client.unit().unwrap().is_some());
 }

@@ -176,7 +176,8 @@ fn events_of_a_run_before_are_told_apart_by_its_number() {
             | Event::Records { run, .. }
             | Event::SpuriousStrobe { run, .. }
             | Event::Room { run, .. }
-            | Event::Ended { run, .. } => *run == number,
+            | Event::Ended { run, .. }
+            | Event::Photo { run, .. } => *run == number,
         }));
         assert_eq!(records(&events).len() as u64, TOTAL);
     }

@@ -7,6 +7,8 @@
 //! origin. The levels are those that the PIO sees, two ticks after they came to the pin, for SYNC as for
 //! STROBE and as for the pulse engine itself.
 //!
+//! Where a run begins on START, the machine of SYNC looks at that line.
+//!
 //! # Tradeoffs
 //! The ring is read every millisecond. A line with more than 96 pulses in that time is not one of a camera
 //! or of a projector, and ends the run with a fault.
@@ -17,14 +19,15 @@ use embassy_rp::gpio::Pull;
 use embassy_rp::pac::dma::regs::CtrlTrig;
 use embassy_rp::pac::dma::vals::DataSize;
 use embassy_rp::pac::io::vals::Inover;
-use embassy_rp::pac::{DMA, IO_BANK0};
+use embassy_rp::pac::{DMA, IO_BANK0, PIO0 as PIO};
 use embassy_rp::peripherals::PIO0;
 use embassy_rp::pio::{Config, Direction, FifoJoin, Pin, ShiftConfig, ShiftDirection, StateMachine};
 use rcg_firmware::edges::{EdgeClock, Sighting, time_of};
-use rcg_protocol::Ticks;
+use rcg_protocol::{Input, Ticks};
 
 use super::chain::{abort, set_count};
 use super::programs::Loaded;
+use super::{FIRST_INPUT, INPUTS};
 
 /// Counters that the ring holds.
 const RING_WORDS: usize = 256;
@@ -52,12 +55,19 @@ struct Ring(UnsafeCell<[u32; RING_WORDS]>);
 
 const _: () = assert!(RING_WORDS * 4 == 1024);
 
+// SAFETY: each is used by the one capture of its state machine alone.
+unsafe impl Sync for Ring {}
+
+/// One for each input.
+static RINGS: [Ring; INPUTS] = [const { Ring(UnsafeCell::new([0; RING_WORDS])) }; INPUTS];
+
 /// One input line, watched by state machine `SM`.
 ///
-/// The DMA writes the ring where it lies, so a capture must not move while it runs: it lives in a static.
 pub(crate) struct Capture<const SM: usize> {
     machine: StateMachine<'static, PIO0, SM>,
     pin: Pin<'static, PIO0>,
+    /// What this state machine has to watch in some runs in place of `pin`.
+    other: Option<Pin<'static, PIO0>>,
     channel: usize,
     /// Where the program begins when the line is at rest, or active.
     entry: [u8; 2],
@@ -66,20 +76,25 @@ pub(crate) struct Capture<const SM: usize> {
     taken: u32,
     /// Edges that had arrived when last [looked](Self::look) for.
     known: u32,
-    /// How many of what was stored are edges, once the machine stands still.
+    /// How many of what was stored are edges, while the machine stands still.
     edges: Option<u32>,
     lost: bool,
     next: Option<Sighting>,
-    ring: Ring,
+    muted: bool,
+    /// Edges that had arrived when last [noted](Self::note), and when the last two of them came, from the start of the count.
+    noted: u32,
+    last: [Option<Ticks>; 2],
+    ring: &'static Ring,
 }
 
 impl<const SM: usize> Capture<SM> {
-    /// Watches `pin`; DMA channel `channel` stores its edges.
+    /// Watches `pin`, which rests where `active_low` says; DMA channel `channel` stores its edges.
     pub(crate) fn new(
         mut machine: StateMachine<'static, PIO0, SM>,
         pin: Pin<'static, PIO0>,
         channel: usize,
         loaded: &Loaded,
+        active_low: bool,
     ) -> Self {
         let mut config = Config::default();
         config.use_program(&loaded.program, &[]);
@@ -92,25 +107,33 @@ impl<const SM: usize> Capture<SM> {
         };
         machine.set_config(&config);
         machine.set_pin_dirs(Direction::In, &[&pin]);
-        Self {
+        let mut capture = Self {
             machine,
             pin,
+            other: None,
             channel,
             entry: loaded.entry,
             active_low: false,
             clock: EdgeClock::new(false),
             taken: 0,
             known: 0,
-            edges: None,
+            edges: Some(0),
             lost: false,
             next: None,
-            ring: Ring(UnsafeCell::new([0; RING_WORDS])),
-        }
+            muted: false,
+            noted: 0,
+            last: [None; 2],
+            ring: &RINGS[SM - FIRST_INPUT],
+        };
+        // The line does not float until a schedule says which side is rest.
+        capture.set_polarity(active_low);
+        capture
     }
 
     /// Sets the polarity. A line that nobody drives is pulled to rest.
     pub(crate) fn set_polarity(&mut self, active_low: bool) {
         self.active_low = active_low;
+        self.muted = false;
         self.pin.set_pull(if active_low { Pull::Up } else { Pull::Down });
         self.set_input(if active_low {
             Inover::INVERT
@@ -119,9 +142,78 @@ impl<const SM: usize> Capture<SM> {
         });
     }
 
+    /// Can watch `other` too, which is at rest where `active_low` says.
+    pub(crate) fn with_other(mut self, mut other: Pin<'static, PIO0>, active_low: bool) -> Self {
+        self.machine.set_pin_dirs(Direction::In, &[&other]);
+        other.set_pull(if active_low { Pull::Up } else { Pull::Down });
+        self.other = Some(other);
+        self
+    }
+
+    /// Watches the other line from now on, and what was watched before is the other one.
+    pub(crate) fn exchange(&mut self) {
+        if let Some(other) = &mut self.other {
+            core::mem::swap(&mut self.pin, other);
+            let pin = self.pin.pin();
+            PIO.sm(SM).execctrl().modify(|w| w.set_jmp_pin(pin));
+        }
+    }
+
+    /// The line that is watched.
+    pub(crate) fn gpio(&self) -> u8 {
+        self.pin.pin()
+    }
+
     /// Lets nobody see the line any more: it reads as at rest until the next [`set_polarity`](Self::set_polarity).
     pub(crate) fn mute(&mut self) {
+        self.muted = true;
         self.set_input(Inover::LOW);
+    }
+
+    /// Whether the pin is high.
+    fn is_high(&self) -> bool {
+        Self::level(&self.pin)
+    }
+
+    fn level(pin: &Pin<'static, PIO0>) -> bool {
+        IO_BANK0.gpio(usize::from(pin.pin())).status().read().infrompad()
+    }
+
+    /// Notes how many edges have come by `elapsed`, the coarse time since the count began, and when the last two did: a counter
+    /// alone tells that for a minute only.
+    pub(crate) fn note(&mut self, elapsed: Ticks) {
+        let edges = self.edges.unwrap_or_else(|| self.arrived());
+        let new = edges - self.noted;
+        if new == 0 {
+            return;
+        }
+        let when = |number: u32| Some(time_of(self.stored(number), elapsed));
+        let last = when(edges - 1);
+        let before = if new > 1 { when(edges - 2) } else { self.last[1] };
+        // If the ring came round meanwhile these are none.
+        let came_round = self.arrived() - edges > MOST_WAITING;
+        self.last = if came_round { [None; 2] } else { [before, last] };
+        self.noted = edges;
+    }
+
+    /// What stands at the line, as last [noted](Self::note); the count began at `since`.
+    pub(crate) fn seen(&self, since: Ticks) -> Input {
+        Input {
+            high: self.is_high(),
+            pulled_up: self.active_low,
+            edges: (!self.muted).then_some(self.noted),
+            last: self.last.map(|last| last.map(|last| since + last)),
+        }
+    }
+
+    /// What stands at the line that is not watched, which rests where `active_low` says.
+    pub(crate) fn unwatched(&self, active_low: bool) -> Input {
+        Input {
+            high: self.other.as_ref().is_some_and(Self::level),
+            pulled_up: active_low,
+            edges: None,
+            last: [None; 2],
+        }
     }
 
     fn set_input(&self, inover: Inover) {
@@ -129,13 +221,12 @@ impl<const SM: usize> Capture<SM> {
         IO_BANK0.gpio(pin).ctrl().modify(|w| w.set_inover(inover));
     }
 
-    /// Makes everything ready; the count begins when the state machine is enabled.
-    pub(crate) fn prepare(&mut self) {
+    /// Makes everything ready; the count begins when the state machine is enabled. Returns whether the line is active.
+    pub(crate) fn prepare(&mut self) -> bool {
         self.stop();
         self.machine.clear_fifos();
         self.machine.restart();
-        let pin = usize::from(self.pin.pin());
-        let active = IO_BANK0.gpio(pin).status().read().infrompad() != self.active_low;
+        let active = self.is_high() != self.active_low;
         let entry = u16::from(self.entry[usize::from(active)]);
         // SAFETY: the machine is disabled; the first sets X, the second (`jmp entry`) begins the program.
         unsafe {
@@ -148,6 +239,8 @@ impl<const SM: usize> Capture<SM> {
         self.edges = None;
         self.lost = false;
         self.next = None;
+        self.noted = 0;
+        self.last = [None; 2];
 
         let ch = DMA.ch(self.channel);
         ch.read_addr().write_value(self.machine.rx_fifo_ptr() as u32);
@@ -162,12 +255,21 @@ impl<const SM: usize> Capture<SM> {
         control.set_treq_sel(self.machine.rx_treq());
         control.set_chain_to(self.channel as u8);
         ch.ctrl_trig().write_value(control);
+        active
     }
 
     /// Looks which edges have arrived: those that can be [peeked](Self::peek) at from now on.
     pub(crate) fn look(&mut self) {
         self.known = self.edges.unwrap_or_else(|| self.arrived());
         self.lost |= self.known - self.taken > MOST_WAITING || self.taken == MOST_EDGES;
+    }
+
+    /// When the next edge in the same direction as the one that was taken last came, if it has come by now; `elapsed` as in
+    /// [`peek`](Self::peek).
+    pub(crate) fn next_like_it(&mut self, elapsed: Ticks) -> Option<Ticks> {
+        self.look();
+        let some = self.known - self.taken >= 2 && !self.lost;
+        some.then(|| time_of(self.stored(self.taken + 1), elapsed))
     }
 
     /// Whether there is no edge to peek at.
@@ -241,6 +343,7 @@ impl<const SM: usize> Capture<SM> {
 
     /// Stops storing. The state machine is disabled by the engine, together with the others.
     pub(crate) fn stop(&mut self) {
+        self.edges = Some(self.noted);
         abort([self.channel]);
     }
 }

@@ -10,28 +10,70 @@
 //! When the link is slower than the telemetry, step records are dropped and counted rather than delaying a
 //! response; the host measures again what it has no record of.
 
+mod engine;
+mod photo;
 mod reports;
+mod series;
 
-use heapless::Deque;
+use heapless::{Deque, Vec};
 use rcg_protocol::{
-    Counters, Event, Extent, Fault, Identity, Info, PROTOCOL_VERSION, Pace, Reply, Request, SCHEMA_HASH, Seq,
-    SessionId, Start, State, Status, StepFlags, Ticks, ToDevice, ToHost,
+    Aux, Chip, Command, Counters, Fault, Identity, Info, Input, Inputs, PROTOCOL_VERSION, Reply, Request,
+    Reset, SCHEMA_HASH, Seq, SessionId, Start, State, Status, Ticks, ToDevice, ToHost, Unit,
 };
 
-use crate::burst::{Burst, SLACK_US, STEP_COST_US};
+use crate::burst::STEP_COST_US;
+use crate::edges::Filter;
+use crate::kept::{self, Kept};
 use crate::outbox::Outbox;
-use crate::pulse::{FREE_OVERHEAD, LONGEST_PERIOD, PACED_OVERHEAD, SYNC_LATENCY};
+use crate::pulse::{FREE_OVERHEAD, LONGEST_PERIOD, PACED_OVERHEAD};
 use crate::sequencer::{Fetched, Sequencer};
 use crate::store::{MAX_STEPS, MAX_WORDS};
-use crate::vsync::{Regularity, VsyncWatch};
-use crate::witness::{Sighting, Witness};
+use crate::vsync::VsyncWatch;
+use crate::witness::Witness;
+use photo::PhotoLog;
+use reports::Ration;
 
 /// Step records wait at most this part of a second for their batch to fill: 20 ms.
 const FLUSHES_PER_SECOND: u32 = 50;
 /// From one poll to the next, and until the outputs have followed.
 const LATENESS_US: u32 = 1_500;
+/// From the answer that the box leaves for its boot loader until it does: any link has sent it by then.
+const FAREWELL_US: u32 = 50_000;
+/// Requests that can wait for the end of a run: as many as there are answers at a time. One more is answered when it is
+/// asked again.
+const UNANSWERED: usize = crate::outbox::OUTBOX;
 /// A stream reports room again when this many steps were played.
 const ROOM_EVERY: u64 = 64;
+
+/// A box that is none.
+const SIMULATED: Unit = Unit {
+    serial: 0,
+    commit: 0,
+    modified: false,
+    chip: Chip::Simulated,
+    reset: Reset::PowerOn,
+};
+
+/// Inputs that nobody has looked at.
+const NOTHING_SEEN: Inputs = {
+    Inputs {
+        at: Ticks::ZERO,
+        since: Ticks::ZERO,
+        sync: UNSEEN,
+        strobe: UNSEEN,
+    }
+};
+
+/// An input that nobody has looked at.
+const UNSEEN: Input = Input {
+    high: false,
+    pulled_up: false,
+    edges: None,
+    last: [None; 2],
+};
+
+/// All lines low at rest.
+const LOW: Kept = kept::kept([0; 4]);
 
 /// What the caller has to do.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -53,12 +95,17 @@ pub enum EngineCommand {
     /// Bring both outputs to rest now and forget what was fetched; then report what is left to report, how many
     /// steps were [fired](Session::fired), and [`Session::halted`].
     Halt,
+    /// Count edges of the inputs from now on.
+    Watch,
+    /// Keep these polarities over resets, and rest like that. The engine rests.
+    Keep(Kept),
 }
 
 /// One controller's end of the conversation.
 #[derive(Debug)]
 pub struct Session {
     clock_hz: u32,
+    unit: Unit,
     id: SessionId,
     nonce: Option<u32>,
     last: Option<(Seq, Result<Reply, Fault>)>,
@@ -69,15 +116,37 @@ pub struct Session {
     /// How long the host may be silent in this run; zero for ever.
     dead_man: Ticks,
     engine: Option<EngineCommand>,
-    /// The engine was told to halt and has not said yet how far it got.
-    halting: bool,
+    /// The engine was told to halt in this state and has not said yet how far it got: the run is not over.
+    halting: Option<State>,
     /// Whether steps have records.
     witnessed: bool,
-    /// The abort that is answered then, and when it came.
-    unanswered: Option<(Seq, Ticks)>,
+    /// Requests that are answered then with how things stand, and when they came.
+    unanswered: Vec<(Seq, Ticks), UNANSWERED>,
     /// Paced steps whose SYNC edge has not come: their trigger counts from it.
     awaiting_sync: Deque<Fetched, 4>,
     witness: Witness,
+    /// What of STROBE is shorter is a glitch, in the next run …
+    shortest_strobe: Ticks,
+    /// … and in this one.
+    filter: Filter,
+    spurious: Ration,
+    /// As last [seen](Self::seen).
+    inputs: Inputs,
+    /// What is kept over resets.
+    kept: Kept,
+    /// What further lines do in the next schedule that is loaded.
+    aux: Aux,
+    photo: PhotoLog,
+    /// As last [seen](Self::photo_seen).
+    photo_input: Input,
+    /// Runs of a series, from the next one on that the host arms; 0 for ever.
+    runs: u32,
+    /// Runs of this series that are still to come; `None` for ever.
+    runs_left: Option<u32>,
+    /// The next one is armed and starts at the next poll.
+    starts_again: bool,
+    /// The boot loader was asked for at this time.
+    leaves: Option<Ticks>,
     outbox: Outbox,
     sequencer: Sequencer,
 }
@@ -88,11 +157,24 @@ impl Session {
     pub const fn new(clock_hz: u32, seed: u32) -> Self {
         Self {
             clock_hz,
+            unit: SIMULATED,
             id: SessionId(seed),
             nonce: None,
             last: None,
             sequencer: Sequencer::new().with_step_cost(micros(STEP_COST_US, clock_hz)),
             witness: Witness::new(),
+            shortest_strobe: Ticks::ZERO,
+            filter: Filter::new(Ticks::ZERO),
+            spurious: Ration::FULL,
+            inputs: NOTHING_SEEN,
+            kept: LOW,
+            aux: Aux::resting(LOW.aux),
+            photo: PhotoLog::new(),
+            photo_input: UNSEEN,
+            runs: 1,
+            runs_left: Some(0),
+            starts_again: false,
+            leaves: None,
             vsync: VsyncWatch::new(),
             awaiting_sync: Deque::new(),
             counters: Counters {
@@ -109,10 +191,21 @@ impl Session {
             dead_man: Ticks::ZERO,
             outbox: Outbox::new(),
             engine: None,
-            halting: false,
+            halting: None,
             witnessed: true,
-            unanswered: None,
+            unanswered: Vec::new(),
         }
+    }
+
+    /// Is from now on this box, which keeps the polarity `kept`, with a clock of `clock_hz` and sessions that count from `seed`. To be called before anything is
+    /// asked: a session is a good part of a small memory, and is made where it stays, before the clock is known.
+    pub const fn boot(&mut self, unit: Unit, kept: Kept, clock_hz: u32, seed: u32) {
+        self.unit = unit;
+        self.kept = kept;
+        self.aux = Aux::resting(kept.aux);
+        self.clock_hz = clock_hz;
+        self.id = SessionId(seed);
+        self.sequencer.set_step_cost(micros(STEP_COST_US, clock_hz));
     }
 
     /// The sequencer, to look at.
@@ -153,6 +246,26 @@ impl Session {
         self.outbox.discard();
     }
 
+    /// What stands at the inputs: to be told before [`Request::Inputs`] is passed on.
+    pub fn seen(&mut self, inputs: Inputs) {
+        self.inputs = inputs;
+    }
+
+    /// Whether the box is to go to its boot loader at `now`: it was asked to, has said so, and no run goes on.
+    #[must_use]
+    pub fn leaves(&self, now: Ticks) -> bool {
+        let farewell = micros(FAREWELL_US, self.clock_hz);
+        let said = self
+            .leaves
+            .is_some_and(|asked| now.saturating_sub(asked) >= farewell);
+        said && self.halting.is_none() && self.sequencer.check(Command::Boot).is_ok()
+    }
+
+    /// `records` step records were sent to nobody.
+    pub fn records_lost(&mut self, records: u32) {
+        self.counters.records_lost = self.counters.records_lost.saturating_add(records);
+    }
+
     /// A frame came that could not be decoded.
     pub fn corrupt_frame(&mut self) {
         self.counters.corrupt += 1;
@@ -186,19 +299,25 @@ impl Session {
                     Ok(Reply::Status(_)) => Ok(Reply::Status(self.status(now))),
                     other => other,
                 };
-                self.respond(session, seq, result);
+                self.answer(now, seq, result);
             }
             Some((last, _)) if seq < last => self.counters.stale += 1,
             _ => {
                 self.counters.executed += 1;
                 let result = self.execute(now, request);
                 self.last = Some((seq, result));
-                if self.halting {
-                    self.unanswered = Some((seq, now));
-                } else {
-                    self.respond(session, seq, result);
-                }
+                self.answer(now, seq, result);
             }
+        }
+    }
+
+    /// Answers request `seq` of the present session; with how things stand, if that is what it is about, once the engine
+    /// has said how far the run got.
+    fn answer(&mut self, now: Ticks, seq: Seq, result: Result<Reply, Fault>) {
+        if self.halting.is_none() || !matches!(result, Ok(Reply::Status(_))) {
+            self.respond(self.id, seq, result);
+        } else if self.unanswered.iter().all(|&(waiting, _)| waiting != seq) {
+            self.unanswered.push((seq, now)).ok();
         }
     }
 
@@ -210,6 +329,10 @@ impl Session {
             self.id = SessionId(self.id.0.wrapping_add(1));
             self.nonce = Some(nonce);
             self.last = None;
+            self.unanswered.clear();
+            self.shortest_strobe = Ticks::ZERO;
+            self.aux = Aux::resting(self.kept.aux);
+            self.runs = 1;
         }
         let identity = Identity {
             protocol: PROTOCOL_VERSION,
@@ -221,12 +344,36 @@ impl Session {
     }
 
     fn execute(&mut self, now: Ticks, request: &Request) -> Result<Reply, Fault> {
+        if let (Some(state), Some(command)) = (self.halting, begins_anew(request)) {
+            return Err(Fault::Refused { command, state });
+        }
         match request {
             Request::Hello { .. } | Request::Status => {}
             Request::Ping(number) => return Ok(Reply::Pong(*number)),
             Request::Describe => return Ok(Reply::Info(self.info())),
+            Request::Identify => return Ok(Reply::Unit(self.unit)),
+            Request::Filter { strobe } => self.shortest_strobe = *strobe,
+            Request::Inputs => return Ok(Reply::Inputs(self.inputs)),
+            Request::Kept => return Ok(Reply::Kept(self.kept.lines)),
+            Request::KeptAux => return Ok(Reply::KeptAux(self.kept.aux)),
+            Request::Photo => return Ok(Reply::Photo(self.photo_now())),
+            Request::Aux(aux) => self.aux = *aux,
+            Request::Repeat { runs } => self.runs = *runs,
+            Request::Watch => {
+                self.sequencer.check(Command::Watch)?;
+                self.engine = Some(EngineCommand::Watch);
+            }
+            &Request::Keep(lines) => self.keep(Kept { lines, ..self.kept })?,
+            &Request::KeepAux(aux) => {
+                self.keep(Kept { aux, ..self.kept })?;
+                self.aux.polarity = aux;
+            }
+            Request::Boot => {
+                self.sequencer.check(Command::Boot)?;
+                self.leaves = Some(now);
+            }
             Request::Load(program) => {
-                self.sequencer.load(*program)?;
+                self.sequencer.load_with(*program, self.aux)?;
                 return Ok(Reply::Room {
                     steps: self.sequencer.room(),
                 });
@@ -238,31 +385,31 @@ impl Session {
                 });
             }
             Request::Arm => {
-                let run = self.sequencer.arm()?;
-                let program = self.sequencer.program();
-                self.dead_man = program.map_or(Ticks::ZERO, |p| p.dead_man.to_ticks(self.clock_hz));
-                self.witness.clear();
-                self.awaiting_sync.clear();
-                self.vsync = VsyncWatch::new();
-                self.witnessed = true;
-                self.outbox.batch().clear();
-                self.engine = Some(EngineCommand::Prime);
+                let run = self.arm()?;
+                self.runs_left = self.runs.checked_sub(1);
                 return Ok(Reply::Armed { run });
             }
-            Request::Start => {
-                self.sequencer.start()?;
-                let start = self.sequencer.program().map_or(Start::AtOnce, |p| p.start);
-                self.engine = Some(EngineCommand::Go(start));
-            }
+            Request::Start => self.start()?,
             Request::Stop => self.sequencer.stop()?,
             Request::Abort => {
+                let state = self.sequencer.state();
                 if self.sequencer.abort() {
-                    self.halt();
+                    self.halt(state);
                 }
             }
             Request::Clear => self.sequencer.clear()?,
         }
         Ok(Reply::Status(self.status(now)))
+    }
+
+    /// Keeps this over resets, if it is another one than before.
+    fn keep(&mut self, kept: Kept) -> Result<(), Fault> {
+        self.sequencer.check(Command::Keep)?;
+        if kept != self.kept {
+            self.kept = kept;
+            self.engine = Some(EngineCommand::Keep(kept));
+        }
+        Ok(())
     }
 
     fn info(&self) -> Info {
@@ -290,145 +437,18 @@ impl Session {
         }
     }
 
-    /// The loaded table as a burst, if its steps are too short and too many to be told one by one.
-    /// Then no step has a record, which is counted, and none is left to [`next_step`](Self::next_step). To be
-    /// asked for when the engine is primed.
-    pub fn burst(&mut self, slice_for: Ticks) -> Option<Burst> {
-        let slack = micros(SLACK_US, self.clock_hz);
-        let burst = self.sequencer.burst(slack, slice_for);
-        self.witnessed = burst.is_none();
-        burst
-    }
-
-    /// The next step for the engine, its words handed to `take` in one piece or two; `None` if it shall let what it
-    /// has run out.
-    pub fn next_step(&mut self, take: impl FnMut(&[u32])) -> Option<Fetched> {
-        if self.awaiting_sync.is_full() {
-            return None; // a paced engine fetches a step or two ahead, never this many
-        }
-        let fetched = self.sequencer.next_step(take)?;
-        let paced = self
-            .sequencer
-            .program()
-            .is_some_and(|p| p.pace == Pace::EachOnSync);
-        if paced {
-            self.awaiting_sync.push_back(fetched).ok();
-        } else {
-            self.announce(&fetched, fetched.begins);
-        }
-        Some(fetched)
-    }
-
-    fn announce(&mut self, fetched: &Fetched, begins: Ticks) {
-        let at = fetched.trigger.map_or(begins, |offset| begins + offset);
-        if let Some(record) = self.witness.announce(fetched.step, at, fetched.trigger.is_some()) {
-            self.record(record, at);
-        }
-    }
-
-    /// The first step began at `at` on the controller's clock. All later times of the run count from it.
-    pub fn begun(&mut self, at: Ticks) {
-        self.sequencer.begun(at);
-        self.send_event(Event::Started {
-            run: self.sequencer.run(),
-            at,
-        });
-    }
-
-    /// A SYNC edge of a paced run came at `edge` from its start, and may have begun the next step.
-    pub fn sync(&mut self, edge: Ticks, begins_step: bool) {
-        if begins_step && let Some(fetched) = self.awaiting_sync.pop_front() {
-            self.announce(&fetched, edge + Ticks(SYNC_LATENCY));
-        }
-        match self.vsync.edge(edge) {
-            Regularity::Regular => {}
-            Regularity::AfterMissing => self.witness.flag_newest(StepFlags::SYNC_MISSED),
-            Regularity::Extra => self.witness.flag_newest(StepFlags::SYNC_EXTRA),
-        }
-    }
-
-    /// The engine has fired `steps` steps of this run whole, at `now` from the start of the run.
-    pub fn fired(&mut self, steps: u64, now: Ticks) {
-        let before = self.sequencer.steps_done();
-        self.sequencer.fired(steps);
-        self.settle(now);
-        let streaming = self
-            .sequencer
-            .program()
-            .is_some_and(|p| p.extent == Extent::Stream);
-        if streaming && before / ROOM_EVERY != steps / ROOM_EVERY {
-            self.send_event(Event::Room {
-                run: self.sequencer.run(),
-                steps: self.sequencer.room(),
-            });
-        }
-    }
-
-    /// STROBE became active (or went to rest) at `at`, from the start of the run.
-    pub fn strobe(&mut self, active: bool, at: Ticks) {
-        if active {
-            self.settle(at);
-            if self.witness.strobe_on(at) == Sighting::Spurious {
-                self.counters.spurious_strobes += 1;
-                self.send_event(Event::SpuriousStrobe {
-                    run: self.sequencer.run(),
-                    on: at,
-                });
-            }
-        } else {
-            self.witness.strobe_off(at);
-        }
-    }
-
-    /// The engine has nothing more to play, and all edges up to `at` (from the start of the run) were reported. If
-    /// that is too soon the host was late.
-    pub fn drained(&mut self, at: Ticks) {
-        if self.sequencer.state() == State::Running {
-            self.sequencer.drained();
-            self.ended(at);
-        }
-    }
-
-    /// No SYNC edge came in time for the next step.
-    pub fn sync_missing(&mut self) {
-        let step = rcg_protocol::StepId(self.sequencer.steps_done());
-        if self.sequencer.fail(Fault::SyncTimeout { step }) {
-            self.halt();
-        }
-    }
-
-    /// The engine lost its timing.
-    pub fn engine_failed(&mut self) {
-        if self.sequencer.fail(Fault::Engine) {
-            self.halt();
-        }
-    }
-
-    fn halt(&mut self) {
-        self.engine = Some(EngineCommand::Halt);
-        self.halting = true;
-    }
-
-    /// The engine has halted at `at` from the start of the run, and everything up to then was reported.
-    pub fn halted(&mut self, at: Ticks) {
-        if !core::mem::take(&mut self.halting) {
-            return;
-        }
-        self.ended(at);
-        if let Some((seq, now)) = self.unanswered.take() {
-            let result = Ok(Reply::Status(self.status(now)));
-            self.respond(self.id, seq, result);
-        }
-    }
-
     /// To be called every millisecond: the dead-man time-out, and batches that have waited too long.
     pub fn poll(&mut self, now: Ticks) {
         let dead_man = self.dead_man;
         let silent = now.saturating_sub(self.last_heard);
         // The outputs have to be low within the time that was set, and the next poll would be too late.
         let early = micros(LATENESS_US, self.clock_hz).min(Ticks(dead_man.0 / 8));
-        if dead_man > Ticks::ZERO && silent + early > dead_man && self.sequencer.fail(Fault::HostLost) {
-            self.halt();
+        if dead_man > Ticks::ZERO && silent + early > dead_man {
+            self.fail(Fault::HostLost);
+        }
+        if self.starts_again && self.engine.is_none() {
+            self.starts_again = false;
+            self.start().ok(); // it may have been aborted meanwhile
         }
         let flush_after = Ticks(u64::from(self.clock_hz / FLUSHES_PER_SECOND));
         if let Some(started) = self.sequencer.started() {
@@ -436,7 +456,25 @@ impl Session {
             if !self.outbox.batch().is_empty() && in_run.saturating_sub(self.batch_since) > flush_after {
                 self.flush();
             }
+            if self.photo.has_waited(in_run, flush_after) {
+                self.flush_photo();
+            }
         }
+    }
+}
+
+/// What a request commands that takes the schedule or the engine from the run before.
+const fn begins_anew(request: &Request) -> Option<Command> {
+    match request {
+        Request::Load(_) => Some(Command::Load),
+        Request::Arm => Some(Command::Arm),
+        Request::Start => Some(Command::Start),
+        Request::Stop => Some(Command::Stop),
+        Request::Clear => Some(Command::Clear),
+        Request::Watch => Some(Command::Watch),
+        Request::Boot => Some(Command::Boot),
+        Request::Keep(_) | Request::KeepAux(_) => Some(Command::Keep),
+        _ => None,
     }
 }
 

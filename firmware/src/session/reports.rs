@@ -5,19 +5,63 @@ use rcg_protocol::{Event, Fault, Reply, Response, Seq, SessionId, Status, StepRe
 use super::Session;
 
 /// Places in the outbox that telemetry leaves to responses.
-const RESERVED: usize = 4;
+pub(super) const RESERVED: usize = 4;
+
+/// Spurious strobes that are told one by one in a second, beyond [`SPURIOUS_AT_ONCE`]: a tenth of what a UART carries.
+const SPURIOUS_PER_SECOND: u64 = 500;
+/// Spurious strobes that are told one by one however quickly they come.
+const SPURIOUS_AT_ONCE: u64 = 16;
+
+/// How many events of one kind may still be told. A noisy line shall not displace what else there is to say; all are counted.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Ration {
+    left: u64,
+    /// When `left` was last a whole number.
+    since: Ticks,
+}
+
+impl Ration {
+    /// Nothing told.
+    pub(super) const FULL: Self = Self {
+        left: SPURIOUS_AT_ONCE,
+        since: Ticks::ZERO,
+    };
+
+    /// Whether one may be told at `at`, on a clock of `clock_hz`.
+    fn take(&mut self, at: Ticks, clock_hz: u32) -> bool {
+        let each = u64::from(clock_hz) / SPURIOUS_PER_SECOND;
+        let more = at.saturating_sub(self.since).0 / each;
+        self.since += Ticks(more * each);
+        self.left = (self.left + more).min(SPURIOUS_AT_ONCE);
+        let some = self.left > 0;
+        self.left -= u64::from(some);
+        some
+    }
+}
 
 impl Session {
+    pub(super) fn spurious(&mut self, at: Ticks) {
+        self.counters.spurious_strobes = self.counters.spurious_strobes.saturating_add(1);
+        if self.spurious.take(at, self.clock_hz) {
+            self.send_event(Event::SpuriousStrobe {
+                run: self.sequencer.run(),
+                on: at,
+            });
+        }
+    }
+
     pub(super) fn ended(&mut self, at: Ticks) {
         if !self.witnessed {
             let unseen = u32::try_from(self.sequencer.steps_done()).unwrap_or(u32::MAX);
-            self.counters.records_lost = self.counters.records_lost.saturating_add(unseen);
+            self.records_lost(unseen);
         }
+        self.take_settled_strobe(Ticks(u64::MAX));
         while let Some(record) = self.witness.last(at) {
             self.record(record, at);
         }
         self.witness.clear();
         self.awaiting_sync.clear();
+        self.end_photo(at);
         self.flush();
         let Status {
             state,
@@ -62,16 +106,16 @@ impl Session {
             self.outbox.push_batch(self.sequencer.run());
         } else {
             self.outbox.batch().clear();
-            self.counters.records_lost += records;
+            self.records_lost(records);
         }
     }
 
     pub(super) fn send_event(&mut self, event: Event) {
         // The end of a run may use the reserve: the host waits for it.
-        let reserve = if matches!(event, Event::Ended { .. }) {
-            0
-        } else {
-            RESERVED
+        let reserve = match &event {
+            Event::Ended { .. } => 0,
+            Event::Photo { pulses, .. } if pulses.is_empty() => 1,
+            _ => RESERVED,
         };
         if self.outbox.room() > reserve {
             self.outbox.push(ToHost::Event(event));

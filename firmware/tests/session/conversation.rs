@@ -2,10 +2,11 @@
 
 use proptest::collection::vec;
 use proptest::prelude::*;
+use rcg_firmware::kept::Kept;
 use rcg_firmware::session::{EngineCommand, Session};
 use rcg_protocol::{
-    Command, Extent, Fault, Identity, PROTOCOL_VERSION, Program, Reply, Request, Response, SCHEMA_HASH, Seq,
-    SessionId, Start, State, Ticks, ToDevice,
+    Command, Extent, Fault, Identity, Input, Inputs, PROTOCOL_VERSION, Polarity, Program, Reply, Request,
+    Response, SCHEMA_HASH, Seq, SessionId, Start, State, Ticks, ToDevice,
 };
 
 use crate::bench::{Bench, CLOCK_HZ, PERIOD, STEP, table};
@@ -209,4 +210,75 @@ proptest! {
         let primes = bench.engine.iter().filter(|&&engine| engine == EngineCommand::Prime).count();
         prop_assert_eq!(primes, bench.status().run as usize);
     }
+}
+
+fn keep(lines: Polarity) -> EngineCommand {
+    EngineCommand::Keep(Kept {
+        lines,
+        ..Kept::default()
+    })
+}
+
+#[test]
+fn what_touches_the_lines_or_leaves_waits_until_no_run_goes_on() {
+    let low = Polarity {
+        cam_active_low: true,
+        ..Polarity::default()
+    };
+    let asked = [
+        (Request::Watch, Command::Watch, Some(EngineCommand::Watch)),
+        (Request::Boot, Command::Boot, None),
+        (Request::Keep(low), Command::Keep, Some(keep(low))),
+    ];
+    let farewell = 2 * PERIOD * 50;
+    for (request, command, engine) in asked {
+        let mut bench = Bench::new();
+        bench.load(table(1, 1), &[STEP]);
+        bench.ask(0, Request::Arm).unwrap();
+        let refused = |state| Err(Fault::Refused { command, state });
+        assert_eq!(bench.ask(0, request.clone()), refused(State::Armed));
+        bench.ask(0, Request::Start).unwrap();
+        assert_eq!(bench.ask(0, request.clone()), refused(State::Running));
+        bench.ask(0, Request::Abort).unwrap();
+        bench.engine.clear();
+        assert!(!bench.session.leaves(Ticks(farewell)), "nobody has asked for it");
+        assert!(matches!(bench.ask(0, request), Ok(Reply::Status(_))));
+        assert_eq!(bench.engine, Vec::from_iter(engine));
+        let leaves = command == Command::Boot;
+        assert_eq!(bench.session.leaves(Ticks(farewell)), leaves);
+        assert!(!bench.session.leaves(Ticks(PERIOD)), "the answer is on its way");
+        // A run that was armed since keeps the box.
+        bench.ask(0, Request::Arm).unwrap();
+        assert!(!bench.session.leaves(Ticks(farewell)));
+        let kept = bench.ask(0, Request::Kept).unwrap();
+        let expected = if command == Command::Keep {
+            low
+        } else {
+            Polarity::default()
+        };
+        assert_eq!(kept, Reply::Kept(expected));
+    }
+    // What is kept already is not written again.
+    let mut bench = Bench::new();
+    for polarity in [Polarity::default(), low, low] {
+        bench.ask(0, Request::Keep(polarity)).unwrap();
+    }
+    assert_eq!(bench.engine, [keep(low)]);
+}
+
+#[test]
+fn inputs_are_told_as_they_were_seen() {
+    let mut bench = Bench::new();
+    let sync = Input {
+        high: true,
+        edges: Some(7),
+        ..Input::default()
+    };
+    let inputs = Inputs {
+        at: Ticks(9),
+        sync,
+        ..Inputs::default()
+    };
+    bench.session.seen(inputs);
+    assert_eq!(bench.ask(0, Request::Inputs), Ok(Reply::Inputs(inputs)));
 }

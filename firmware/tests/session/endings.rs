@@ -1,7 +1,7 @@
 //! How runs end that do not end by themselves.
 
 use rcg_firmware::session::{EngineCommand, Session};
-use rcg_protocol::{Event, Fault, Micros, Program, Reply, Request, State, StepId, Ticks};
+use rcg_protocol::{Event, Fault, Line, Micros, Program, Reply, Request, State, StepId, Ticks};
 
 use crate::bench::{Bench, CLOCK_HZ, PERIOD, STEP, table};
 
@@ -125,13 +125,21 @@ fn any_frame_keeps_the_run_alive_and_zero_means_for_ever() {
 }
 
 #[test]
-fn a_missing_sync_edge_and_a_lost_engine_end_the_run_by_name() {
+fn what_ends_a_run_is_named() {
     for (lose, fault) in [
         (
             Session::sync_missing as fn(&mut Session),
             Fault::SyncTimeout { step: StepId(2) },
         ),
         (Session::engine_failed, Fault::Engine),
+        (
+            |session| session.input_too_fast(Line::Strobe),
+            Fault::InputTooFast { line: Line::Strobe },
+        ),
+        (
+            |session| session.sync_unclear(StepId(2)),
+            Fault::SyncUnclear { step: StepId(2) },
+        ),
     ] {
         let mut bench = Bench::new();
         bench.load(table(4, 1), &[STEP; 4]);

@@ -3,4 +3,6 @@
 mod bench;
 mod conversation;
 mod endings;
+mod halting;
+mod lines;
 mod telemetry;

@@ -3,7 +3,7 @@
 use rcg_firmware::pulse::SYNC_LATENCY;
 use rcg_protocol::{
     Event, Extent, Pace, Program, RECORDS_PER_EVENT, Reply, Request, State, StepFlags, StepId, StepRecord,
-    Strobe, Ticks,
+    Strobe, Ticks, ToHost,
 };
 
 use crate::bench::{Bench, MS, PERIOD, STEP, table};
@@ -132,6 +132,86 @@ fn spurious_strobes_are_told_and_counted() {
     };
     assert_eq!(bench.events, [spurious(1000), spurious(2000)]);
     assert_eq!(bench.status().counters.spurious_strobes, 2);
+}
+
+/// A camera whose line rings when its exposure begins and ends.
+#[test]
+fn glitches_of_strobe_are_left_out_when_that_is_wanted() {
+    for (shortest, double) in [(0, true), (20, false)] {
+        let mut bench = Bench::new();
+        bench.load(table(1, 20), &[STEP]);
+        bench
+            .ask(
+                0,
+                Request::Filter {
+                    strobe: Ticks(shortest),
+                },
+            )
+            .unwrap();
+        bench.go(0);
+        while bench.session.next_step(|_| ()).is_some() {}
+        for step in 0..20 {
+            let begins = step * PERIOD;
+            for (active, at) in [
+                (true, 250),
+                (false, 255),
+                (true, 259),
+                (false, 550),
+                (true, 553),
+                (false, 561),
+            ] {
+                bench.session.strobe(active, Ticks(begins + at));
+                bench.session.fired(step, Ticks(begins + at + 2));
+            }
+            bench.session.fired(step + 1, Ticks(begins + PERIOD));
+            bench.actions();
+        }
+        bench.session.drained(Ticks(20 * PERIOD));
+        bench.actions();
+        let records = bench.records();
+        assert_eq!(records.len(), 20);
+        for record in records {
+            assert_eq!(record.flags.contains(StepFlags::DOUBLE), double);
+            let Strobe { delay, width } = record.strobe.unwrap();
+            assert!(double || (delay, width) == (Ticks(59), Ticks(302)), "{record:?}");
+        }
+    }
+}
+
+/// A hundred thousand strobes a second that nobody triggered: all are counted, some are told, and no record is lost to them.
+#[test]
+fn noise_displaces_no_record() {
+    let mut bench = Bench::new();
+    let steps = 400;
+    bench.load(table(1, steps), &[STEP]);
+    bench.go(0);
+    for step in 0..u64::from(steps) {
+        while bench.session.next_step(|_| ()).is_some() && bench.session.sequencer().room() > 0 {}
+        for noise in 0..100 {
+            bench.session.strobe(true, Ticks(step * PERIOD + noise * 1250));
+            bench
+                .session
+                .strobe(false, Ticks(step * PERIOD + noise * 1250 + 100));
+        }
+        bench.session.fired(step + 1, Ticks((step + 1) * PERIOD));
+        // The link takes a few messages in each millisecond.
+        for _ in 0..2 {
+            if let Some(ToHost::Event(event)) = bench.session.message() {
+                bench.events.push(event.clone());
+                bench.session.message_sent();
+            }
+        }
+    }
+    bench.session.drained(Ticks(u64::from(steps) * PERIOD));
+    bench.actions();
+    assert_eq!(bench.records().len(), steps as usize);
+    let told = bench
+        .events
+        .iter()
+        .filter(|event| matches!(event, Event::SpuriousStrobe { .. }));
+    let told = told.count();
+    assert!((100..=16 + 200 + 1).contains(&told), "{told}");
+    assert!(bench.status().counters.spurious_strobes > 39_000);
 }
 
 #[test]

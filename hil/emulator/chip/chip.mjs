@@ -6,16 +6,23 @@
 // second-stage boot loader, at the rate of the ring oscillator.
 import { IRQ, RP2040 } from '../stock.mjs';
 import { CycleClock } from './clock.mjs';
+import { bootRom } from './boot-rom.mjs';
 import { Cpu } from './cpu.mjs';
+import { FlashCache } from './flash-cache.mjs';
 import { paceDma, resetDma } from './dma.mjs';
 import { Pad } from '../lines/wires.mjs';
 import { Pio } from './pio.mjs';
 import { Ppb } from './ppb.mjs';
-import { Registers, Resets, Rosc, VREG_AND_CHIP_RESET } from './registers.mjs';
+import { Registers, Resets, Rosc, VREG_AND_CHIP_RESET, XIP } from './registers.mjs';
+import { Ssi } from './ssi.mjs';
 import { Uart } from './uart.mjs';
 import { UsbDevice } from './usb-device.mjs';
 
 const VECTORS = 0x10000100;
+const SSI = 0x18000;
+const XIP_CTRL = 0x14000;
+/** The number of a flash that was given none. */
+const UNIQUE_ID = [0xe6, 0x61, 0xa4, 0xd4, 0x17, 0x70, 0xa0, 0x01];
 const UART0 = 0x40034;
 const UART1 = 0x40038;
 const RESETS = 0x4000c;
@@ -43,6 +50,7 @@ export class Chip {
     if (before) this.takeOver(before.mcu);
 
     mcu.core = new Cpu(mcu);
+    if (options.flashCache) mcu.core.cache = new FlashCache();
     mcu.ppb = new Ppb(mcu, 'PPB', () => time.requestReset());
     mcu.gpio = mcu.gpio.map((_, index) => new Pad(mcu, index, wires));
     paceDma(mcu.dma);
@@ -52,10 +60,13 @@ export class Chip {
       mcu.peripherals[address] = pio;
       return pio;
     });
+    mcu.peripherals[SSI] = new Ssi(mcu, 'SSI', options.uniqueId ?? UNIQUE_ID);
+    mcu.bootrom.set(bootRom());
     mcu.uart = mcu.uart.map((stock) => new Uart(mcu, stock.name, stock.irq, stock.dreq));
     mcu.peripherals[UART0] = mcu.uart[0];
     mcu.peripherals[UART1] = mcu.uart[1];
     mcu.peripherals[ROSC] = new Rosc(mcu, 'ROSC', time.random);
+    mcu.peripherals[XIP_CTRL] = new Registers(mcu, 'XIP_CTRL', XIP);
     mcu.peripherals[VREG] = new Registers(mcu, 'VREG_AND_CHIP_RESET', VREG_AND_CHIP_RESET);
     mcu.peripherals[RESETS] = new Resets(mcu, 'RESETS', {
       2: () => resetDma(mcu.dma),

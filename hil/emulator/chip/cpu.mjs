@@ -8,8 +8,10 @@
 // The stock interpreter tries some sixty comparisons per instruction, and knows no faults: what cannot be
 // executed or reached is logged and passed over, so that a hard fault never comes.
 //
+// With a cache (flash-cache.mjs) an instruction takes longer by what its own code and its data have to be waited for.
+//
 // # Tradeoffs
-// Code takes no time to come from flash, and buses are never contended.
+// Without one code takes no time to come from flash. Buses are never contended, and nothing is fetched ahead.
 import { Alu } from './alu.mjs';
 import { FAULT } from './memory.mjs';
 
@@ -26,14 +28,21 @@ const PC = 15;
 export class Cpu extends Alu {
   /** Executes one instruction, or enters an exception. Returns the cycles that it takes. */
   executeInstruction() {
-    if (this.interruptsUpdated && this.checkForInterrupts()) return ENTRY_CYCLES;
+    if (this.interruptsUpdated && this.checkForInterrupts()) return ENTRY_CYCLES + this.waited();
     const address = this.registers[PC];
     try {
-      return this.execute(address);
+      return this.execute(address) + this.waited();
     } catch (error) {
       if (error !== FAULT) throw error;
-      return this.hardFault(address);
+      return this.hardFault(address) + this.waited();
     }
+  }
+
+  /** The cycles that flash was waited for since the last time. */
+  waited() {
+    const { flashWait } = this;
+    this.flashWait = 0;
+    return flashWait;
   }
 
   /** The instruction at `address` cannot be executed. A fault within a fault locks the core up. */

@@ -7,6 +7,9 @@ import { Core } from './core.mjs';
 const RAM = 0x20000000;
 const FLASH = 0x10000000;
 const BOOTROM_END = 0x4000;
+/** Where there is code of the boot ROM (boot-rom.mjs). */
+const ROM_CODE = 0x30;
+const ROM_CODE_END = 0x60;
 const DPRAM = 0x50100000;
 const DPRAM_END = 0x50101000;
 const APB = 0x4;
@@ -27,13 +30,21 @@ export class MemoryAccess extends Core {
     this.flash32 = new Uint32Array(flash.buffer);
     this.flash16 = new Uint16Array(flash.buffer);
     this.flash8 = flash;
+    /** The cache that flash is read through, or null if it takes no time. */
+    this.cache = null;
+    /** Cycles that flash was waited for. */
+    this.flashWait = 0;
   }
 
   fetch(address) {
     const flash = (address - FLASH) >>> 1;
-    if (flash < this.flash16.length) return this.flash16[flash];
+    if (flash < this.flash16.length) {
+      if (this.cache !== null) this.flashWait += this.cache.read(address);
+      return this.flash16[flash];
+    }
     const ram = (address - RAM) >>> 1;
     if (ram < this.ram16.length) return this.ram16[ram];
+    if (address >= ROM_CODE && address < ROM_CODE_END) return (this.rp2040.bootrom[address >>> 2] >>> (8 * (address & 2))) & 0xffff;
     throw FAULT;
   }
 
@@ -43,7 +54,10 @@ export class MemoryAccess extends Core {
     const ram = (address - RAM) >>> 2;
     if (address >= RAM && ram < this.ram32.length) return this.ram32[ram];
     const flash = (address - FLASH) >>> 2;
-    if (address >= FLASH && flash < this.flash32.length) return this.flash32[flash];
+    if (address >= FLASH && flash < this.flash32.length) {
+      if (this.cache !== null) this.flashWait += this.cache.read(address);
+      return this.flash32[flash];
+    }
     return this.onBus(address).readUint32(address) >>> 0;
   }
 
@@ -53,7 +67,10 @@ export class MemoryAccess extends Core {
     const ram = (address - RAM) >>> 1;
     if (address >= RAM && ram < this.ram16.length) return this.ram16[ram];
     const flash = (address - FLASH) >>> 1;
-    if (address >= FLASH && flash < this.flash16.length) return this.flash16[flash];
+    if (address >= FLASH && flash < this.flash16.length) {
+      if (this.cache !== null) this.flashWait += this.cache.read(address);
+      return this.flash16[flash];
+    }
     return this.onBus(address).readUint16(address);
   }
 
@@ -62,7 +79,10 @@ export class MemoryAccess extends Core {
     const ram = address - RAM;
     if (ram >= 0 && ram < this.ram8.length) return this.ram8[ram];
     const flash = address - FLASH;
-    if (flash >= 0 && flash < this.flash8.length) return this.flash8[flash];
+    if (flash >= 0 && flash < this.flash8.length) {
+      if (this.cache !== null) this.flashWait += this.cache.read(address);
+      return this.flash8[flash];
+    }
     return this.onBus(address).readUint8(address);
   }
 

@@ -45,6 +45,9 @@ export class Rosc extends Registers {
 /** Voltage regulator (in regulation), brown-out detector, and why the chip was reset: at power-up. */
 export const VREG_AND_CHIP_RESET = { 0x00: 0x10b1, 0x04: 0x91, 0x08: 0x100 };
 
+/** Flash cache: on, ready, counters, and no stream. */
+export const XIP = { 0x00: 3, 0x04: 0, 0x08: 2, 0x0c: 0, 0x10: 0, 0x14: 0, 0x18: 0 };
+
 const RESET = 0x0;
 const WDSEL = 0x4;
 const RESET_DONE = 0x8;

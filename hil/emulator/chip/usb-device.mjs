@@ -25,6 +25,7 @@ const PULLUP_EN = 1 << 16;
 const BUS_RESET = 1 << 19;
 const SETUP_REC = 1 << 17;
 const CONNECTED = 1 << 16;
+const RESUME = 1 << 11;
 const SUSPENDED = 1 << 4;
 const FRAME_NANOS = 1e6;
 
@@ -42,6 +43,7 @@ export class UsbDevice extends RPUSBController {
   }
 
   readUint32(offset) {
+    if (offset === SOF_RD && this.host?.stuckAt >= 0) return this.host.stuckAt;
     if (offset === SOF_RD) return Math.floor(this.rp2040.clock.nanos / FRAME_NANOS) & 0x7ff;
     return super.readUint32(offset);
   }
@@ -82,6 +84,11 @@ export class UsbDevice extends RPUSBController {
     return packet;
   }
 
+  /** Whether an IN endpoint holds a packet. */
+  inArmed(endpoint) {
+    return !!(this.rp2040.usbDPRAMView.getUint32(BUFFER_CONTROL + 8 * endpoint, true) & AVAILABLE);
+  }
+
   /** Length of the packet that an IN endpoint holds, in bytes. */
   inLength(endpoint) {
     return this.rp2040.usbDPRAMView.getUint32(BUFFER_CONTROL + 8 * endpoint, true) & LENGTH;
@@ -120,6 +127,12 @@ export class UsbDevice extends RPUSBController {
   /** The bus has been silent for 3 ms. */
   suspend() {
     this.sieStatus = (this.sieStatus & ~CONNECTED) | SUSPENDED;
+    this.sieStatusUpdated();
+  }
+
+  /** The host goes on. */
+  resume() {
+    this.sieStatus = (this.sieStatus & ~SUSPENDED) | RESUME | CONNECTED;
     this.sieStatusUpdated();
   }
 }

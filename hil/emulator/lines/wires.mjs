@@ -45,6 +45,8 @@ export class Wires {
     this.watched = watched;
     this.onEdge = onEdge;
     this.chip = null;
+    /** Lets the PIO see its inputs later, as the input synchroniser does; at once without. */
+    this.later = (action) => action();
   }
 
   /** Puts `chip` on the wires. */
@@ -86,7 +88,10 @@ export class Wires {
   }
 
   updateInputs() {
-    const inputs = this.chip.gpioValues >>> 0;
-    for (const pio of this.chip.pio) pio.setInputs(inputs);
+    const { chip } = this;
+    const inputs = chip.gpioValues >>> 0;
+    this.later(() => {
+      for (const pio of chip.pio) pio.setInputs(inputs);
+    });
   }
 }

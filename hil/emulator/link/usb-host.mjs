@@ -14,6 +14,7 @@ import {
 } from 'rp2040js';
 
 const MS = 1e6;
+const SOF_RD = 0x48;
 const PACKET = 64;
 const OVERHEAD_BYTES = 13;
 const NANOS_PER_BYTE = MS / (19 * (PACKET + OVERHEAD_BYTES));
@@ -88,8 +89,13 @@ export class UsbHost {
     this.clock = clock;
     this.receive = receive;
     this.plugged = true;
+    /** Whether packets of the device are asked for: a program that does not read lets the system stop. */
+    this.fetching = true;
+    /** The frame that was the last before the bus fell silent or the controller got stuck, or −1 while all works. */
+    this.stuckAt = -1;
     this.queue = [];
     this.forget();
+    this.dozing = clock.createAlarm(() => device.suspend());
     this.bus = clock.createAlarm(() => this.busEvent());
     this.control = clock.createAlarm(() => this.controlPacket());
     this.bulkIn = { alarm: clock.createAlarm(() => this.takeBulk()), free: 0 };
@@ -101,6 +107,32 @@ export class UsbHost {
   send(bytes) {
     for (const byte of bytes) this.queue.push(byte);
     this.pace(this.bulkOut, Math.min(this.queue.length, PACKET));
+  }
+
+  /** The controller hangs, as after an error on the bus: it takes nothing, gives nothing and counts no frame until a reset. */
+  wedge() {
+    this.stuckAt = this.device.readUint32(SOF_RD);
+    for (const alarm of [this.bus, this.control, this.bulkIn.alarm, this.bulkOut.alarm]) alarm.cancel();
+  }
+
+  /** The host goes to sleep, as a computer does, and takes the bus with it; or it wakes. */
+  doze(on) {
+    if (on) {
+      this.stuckAt = this.device.readUint32(SOF_RD);
+      for (const alarm of [this.bulkIn.alarm, this.bulkOut.alarm]) alarm.cancel();
+      this.dozing.schedule(SUSPEND_NANOS);
+      return;
+    }
+    this.dozing.cancel();
+    this.stuckAt = -1;
+    this.device.resume();
+    if (this.device.inArmed(this.endpoints.in)) this.armed(this.endpoints.in, false);
+    if (this.queue.length) this.pace(this.bulkOut, Math.min(this.queue.length, PACKET));
+  }
+
+  fetch(fetching) {
+    this.fetching = fetching;
+    if (fetching && this.device.inArmed(this.endpoints.in)) this.armed(this.endpoints.in, false);
   }
 
   plug(plugged) {
@@ -135,9 +167,9 @@ export class UsbHost {
   }
 
   armed(endpoint, out) {
-    if (!this.plugged) return;
+    if (!this.plugged || this.stuckAt >= 0) return;
     if (endpoint === 0) this.controlArmed(out);
-    else if (!out && endpoint === this.endpoints.in) this.pace(this.bulkIn, this.device.inLength(endpoint));
+    else if (!out && endpoint === this.endpoints.in && this.fetching) this.pace(this.bulkIn, this.device.inLength(endpoint));
     else if (out && endpoint === this.endpoints.out && this.queue.length) {
       this.pace(this.bulkOut, Math.min(this.queue.length, PACKET));
     }
@@ -232,7 +264,7 @@ export class UsbHost {
 
   /** Lets a packet of `length` bytes come through as soon as its direction is free. */
   pace(direction, length) {
-    if (direction.alarm.scheduled || this.phase === 'detached' || this.phase === 'silent') return;
+    if (direction.alarm.scheduled || this.stuckAt >= 0 || this.phase === 'detached' || this.phase === 'silent') return;
     const now = this.clock.nanos;
     direction.alarm.schedule(Math.max(direction.free, now) + packetNanos(length) - now);
   }

@@ -67,7 +67,7 @@ export function unframe(bytes) {
 export const step = ({ proj = [0, 0], cam = [0, 0], period }) => [...proj, ...cam, period].flatMap(varint);
 
 export class Box {
-  constructor({ image = readImage(ELF), bootMs = 5, ...options } = {}) {
+  constructor({ image = readImage(ELF), bootMs = 30, ...options } = {}) {
     this.machine = new Machine(image, options);
     this.seq = 0;
     this.session = 0;

@@ -12,7 +12,7 @@ const HZ = 125_000_000;
 const [PROJ, CAM, SYNC, STROBE] = [2, 3, 4, 5];
 /** 9,523 steps per second. */
 const STEP = step({ proj: [0, 1250], cam: [1000, 10_000], period: 13_125 });
-const USB = { link: 'usb', bootMs: 40 };
+const USB = { link: 'usb', bootMs: 70 };
 const NOWHERE = 0x60000000;
 
 const rises = (box, pin) => box.edges.filter(([, line, level]) => line === pin && level).map(([cycle]) => cycle);
@@ -48,6 +48,60 @@ test('a level is seen by the PIO in the cycle in which it is on the wire', { ski
   assert.equal(proj.length, 20);
   // The firmware's SYNC_LATENCY.
   assert.ok(proj.every((cycle, i) => cycle - sync[i] === 2));
+});
+
+test('with the input synchroniser the PIO sees a level two cycles later', { skip }, () => {
+  const box = new Box({ inputSync: true }).hello().load([STEP], 20, { paced: true });
+  box.machine.setVsync({ first: box.machine.cycle + 200_000, period: 20_001, width: 500 });
+  box.start().run(700_000);
+  const [sync, proj] = [SYNC, PROJ].map((pin) => rises(box, pin));
+  assert.equal(proj.length, 20);
+  assert.ok(proj.every((cycle, i) => cycle - sync[i] === 4));
+});
+
+test('nothing of a run waits for flash', { skip }, () => {
+  const box = new Box({ flashCache: true }).hello().load([STEP], 100);
+  const { machine } = box;
+  assert.ok(machine.flashReads.reads > 10_000, 'the boot does');
+  machine.setStrobe({ delay: 625, width: 8000 });
+  const before = machine.flashReads.reads;
+  box.start().run(100 * 13_125 + HZ / 100);
+  assert.equal(rises(box, CAM).length, 100);
+  assert.equal(machine.flashReads.reads, before);
+});
+
+test('the UART hears nothing while nobody is at it', { skip }, () => {
+  const box = new Box(USB).hello();
+  // Status: the second of its counters is that of corrupt frames.
+  box.run(HZ / 10);
+  const { gpio, uart } = box.machine.chip.mcu;
+  assert.equal(gpio[1].pullupEnabled, true);
+  assert.equal(uart[0].rxFIFO.itemCount, 0);
+});
+
+test('a probe that asks for every line of the log and then vanishes does not hold the box up', { skip }, () => {
+  const box = new Box().hello();
+  const { machine } = box;
+  const { address } = machine.image.symbols.find(({ name }) => name === '_SEGGER_RTT');
+  // The mode of the first channel up: behind 16 bytes of its mark, two counts and five fields of the channel.
+  const MODE = 44;
+  const BLOCK = 2;
+  machine.chip.mcu.writeUint32(address + MODE, BLOCK);
+  // Each of these is a line of the log.
+  for (let i = 0; i < 200; i++) machine.send([1, 2, 3, 0]);
+  assert.equal(box.run(HZ), 'cycles', 'nothing had to be reset');
+  box.request('status');
+});
+
+test('pads are as the wiring wants them from the boot on', { skip }, () => {
+  const { mcu } = new Box().machine.chip;
+  const pad = (pin) => mcu.readUint32(0x4001c004 + 4 * pin);
+  const [SLEW_FAST, SCHMITT, PULL_DOWN, PULL_UP, DRIVE_8MA] = [1, 2, 4, 8, 2 << 4];
+  for (const pin of [PROJ, CAM]) assert.equal(pad(pin) & (0x30 | SLEW_FAST), DRIVE_8MA);
+  for (const pin of [SYNC, STROBE]) {
+    assert.equal(pad(pin) & (SCHMITT | PULL_DOWN | PULL_UP), SCHMITT | PULL_DOWN);
+  }
+  assert.equal(pad(1) & (SCHMITT | PULL_DOWN | PULL_UP), SCHMITT | PULL_UP);
 });
 
 /** What can be seen of a run; `cut(box)` lets the time pass. */
@@ -201,3 +255,18 @@ test('lines that nobody drives rest where the firmware pulls them, and have no e
   assert.deepEqual(levels(), [1, 1]);
   assert.deepEqual(box.edges.filter(([, pin]) => pin === SYNC || pin === STROBE), []);
 });
+
+for (const [damage, levels] of [[0, [0, 1, 0, 1]], [1, [0, 0, 0, 0]]]) {
+  test(`lines rest from the boot on as the flash keeps it${damage ? ', low where it is damaged' : ''}`, { skip }, () => {
+    const box = new Box({ bootMs: 0 });
+    // CAM and STROBE are active low: firmware/src/kept.rs
+    const kept = (0x52434750 | 0b1010) >>> 0;
+    const flash = new DataView(box.machine.chip.mcu.flash.buffer);
+    flash.setUint32(0x1ff000, kept, true);
+    flash.setUint32(0x1ff004, (~kept ^ damage) >>> 0, true);
+    box.run(HZ / 50);
+    assert.deepEqual([PROJ, CAM, SYNC, STROBE].map((pin) => box.machine.wires.levels[pin]), levels);
+    // The first level that they are driven to is the one that stays.
+    assert.equal(box.edges.length, levels[1]);
+  });
+}

@@ -47,7 +47,7 @@ test('a bad request gets one sentence', () => {
     [{ op: 'run' }, /^run: cycles: expected an integer, 0 or more, found nothing$/],
     [{ op: 'run', cycles: 1, until: ['end'] }, /^run: until: expected a list of "frame" and "edge"/],
     [{ op: 'send', bytes: 'xy' }, /^send: bytes: expected bytes in hexadecimal, found "xy"$/],
-    [{ op: 'drive', gpio: 2, level: 1 }, /^drive: gpio: expected 4 or 5, found 2$/],
+    [{ op: 'drive', gpio: 2, level: 1 }, /^drive: gpio: expected one of 4, 5, 8, 9, found 2$/],
     [{ op: 'drive', gpio: 4, level: 2 }, /^drive: level: expected 0 or 1, found 2$/],
     [{ op: 'vsync', first: 0, period: 0, width: 1 }, /^vsync: period: expected an integer above 0, found 0$/],
     [{ op: 'write', address: 0x40000000, bytes: '00' }, /^write: address: expected RAM or flash/],

@@ -135,7 +135,7 @@ fn measurement_has_the_bits_of_the_simulated_one(bench: &mut Bench) -> Outcome {
     )
 }
 
-/// `controller info|status|run|stop|abort|bench` against the box, for people and for programs.
+/// `controller info|status|run|stop|abort|bench|pulse|hold` against the box, for people and for programs.
 fn command_reaches_the_box(bench: &mut Bench) -> Outcome {
     let bridge = bridge(bench)?;
     let port = bridge.port().to_owned();
@@ -169,6 +169,14 @@ fn command_reaches_the_box(bench: &mut Bench) -> Outcome {
         let status = controller(&["status"])?;
         if status["state"] != "done" {
             return Err(format!("expected a run that is done, found {status}").into());
+        }
+        let pulsed = controller(&["pulse", "cam", "--width", "80us", "--count", "3"])?;
+        if pulsed["pulses"] != 3 || pulsed["width_s"] != 80e-6 {
+            return Err(format!("expected three pulses of 80 us, found {pulsed}").into());
+        }
+        let held = controller(&["hold", "proj", "low", "--active-low", "--for", "5ms"])?;
+        if held["held_s"] != 5e-3 {
+            return Err(format!("expected PROJ to be held for 5 ms, found {held}").into());
         }
         controller(&["abort"])?;
         controller(&["bench"])?;

@@ -7,7 +7,7 @@ use rcg_hil::figures::Limit;
 use rcg_hil::trace;
 use rcg_protocol::{Fault, Line, Pulse, State, Step, Ticks};
 
-use crate::runs::{check_edges, fire, follow, load, take_edges};
+use crate::runs::{check_cpu, check_edges, fire, follow, load, stats, take_edges};
 use crate::steps::{in_part, solid, table};
 
 crate::trials!("limits":
@@ -16,6 +16,7 @@ crate::trials!("limits":
     shortest_period_of_a_table [Edges],
     long_steps_ending_with_a_pulse [Edges],
     longest_period [Edges],
+    abort_of_a_long_burst [Edges],
 );
 
 /// How long a run may be silent.
@@ -175,4 +176,37 @@ fn longest_period(bench: &mut Bench) -> Outcome {
     )?;
     let longest_s = info.longest_period.0 as f64 / f64::from(info.clock_hz);
     bench.figure("longest period reported", longest_s, "s", Limit::AtLeast(60.0))
+}
+
+/// A burst of many different steps: to count how far it got takes a while, in which interrupts come all the same.
+fn abort_of_a_long_burst(bench: &mut Bench) -> Outcome {
+    let step = |k: u64| Step {
+        proj: Pulse::new(0, 20),
+        cam: Pulse::new(40, 60),
+        period: Ticks(200 + k % 2),
+    };
+    let steps: Vec<Step> = (0..4_000).map(step).collect();
+    let program = table(&steps, 1_000);
+    load(bench, &program, &steps)?;
+    let run = fire(bench)?;
+    bench.silence(Duration::from_millis(10))?;
+    let before = stats(bench)?;
+    bench.device.abort()?;
+    let ending = follow(bench, run, PATIENCE)?.ending()?;
+    check_cpu(bench, before)?;
+    let edges = trace::outputs(&take_edges(bench));
+    let begun = trace::rises(&edges, Line::Proj).len() as u64;
+    // The last one that began was cut, or was whole to the tick.
+    let (first, last) = (edges[0].at, edges[edges.len() - 1].at);
+    if !(begun - 1..=begun).contains(&ending.steps_done)
+        || ending.at.is_none_or(|at| at.0.abs_diff(last - first) > 400)
+    {
+        return Err(format!("{begun} steps were begun, found {ending:?}").into());
+    }
+    bench.figure(
+        "steps played, of 0.8 µs each",
+        ending.steps_done,
+        "steps",
+        Limit::AtLeast(1_000.0),
+    )
 }

@@ -9,12 +9,16 @@ use rcg_hil::bench::{Bench, Outcome};
 use rcg_hil::figures::Limit;
 use rcg_protocol::{Counters, RunId, State, Status};
 
-use crate::runs::{Heard, check_edges, fire, listen, load, take_edges};
+use crate::runs::{
+    Heard, check_cpu, check_edges, fire, follow, follow_pinging, listen, load, stats, take_edges, wire_strobe,
+};
 use crate::steps::{plain, table};
 
 crate::trials!("link":
     flood_during_a_run [],
     reconnect_in_mid_frame [],
+    a_host_that_sleeps [Cable],
+    flood_of_pings [Emulator],
 );
 
 /// Requests of an earlier run whose frames come again: each would be fatal if it were carried out.
@@ -221,4 +225,61 @@ fn reconnect_in_mid_frame(bench: &mut Bench) -> Outcome {
 /// A nonce that no other session of this trial has.
 const fn bench_nonce(k: u32) -> u32 {
     0x5eed_0000 + k
+}
+
+/// A host that does not read for a while, shorter and longer than the box has patience: what it missed is counted.
+fn a_host_that_sleeps(bench: &mut Bench) -> Outcome {
+    const STEPS: u64 = 4_000;
+    let step = plain(u64::from(bench.device.info().clock_hz / 4_000));
+    load(bench, &table(&[step], STEPS), &[step])?;
+    wire_strobe(bench)?;
+    let before = bench.device.status()?.counters.records_lost;
+    let run = fire(bench)?;
+    for pause_ms in [100, 600] {
+        bench.silence(Duration::from_millis(20))?;
+        bench.pico().lock().emulator.fetch(false)?;
+        bench.silence(Duration::from_millis(pause_ms))?;
+        bench.pico().lock().emulator.fetch(true)?;
+    }
+    let heard = follow_pinging(bench, run)?;
+    heard.expect(State::Done, None, STEPS)?;
+    let lost = u64::from(bench.device.status()?.counters.records_lost - before);
+    bench.figure("records lost", lost, "records", Limit::AtLeast(1.0))?;
+    let uncounted = STEPS as f64 - (heard.records.len() as u64 + lost) as f64;
+    bench.figure("of them uncounted", uncounted, "records", Limit::Exactly(0.0))
+}
+
+/// Pings without a gap on the line, during a run: no byte of them is lost.
+fn flood_of_pings(bench: &mut Bench) -> Outcome {
+    const PINGS: u32 = 1_000;
+    let step = plain(u64::from(bench.device.info().clock_hz / 2_000));
+    load(bench, &table(&[step], 400), &[step])?;
+    wire_strobe(bench)?;
+    let before = stats(bench)?;
+    let asked = bench.device.status()?.counters;
+    let run = fire(bench)?;
+    let ping = bench.device.link().sent().last().cloned().unwrap_or_default();
+    {
+        // The same request again and again: each is answered, and nothing is done twice.
+        let mut pico = bench.pico().lock();
+        for _ in 0..PINGS {
+            pico.emulator.send(&ping)?;
+        }
+    }
+    bench.silence(Duration::from_millis(250))?;
+    follow(bench, run, Duration::from_secs(1))?.expect(State::Done, None, 400)?;
+    check_cpu(bench, before)?;
+    let counters = bench.device.status()?.counters;
+    bench.figure(
+        "frames corrupt",
+        counters.corrupt - asked.corrupt,
+        "frames",
+        Limit::Exactly(0.0),
+    )?;
+    bench.figure(
+        "requests of the flood that came",
+        counters.repeated - asked.repeated,
+        "requests",
+        Limit::Exactly(f64::from(PINGS)),
+    )
 }

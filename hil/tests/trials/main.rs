@@ -6,6 +6,7 @@ mod camera_faults;
 mod chain;
 mod image;
 mod limits;
+mod lines;
 mod link;
 mod runs;
 mod safety;
@@ -76,6 +77,7 @@ fn main() -> ExitCode {
     let topics = [
         timing::TRIALS,
         limits::TRIALS,
+        lines::TRIALS,
         sync::TRIALS,
         strobes::TRIALS,
         safety::TRIALS,

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use rcg::capture::follow::Ending;
 use rcg_hil::bench::{Bench, Outcome};
-use rcg_hil::emulator::StrobeModel;
+use rcg_hil::emulator::{Stats, StrobeModel};
 use rcg_hil::figures::Limit;
 use rcg_hil::trace::{self, Edge};
 use rcg_protocol::{Event, Fault, Line, Program, RunId, State, Step, StepFlags, StepId, StepRecord, Ticks};
@@ -134,6 +134,29 @@ fn ensure_running(bench: &mut Bench, ending: Option<Ending>) -> Outcome {
         }
     }
     Ok(())
+}
+
+/// Totals of the emulator; none on a board. The longest time with interrupts masked counts from now on.
+pub(crate) fn stats(bench: &Bench) -> Result<Option<Stats>> {
+    let stats = bench.emulated().map(|pico| pico.lock().emulator.stats());
+    Ok(stats.transpose()?)
+}
+
+/// The longest that interrupts may be masked: as long as the UART's FIFO takes to fill its second half.
+const MASKED_US: f64 = 170.0;
+
+/// Holds the CPU against its limits since `before`: it reads nothing of flash, masks no interrupts for long, and the UART loses
+/// no byte.
+pub(crate) fn check_cpu(bench: &Bench, before: Option<Stats>) -> Outcome {
+    let (Some(before), Some(after)) = (before, stats(bench)?) else {
+        return Ok(());
+    };
+    let masked_us = after.longest_masked as f64 * 1e6 / f64::from(after.clock_hz);
+    let reads = after.flash_reads - before.flash_reads;
+    let overruns = after.uart_overruns - before.uart_overruns;
+    bench.figure("reads of flash", reads, "reads", Limit::Exactly(0.0))?;
+    bench.figure("interrupts masked for", masked_us, "µs", Limit::AtMost(MASKED_US))?;
+    bench.figure("bytes that the UART lost", overruns, "bytes", Limit::Exactly(0.0))
 }
 
 /// A table of `steps`, loaded.

@@ -9,7 +9,7 @@ use rcg_hil::bench::{Bench, Outcome};
 use rcg_hil::figures::Limit;
 use rcg_hil::image::Image;
 use rcg_hil::trace::{self, Edge};
-use rcg_protocol::{Extent, Fault, Micros, Program, Pulse, State, Step, Ticks};
+use rcg_protocol::{Aux, AuxPulse, Extent, Fault, Micros, Program, Pulse, Reset, State, Step, Ticks};
 
 use crate::runs::{Result, check_edges, fire, follow, free_run_at_first_edge, load, take_edges};
 use crate::steps::{plain, solid, table};
@@ -22,6 +22,8 @@ crate::trials!("safety":
     waiting_is_no_silence [Edges],
     dead_man_is_in_time [Edges],
     pulled_cable [Cable],
+    usb_that_hangs [Cable],
+    a_host_that_suspends [Cable],
     panic [Memory],
     hard_fault [Memory],
     watchdog_bite [Memory],
@@ -47,7 +49,7 @@ fn ensure_low(bench: &mut Bench) -> Outcome {
     bench.silence(Duration::from_millis(20))?;
     let later = trace::outputs(&take_edges(bench));
     let levels = bench.pico().lock().emulator.outputs()?;
-    if levels == [false; 2] && later.is_empty() {
+    if levels == [false; 4] && later.is_empty() {
         return Ok(());
     }
     Err(format!("expected both outputs low, found {levels:?} and the edges {later:?}").into())
@@ -268,13 +270,83 @@ fn pulled_cable(bench: &mut Bench) -> Outcome {
     )
 }
 
-/// A long step with both outputs high, for the CPU to fail in.
+/// The USB controller hangs in mid-run, and nothing says so: outputs low in time, then the port comes back by itself.
+fn usb_that_hangs(bench: &mut Bench) -> Outcome {
+    let (program, step) = watched(bench);
+    load(bench, &program, &[step])?;
+    fire(bench)?;
+    bench.silence(Duration::from_millis(5))?;
+    let heard = bench.pico().lock().arrives();
+    bench.pico().lock().emulator.wedge()?;
+    let since = bench.pico().lock().cycle();
+    bench.silence(DEAD_MAN * 2)?;
+    let (cut, _) = cut(&program, step, &trace::outputs(&take_edges(bench)))?;
+    let set = DEAD_MAN.as_secs_f64() * 1e6;
+    bench.figure(
+        "last byte to outputs low, USB hangs",
+        micros(bench, cut.last - heard),
+        "µs",
+        Limit::AtMost(set),
+    )?;
+    ensure_low(bench)?;
+    while bench.pico().lock().resets().is_empty() && micros(bench, bench.pico().lock().cycle() - since) < 2e6
+    {
+        bench.silence(Duration::from_millis(10))?;
+    }
+    // What was sent before is lost; a port that is open again is asked anew.
+    bench.silence(Duration::from_millis(300))?;
+    bench.device.open_session(2)?;
+    let back = micros(bench, bench.pico().lock().cycle() - since) / 1e6;
+    bench.figure("USB hangs to port back", back, "s", Limit::AtMost(2.0))?;
+    ensure_low(bench)?;
+    let reset = bench.device.unit()?.map(|unit| unit.reset);
+    if reset == Some(Reset::UsbStuck) {
+        return Ok(());
+    }
+    Err(format!("expected a reset for USB, found {reset:?}").into())
+}
+
+/// The host's computer goes to sleep: a run ends by the dead-man switch, and the box waits for it to wake, however long.
+fn a_host_that_suspends(bench: &mut Bench) -> Outcome {
+    let (program, _) = watched(bench);
+    let step = plain(u64::from(bench.device.info().clock_hz / 1_000));
+    load(bench, &program, &[step])?;
+    fire(bench)?;
+    bench.silence(Duration::from_millis(5))?;
+    bench.pico().lock().emulator.doze(true)?;
+    bench.silence(Duration::from_secs(3))?;
+    bench.pico().lock().emulator.doze(false)?;
+    bench.silence(Duration::from_millis(20))?;
+    // The session is the same: nothing was lost but the run.
+    let status = bench.device.status()?;
+    let resets = bench.pico().lock().resets().len();
+    bench.figure(
+        "resets while the host sleeps",
+        resets,
+        "resets",
+        Limit::Exactly(0.0),
+    )?;
+    if status.fault == Some(Fault::HostLost) {
+        return Ok(());
+    }
+    Err(format!("expected the host lost, found {status:?}").into())
+}
+
+/// A long step with all outputs high, for the CPU to fail in.
 fn hold_high(bench: &mut Bench) -> Outcome {
     let step = solid(u64::from(bench.device.info().clock_hz) * 3, 1_000);
+    bench.device.aux(&Aux {
+        a: AuxPulse::InStep(step.proj),
+        b: AuxPulse::WithCam {
+            after: Ticks::ZERO,
+            width: Ticks::ZERO,
+        },
+        ..Aux::default()
+    })?;
     load(bench, &table(&[step], 2), &[step])?;
     fire(bench)?;
     bench.silence(Duration::from_millis(5))?;
-    if bench.pico().lock().emulator.outputs()? == [true; 2] {
+    if bench.pico().lock().emulator.outputs()? == [true; 4] {
         take_edges(bench);
         Ok(())
     } else {
@@ -298,12 +370,12 @@ fn fails(bench: &mut Bench, address: u32, masked: bool, limit_us: f64) -> Outcom
     bench.silence(Duration::from_millis(700))?;
     let edges = trace::outputs(&take_edges(bench));
     let falls: Vec<u64> = edges.iter().map(|edge| edge.at).collect();
-    if edges.len() != 2 || edges.iter().any(|edge| edge.high) {
-        return Err(format!("expected both outputs to fall once, found {edges:?}").into());
+    if edges.len() != 4 || edges.iter().any(|edge| edge.high) {
+        return Err(format!("expected all outputs to fall once, found {edges:?}").into());
     }
     let resets = bench.pico().lock().resets().to_vec();
     bench.figure("resets", resets.len(), "resets", Limit::Exactly(1.0))?;
-    let low = micros(bench, falls[1] - failed);
+    let low = micros(bench, falls[3] - failed);
     bench.figure("failure to outputs low", low, "µs", Limit::AtMost(limit_us))?;
     bench.silence(Duration::from_millis(100))?;
     bench.device.open_session(2)?;
@@ -350,8 +422,8 @@ fn outputs_rest_at_boot(bench: &mut Bench) -> Outcome {
     bench.silence(Duration::from_millis(100))?;
     let edges = trace::outputs(&take_edges(bench));
     let levels = bench.pico().lock().emulator.outputs()?;
-    if levels != [false; 2] {
-        return Err(format!("expected both outputs low, found {levels:?}").into());
+    if levels != [false; 4] {
+        return Err(format!("expected all outputs low, found {levels:?}").into());
     }
     bench.figure(
         "edges from power-up on",

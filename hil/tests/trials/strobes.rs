@@ -3,18 +3,23 @@
 use rand::seq::index::sample;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
+use rcg::capture::selftest::{Finding, Rest, Settings, selftest};
+use rcg::capture::steps::{Output, Span};
 use rcg_hil::bench::{Bench, Outcome};
-use rcg_hil::emulator::StrobeModel;
+use rcg_hil::emulator::{StrobeModel, VsyncModel};
 use rcg_hil::figures::Limit;
 use rcg_hil::trace;
-use rcg_protocol::{Line, State, StepFlags, Ticks};
+use rcg_protocol::{Fault, Line, Polarity, State, StepFlags, Ticks};
 
-use crate::runs::{fire, follow_pinging, load, take_edges};
+use crate::runs::{Heard, Result, fire, follow_pinging, load, take_edges};
 use crate::steps::{in_part, plain, table};
 
 crate::trials!("strobes":
     missed_triggers_are_named [Inputs],
     spurious_strobes_are_named [Inputs],
+    noise_displaces_no_record [Inputs],
+    fast_noise_is_named [Inputs],
+    wires_are_tried [Inputs],
 );
 
 /// 1 % of the steps.
@@ -160,4 +165,123 @@ fn spurious_strobes_are_named(bench: &mut Bench) -> Outcome {
     wrong.map_or(Ok(()), |record| {
         Err(format!("a wrong trigger time: {record:?}").into())
     })
+}
+
+/// Steps of a millisecond, and noise on STROBE: `pulses` in each step from 0.75 of it on.
+fn noisy(bench: &mut Bench, pulses: u64) -> Result<Heard> {
+    const STEPS: u64 = 200;
+    let period = u64::from(bench.device.info().clock_hz / 1_000);
+    let step = plain(period);
+    load(bench, &table(&[step], STEPS), &[step])?;
+    let run = fire(bench)?;
+    let now = bench.pico().lock().cycle();
+    let noise =
+        |step: u64| (0..pulses).map(move |k| now + step * period + period * 3 / 4 + k * period / 5 / pulses);
+    bench.pico().lock().emulator.strobe(&StrobeModel {
+        delay: period / 100,
+        width: 200,
+        extra: (2..STEPS - 2).flat_map(noise).collect(),
+        ..StrobeModel::default()
+    })?;
+    follow_pinging(bench, run)
+}
+
+fn noise_displaces_no_record(bench: &mut Bench) -> Outcome {
+    let before = bench.device.status()?.counters;
+    let heard = noisy(bench, 40)?;
+    heard.expect(State::Done, None, 200)?;
+    let after = bench.device.status()?.counters;
+    bench.figure("records", heard.records.len(), "records", Limit::Exactly(200.0))?;
+    let noise = after.spurious_strobes - before.spurious_strobes;
+    bench.figure(
+        "spurious strobes counted",
+        noise,
+        "strobes",
+        // Some fall into the exposure, and are none by themselves.
+        Limit::AtLeast(38.0 * 196.0),
+    )?;
+    bench.figure(
+        "of them told one by one",
+        heard.spurious.len(),
+        "events",
+        Limit::AtMost(120.0),
+    )
+}
+
+fn fast_noise_is_named(bench: &mut Bench) -> Outcome {
+    let heard = noisy(bench, 150)?;
+    let fault = heard.ending()?.fault;
+    if fault == Some(Fault::InputTooFast { line: Line::Strobe }) {
+        return Ok(());
+    }
+    Err(format!("expected STROBE to be too fast, found {fault:?}").into())
+}
+
+/// SYNC is open, held high, and has the vsync of a projector that runs freely; STROBE answers CAM, later and for as long.
+fn wires_are_tried(bench: &mut Bench) -> Outcome {
+    const LATE: u64 = 1_001;
+    let settings = Settings {
+        polarity: Polarity::default(),
+        width: Span::Ticks(25_000),
+        period: Span::Ticks(125_000),
+        count: 2,
+    };
+    bench.pico().lock().emulator.strobe(&StrobeModel {
+        delay: LATE,
+        ..StrobeModel::default()
+    })?;
+    let held = Finding::Silent {
+        line: Line::Sync,
+        rest: Rest::High,
+        output: Line::Proj,
+    };
+    let (mut named, mut exact) = (0_usize, 0);
+    for expected in [Some(Finding::Open(Line::Sync)), Some(held), None] {
+        let now = bench.pico().lock().cycle();
+        match expected {
+            Some(Finding::Open(_)) => {}
+            Some(_) => bench.pico().lock().emulator.drive(Line::Sync, true, now + 1)?,
+            None => bench.pico().lock().emulator.vsync(&VsyncModel {
+                first: now + 1_000,
+                period: 50_000,
+                width: 5_000,
+                ..VsyncModel::default()
+            })?,
+        }
+        let tested = selftest(&mut bench.device, &settings)?;
+        if tested.findings != Vec::from_iter(expected) {
+            let found: Vec<String> = tested.findings.iter().map(ToString::to_string).collect();
+            return Err(format!("expected {expected:?}, found {}", found.join("; ")).into());
+        }
+        named += 1;
+        let timed = tested.inputs[1].of(Output::Cam).iter();
+        exact += timed
+            .filter(|answer| {
+                answer.delay_and_width.is_some_and(|(delay, width)| {
+                    (LATE..=LATE + 1).contains(&delay.0) && width.0.abs_diff(answer.pulse.0) <= 1
+                })
+            })
+            .count();
+    }
+    bench.figure("wirings named", named, "wirings", Limit::Exactly(3.0))?;
+    bench.figure(
+        "delays and widths within a tick",
+        exact,
+        "of 6",
+        Limit::Exactly(6.0),
+    )?;
+
+    // Every edge of the vsync is counted, in a watch as long as any.
+    bench.device.watch()?;
+    let before = bench.device.inputs()?;
+    bench.silence(std::time::Duration::from_millis(40))?;
+    let after = bench.device.inputs()?;
+    let edges = after.sync.edges.unwrap_or(0) - before.sync.edges.unwrap_or(0);
+    let expected = 2.0 * (after.at - before.at).0 as f64 / 50_000.0;
+    bench.figure(
+        "edges of SYNC missed or invented",
+        (f64::from(edges) - expected).abs(),
+        "edges",
+        Limit::AtMost(2.0),
+    )
 }

@@ -7,7 +7,9 @@ use rcg_hil::bench::{Bench, Outcome};
 use rcg_hil::emulator::VsyncModel;
 use rcg_hil::figures::Limit;
 use rcg_hil::trace;
-use rcg_protocol::{Fault, Line, Micros, Pace, Program, Pulse, Start, State, Step, StepFlags, StepId, Ticks};
+use rcg_protocol::{
+    Fault, Line, Micros, Pace, Program, Pulse, Start, State, Step, StepFlags, StepId, StepRecord, Ticks,
+};
 
 use crate::runs::{Heard, Result, fire, follow, latencies, load, take_edges};
 use crate::steps::table;
@@ -18,6 +20,8 @@ crate::trials!("sync":
     time_out_names_the_step [Edges Inputs],
     missing_vsync_is_flagged [Edges Inputs],
     double_vsync_is_flagged [Edges Inputs],
+    an_edge_at_the_end_of_a_step [Edges Inputs],
+    ringing_begins_nothing [Edges Inputs],
 );
 
 /// From SYNC to PROJ: what the firmware counts its times with. An instrument may take 6 ticks.
@@ -168,7 +172,7 @@ fn time_out_names_the_step(bench: &mut Bench) -> Outcome {
         "edges",
         Limit::Exactly(160.0),
     )?;
-    if bench.pico().lock().emulator.outputs()? != [false; 2] {
+    if bench.pico().lock().emulator.outputs()? != [false; 4] {
         return Err("an output is high after the time-out".into());
     }
     Ok(())
@@ -223,4 +227,110 @@ fn nothing_else(heard: &Heard, expected: StepFlags) -> Outcome {
         Some(record) => Err(format!("a flag that nothing explains: {record:?}").into()),
         None => Ok(()),
     }
+}
+
+/// SYNC pulses of `width` at `rises`, each with what rings back at its end: pulses of `ring` ticks.
+fn drive_sync(bench: &Bench, rises: &[u64], width: u64, rings: &[(u64, u64)]) -> Outcome {
+    let mut pico = bench.pico().lock();
+    for &rise in rises {
+        pico.emulator.drive(Line::Sync, true, rise)?;
+        let mut at = rise + width;
+        pico.emulator.drive(Line::Sync, false, at)?;
+        for &(gap, ring) in rings {
+            pico.emulator.drive(Line::Sync, true, at + gap)?;
+            pico.emulator.drive(Line::Sync, false, at + gap + ring)?;
+            at += gap + ring;
+        }
+    }
+    Ok(())
+}
+
+/// How many records of a run are not within a tick of their CAM edge. The first step says where the run began.
+fn shifted(records: &[StepRecord], edges: &[trace::Edge]) -> usize {
+    let cams = trace::rises(edges, Line::Cam);
+    let (Some(first), Some(cam)) = (records.first(), cams.first()) else {
+        return 0;
+    };
+    let begun = cam.wrapping_sub(first.trigger.0);
+    let on_edge = |record: &&StepRecord| {
+        let cam = cams.get(record.step.0 as usize);
+        cam.is_some_and(|cam| cam.abs_diff(record.trigger.0.wrapping_add(begun)) <= 1)
+    };
+    records.len() - records.iter().filter(on_edge).count()
+}
+
+/// Loads so many steps of an eighth of a millisecond, each on an edge; returns how long one is, in ticks.
+fn load_short_steps(bench: &mut Bench, steps: u64) -> Result<u64> {
+    let period = u64::from(bench.device.info().clock_hz / 8_000);
+    let step = Step {
+        proj: Pulse::new(0, 500),
+        cam: Pulse::new(700, 1_000),
+        period: Ticks(period),
+    };
+    load(bench, &paced(step, steps), &[step])?;
+    Ok(period)
+}
+
+/// Twelve steps, each on an edge, with one edge more `after` ticks after the end of the fifth step.
+fn an_edge_at_the_end_of_a_step(bench: &mut Bench) -> Outcome {
+    const STEPS: u64 = 12;
+    let period = load_short_steps(bench, STEPS)?;
+    let (mut runs, mut shifts, mut faults) = (0_u64, 0, 0_u64);
+    // Where the machine looked again before it masked what rings back, and where it does now; in both phases of the counter.
+    for after in (-8..=16).chain(32..=42).flat_map(|after| [after; 2]) {
+        let run = fire(bench)?;
+        let first = bench.pico().lock().cycle() + 5_000 + runs % 2;
+        let mut rises: Vec<u64> = (0..STEPS).map(|k| first + 4 * period * k).collect();
+        rises.push((rises[4] + SYNC_LATENCY + period).wrapping_add_signed(after));
+        drive_sync(bench, &rises, 200, &[])?;
+        let heard = follow(bench, run, Duration::from_secs(2))?;
+        let ending = heard.ending()?;
+        if ending.state != State::Done && !matches!(ending.fault, Some(Fault::SyncUnclear { .. })) {
+            return Err(format!("an edge {after} ticks after a step's end: {ending:?}").into());
+        }
+        faults += u64::from(ending.state != State::Done);
+        // The edges that are left over are through.
+        bench.silence(Duration::from_millis(2))?;
+        shifts += shifted(&heard.records, &take_edges(bench));
+        runs += 1;
+    }
+    bench.figure("runs with an edge at a step's end", runs, "runs", Limit::Reported)?;
+    bench.figure("of them given up", faults, "runs", Limit::Reported)?;
+    bench.figure("silent shifts", shifts, "records", Limit::Exactly(0.0))
+}
+
+/// SYNC frames the exposure, so it ends after the step, and rings then: nothing begins with that.
+fn ringing_begins_nothing(bench: &mut Bench) -> Outcome {
+    const STEPS: u64 = 12;
+    let period = load_short_steps(bench, STEPS)?;
+    let (mut cams, mut shifts, mut runs, mut flagged) = (0, 0, 0, 0);
+    for ring in 1..=8 {
+        for gap in [1, 3] {
+            let run = fire(bench)?;
+            let first = bench.pico().lock().cycle() + 5_000;
+            let rises: Vec<u64> = (0..STEPS).map(|k| first + 4 * period * k).collect();
+            drive_sync(bench, &rises, period + 800, &[(gap, ring), (gap, ring)])?;
+            let heard = follow(bench, run, Duration::from_secs(2))?;
+            heard.expect(State::Done, None, STEPS)?;
+            bench.silence(Duration::from_millis(2))?;
+            let edges = take_edges(bench);
+            cams += trace::rises(&edges, Line::Cam).len();
+            shifts += shifted(&heard.records, &edges);
+            flagged += heard.flagged(StepFlags::SYNC_EXTRA).len();
+            runs += STEPS;
+        }
+    }
+    bench.figure(
+        "CAM pulses beyond the steps",
+        cams as f64 - runs as f64,
+        "pulses",
+        Limit::Exactly(0.0),
+    )?;
+    bench.figure(
+        "bounces taken for pulses of SYNC",
+        flagged,
+        "steps",
+        Limit::Exactly(0.0),
+    )?;
+    bench.figure("silent shifts", shifts, "records", Limit::Exactly(0.0))
 }

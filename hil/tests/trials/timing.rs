@@ -13,6 +13,7 @@ crate::trials!("timing":
     brackets [CamStrobe],
     random_steps [CamStrobe],
     paired_at_4_khz [CamStrobe],
+    table_at_20_khz [CamStrobe FastLink],
 );
 
 fn plain_32400(bench: &mut Bench) -> Outcome {
@@ -37,6 +38,14 @@ fn paired_at_4_khz(bench: &mut Bench) -> Outcome {
     play(bench, &[step], 4_000, 100)
 }
 
+/// The rate of a fast camera: over USB every record comes, and the CPU waits for flash never.
+fn table_at_20_khz(bench: &mut Bench) -> Outcome {
+    let step = plain(u64::from(bench.device.info().clock_hz / 20_000));
+    play(bench, &[step], 4_000, 10)?;
+    let lost = bench.device.status()?.counters.records_lost;
+    bench.figure("records lost", lost, "records", Limit::Exactly(0.0))
+}
+
 /// Plays `steps` `cycles` times while the host pings as fast as it is answered, `least_pings` times or more.
 fn play(bench: &mut Bench, steps: &[Step], cycles: u64, least_pings: u64) -> Outcome {
     let program = table(steps, cycles);
@@ -45,9 +54,11 @@ fn play(bench: &mut Bench, steps: &[Step], cycles: u64, least_pings: u64) -> Out
     load(bench, &program, steps)?;
     wire_strobe(bench)?;
     let lost_before = bench.device.status()?.counters.records_lost;
+    let before = crate::runs::stats(bench)?;
     let run = fire(bench)?;
     let heard = follow_pinging(bench, run)?;
     heard.expect(State::Done, None, total)?;
+    crate::runs::check_cpu(bench, before)?;
     bench.figure("steps", total, "steps", Limit::Reported)?;
     check_edges(bench, &program, all(), &take_edges(bench))?;
     bench.figure(

@@ -17,13 +17,14 @@ use rcg::store::whole_file::write_whole;
 use serde_json::json;
 
 use crate::Done;
+use crate::failure::Failure;
 use crate::output::Output;
 use crate::request::{CalibrationArgs, GridArgs, spot_deg};
 
 /// Write the patterns that a measurement shows.
 ///
 /// One black and white PNG per incident direction that the projector reaches, in the projector's native resolution,
-/// and patterns.csv with what each one lights. What a calibrated measurement lights beside the mirror in every pattern, to watch
+/// and patterns.csv with what each one lights; three of a colour each where the projector makes the bands. What a calibrated measurement lights beside the mirror in every pattern, to watch
 /// the lamp, is left out.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -51,6 +52,12 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let rig = rig.tilted(args.tilt)?;
     let grid = args.grid.grid(None, 15.0)?;
     let directions = Directions::new(&rig, &grid).map_err(PlanError::from)?;
+    if rig.shows_bands() && args.sheets.is_some() {
+        return Err(Failure::input(format!(
+            "--sheets: expected patterns in white, as a bit has no colour, found rig {}, whose projector makes the bands",
+            rig.name
+        )));
+    }
     Measurement::check_new(&args.out)?;
     let _lock = Lock::folder(&args.out)?;
     Measurement::check_new(&args.out)?;
@@ -76,6 +83,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let mut pictures = Pictures {
         out: &args.out,
         sheets: args.sheets,
+        bands: rig.shown_bands(),
         waiting: Vec::new(),
         written: 0,
     };
@@ -122,6 +130,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
 struct Pictures<'a> {
     out: &'a Path,
     sheets: Option<Order>,
+    /// Primaries that each is shown in, 1 for white.
+    bands: usize,
     /// Patterns of the next sheet.
     waiting: Vec<BitPattern>,
     /// Patterns that were added.
@@ -140,6 +150,14 @@ impl Pictures<'_> {
     /// Writes the pattern of direction `index`, or lets it wait for its sheet.
     fn add(&mut self, index: usize, pattern: &BitPattern) -> Result<(), PictureError> {
         self.written += 1;
+        if self.bands > 1 {
+            let mut shown = pattern.clone();
+            return (0..self.bands).try_for_each(|band| {
+                shown.set_primary(Some(band as u8));
+                let path = self.out.join(format!("pattern-{index:05}-{}.png", band + 1));
+                save(&shown.to_coloured(), &path)
+            });
+        }
         if self.sheets.is_none() {
             let path = self.out.join(format!("pattern-{index:05}.png"));
             return save(&pattern.to_image(), &path);

@@ -131,8 +131,13 @@ fn lines(plan: &Plan, forecast: &Forecast) -> Vec<(&'static str, String)> {
         (
             "exposures",
             format!(
-                "{} of {} ms every {}, {:.0} per second",
+                "{}{} of {} ms every {}, {:.0} per second",
                 plan.len(),
+                if plan.bands > 1 {
+                    format!(" in each of {} bands,", plan.bands)
+                } else {
+                    String::new()
+                },
                 milliseconds(&forecast.exposures_s),
                 duration(pace.period_s),
                 pace.rate_hz

@@ -1,13 +1,13 @@
 //! `rcg render`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use rcg::base::file_format::RENDERED;
 use rcg::brdf::Source;
 use rcg::brdf::reflectance::Reflectance;
 use rcg::judge::render::{
-    CameraColours, Environment, Picture, automatic_exposure, azimuth_in_words, corrugated, save_described,
-    save_linear, share_with_values, sheet, sphere, sphere_in, torus,
+    Around, CameraColours, Environment, Picture, automatic_exposure, azimuth_in_words, corrugated,
+    corrugated_in, save_described, save_linear, share_with_values, sheet, sphere, sphere_in, torus, torus_in,
 };
 use serde_json::json;
 
@@ -17,12 +17,12 @@ use crate::output::{Output, to_write};
 
 /// Largest sheet of pictures: a byte for each of three colours must fit into memory a few times over.
 const MAX_PIXELS: u64 = 1 << 28;
-/// Largest sphere in an environment, pixels a side.
+/// Largest picture in an environment, pixels a side.
 const MAX_AROUND: u32 = 2048;
 /// Lean of a corrugated sheet, degrees.
 const TILT_DEG: f64 = 30.0;
 
-/// Draw a BRDF or sample on a sphere, a corrugated sheet or a ring under distant lights, or a sphere in an environment.
+/// Draw a BRDF or sample on a sphere, a corrugated sheet or a ring under distant lights, or in an environment.
 ///
 /// One picture per light, side by side; with --scene both, the spheres above and the sheets below. Directions that were
 /// not measured are hatched. Red, green and blue are the channels of the source, shown as sRGB as they are, unless --colours says
@@ -45,7 +45,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "THETA,PHI", default_value = "45,90", value_parser = angles)]
     light: Vec<(f64, f64)>,
     /// Light from all around instead: a latitude-longitude map (.hdr, .exr), twice as wide as high, whose middle is what the camera sees
-    /// behind the sphere and whose upper edge is above
+    /// behind the object and whose upper edge is above
     #[arg(long, value_name = "FILE", conflicts_with = "light")]
     environment: Option<PathBuf>,
     /// Degrees by which the environment is turned to the right [default: 0]
@@ -120,11 +120,6 @@ fn check(args: &Args) -> Done {
             "--turn: expected --environment beside it, found {turn} without"
         )));
     }
-    if args.environment.is_some() && args.scene != Scene::Sphere {
-        return Err(Failure::input(
-            "--environment: expected --scene sphere beside it, as other scenes shade themselves, found another",
-        ));
-    }
     let pixels = u64::from(args.size).pow(2);
     let scenes = if args.scene == Scene::Both { 2 } else { 1 };
     if pixels * args.light.len() as u64 * scenes > MAX_PIXELS {
@@ -160,9 +155,7 @@ type Drawn = (Vec<Vec<Picture>>, Option<([f64; 2], f64)>);
 fn draw(args: &Args, material: &dyn Reflectance) -> Result<Drawn, Failure> {
     let size = args.size as usize;
     if let Some(path) = &args.environment {
-        let environment = Environment::read(path)?.turned(args.turn.unwrap_or(0.0));
-        let around = sphere_in(material, size, &environment)?;
-        return Ok((vec![vec![around.picture]], Some((around.error, around.unseen))));
+        return draw_around(args, material, path);
     }
     let mut rows = Vec::new();
     if args.scene == Scene::Torus {
@@ -180,6 +173,28 @@ fn draw(args: &Args, material: &dyn Reflectance) -> Result<Drawn, Failure> {
         rows.push(pictures.collect::<Result<Vec<_>, _>>()?);
     }
     Ok((rows, None))
+}
+
+/// As [`draw`], in the environment at `path`: of several objects the largest figures.
+fn draw_around(args: &Args, material: &dyn Reflectance, path: &Path) -> Result<Drawn, Failure> {
+    let environment = Environment::read(path)?.turned(args.turn.unwrap_or(0.0));
+    let size = args.size as usize;
+    let mut objects: Vec<Around> = Vec::new();
+    if args.scene == Scene::Torus {
+        objects.push(torus_in(material, size, &environment)?);
+    }
+    if matches!(args.scene, Scene::Sphere | Scene::Both) {
+        objects.push(sphere_in(material, size, &environment)?);
+    }
+    if args.scene.has_sheets() {
+        let tilt_deg = args.tilt.unwrap_or(TILT_DEG);
+        objects.push(corrugated_in(material, size, tilt_deg, &environment)?);
+    }
+    let most = |of: &dyn Fn(&Around) -> f64| objects.iter().map(of).fold(0.0, f64::max);
+    let error = [most(&|object| object.error[0]), most(&|object| object.error[1])];
+    let unseen = most(&|object| object.unseen);
+    let rows = objects.into_iter().map(|object| vec![object.picture]).collect();
+    Ok((rows, Some((error, unseen))))
 }
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {

@@ -245,7 +245,10 @@ impl CalibrationArgs {
             return Ok((rig, None));
         };
         let calibration = Calibration::open(dir, &rig)?;
-        Ok((calibration.rig.driven_as(&rig), Some(calibration)))
+        Ok((
+            calibration.rig.driven_as(&rig).with_bands_of(&rig),
+            Some(calibration),
+        ))
     }
 }
 

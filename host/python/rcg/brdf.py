@@ -53,8 +53,8 @@ class Brdf:
     turns by 30°.
 
     Between the captured directions of a ``brdf.zarr`` ``interpolation`` decides: ``blended`` follows highlights (as `rcg value`),
-    ``half-vector`` keeps the half vector, ``direct`` is linear in all angles and five times as fast, but cross-fades highlights between
-    images that are far apart. Its values are held in memory, 4 bytes each, unless ``in_memory`` is false. All methods may be called from
+    ``half-vector`` keeps the half vector, ``direct`` is linear in all angles and three times as fast, but cross-fades highlights between
+    images that are far apart. Its values are held in memory, 20 bytes for three channels, unless ``in_memory`` is false. All methods may be called from
     several threads at a time; they let other threads of Python run, and Ctrl-C ends them.
 
     Raises ``ValueError`` for a source that is none, ``OSError`` for a file that cannot be read.
@@ -79,7 +79,7 @@ class Brdf:
 
     @property
     def channels(self) -> int:
-        """Colour channels: 3 (red, green, blue), or 1 of a camera without colours."""
+        """Colour channels: 3 (red, green, blue, or what the rig names as bands), or 1 of a camera without colours."""
         return self._brdf.channels
 
     def eval(self, wi: ArrayLike, wo: ArrayLike) -> NDArray[np.float64]:

@@ -20,6 +20,8 @@ def measure(
     out: str | os.PathLike[str],
     *,
     resume: bool = False,
+    target_db: float | None = None,
+    budget: int | None = None,
     **options: Any,
 ) -> dict[str, Any]:
     """Measures a sample on the virtual rig, from the plan to the report, into the new directory ``out``.
@@ -27,12 +29,17 @@ def measure(
     Takes the options of :func:`plan` and those that say who measures: ``operator`` and ``notes``. With ``resume`` a measurement that was
     interrupted goes on; options that are given must be those of before.
 
+    With ``target_db`` or ``budget`` incident directions are chosen on the way, where the predicted error is largest, until the predicted
+    PSNR of f·cosθi at exposure 1, clipped to 1, is ``target_db`` (dB), or so many patterns with light were captured. It starts from the
+    ``grid``, if one is given, or else from 48 directions that are far apart.
+
     Answers with a summary: ``out``, ``evaluation`` (coverage, error, uncertainty), ``capture``, ``assembled`` and more. ``rcg.open(out)``
     is the result. Ctrl-C ends it where it is, and ``resume`` goes on from there.
 
     Raises ``ValueError`` for what cannot be measured so, ``OSError`` for what cannot be written, ``RuntimeError`` for what fails.
     """
-    return json.loads(_rcg.measure(Path(out), _asked(**options), resume))
+    far = {"target_db": finite("target_db", target_db), "budget": whole("budget", budget, 0, 2**32 - 1)}
+    return json.loads(_rcg.measure(Path(out), _asked(adaptive=far, **options), resume))
 
 
 def plan(**options: Any) -> dict[str, Any]:
@@ -62,6 +69,7 @@ def plan(**options: Any) -> dict[str, Any]:
 
 def _asked(
     *,
+    adaptive: dict[str, Any] | None = None,
     rig: str | os.PathLike[str] | None = None,
     sample: str | os.PathLike[str] | None = None,
     step_deg: float | None = None,
@@ -107,6 +115,7 @@ def _asked(
         "directions": directions,
         "request": _given(request),
         "virtual": _given(virtual),
+        "adaptive": _given(adaptive or {}) or None,
         "session": {"began": now(), "host": host(), "operator": operator, "notes": list(notes)},
     }
     return json.dumps(asked)

@@ -70,7 +70,8 @@ fn link_kind(link: &LinkError) -> Option<io::ErrorKind> {
     Some(match link {
         LinkError::NoSuchPort { .. }
         | LinkError::NoTriggerBox { .. }
-        | LinkError::SeveralTriggerBoxes { .. } => return None,
+        | LinkError::SeveralTriggerBoxes { .. }
+        | LinkError::NoSuchSerial { .. } => return None,
         LinkError::NotPermitted { .. } => io::ErrorKind::PermissionDenied,
         LinkError::Busy { .. } => io::ErrorKind::ResourceBusy,
         LinkError::Disconnected { .. } => io::ErrorKind::BrokenPipe,

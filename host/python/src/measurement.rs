@@ -11,6 +11,7 @@ use rcg::capture::session::{CalibrationUsed, Opening, Said, Session, is_words};
 use rcg::hemisphere::incident::Grid;
 use rcg::instrument::calibration::Calibration;
 use rcg::instrument::rig::Rig;
+use rcg::measure::adaptive::{self, AdaptiveError, Begun, Goal};
 use rcg::measure::{Forecast, Job, complete};
 use rcg::plan::{PlanError, Request, SPOTS_DEG, Virtual};
 use rcg::virtual_rig::setup::Setup;
@@ -35,7 +36,17 @@ struct Asked {
     /// Keys of [`Virtual`] that are given.
     #[serde(rename = "virtual")]
     virtual_rig: Map<String, Value>,
+    /// How far directions are chosen on the way; of a measurement that chooses none, nothing.
+    adaptive: Option<Far>,
     session: Asker,
+}
+
+/// How far an adaptive measurement goes.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Far {
+    target_db: Option<f64>,
+    budget: Option<usize>,
 }
 
 /// Who asks.
@@ -78,6 +89,27 @@ impl Asked {
         }
         let virtual_rig: Virtual = over(before.1, &self.virtual_rig)?;
         Ok((request.located(), virtual_rig.located()))
+    }
+
+    /// From which directions an adaptive measurement starts and how far it goes; what is not given is as it was `begun`. `None` if none is
+    /// asked for.
+    fn goal(
+        &self,
+        begun: Option<&Begun>,
+        request: &Request,
+    ) -> Result<Option<(Option<Grid>, Goal)>, Failure> {
+        let is_given = self.directions.is_some() || self.request.contains_key("grid");
+        let start = is_given.then(|| request.grid.clone());
+        let start = start.or_else(|| begun.and_then(|begun| begun.start.clone()));
+        let goal = match (&self.adaptive, begun) {
+            (Some(far), _) => {
+                let target = far.target_db.map(|db| db.to_string());
+                Goal::new(target.as_deref(), far.budget).map_err(AdaptiveError::from)?
+            }
+            (None, Some(begun)) => begun.goal,
+            (None, None) => return Ok(None),
+        };
+        Ok(Some((start, goal)))
     }
 
     /// The rig to measure with and what is known of it.
@@ -138,13 +170,15 @@ pub(crate) fn measure(py: Python<'_>, out: PathBuf, asked: &str, resume: bool) -
     let asked = Asked::read(asked)?;
     long_work::run(py, |patience| {
         let (rig, setup) = asked.setup("measure")?;
+        let before = if resume { adaptive::begun(&out)? } else { None };
+        let before = before.as_ref();
         let (job, measurement) = if resume && Measurement::exists(&out) {
-            resumed(&out, &asked, &rig, setup)?
+            resumed(&out, &asked, &rig, setup, before)?
         } else {
             if resume {
                 Measurement::sweep(&out)?;
             }
-            begun(&out, &asked, &rig, setup, patience)?
+            begun(&out, &asked, &rig, setup, before, resume, patience)?
         };
         let began = Instant::now();
         let summary = complete(&measurement, &job, &|| began.elapsed(), patience)?;
@@ -152,24 +186,59 @@ pub(crate) fn measure(py: Python<'_>, out: PathBuf, asked: &str, resume: bool) -
     })
 }
 
+/// The job of a measurement that begins, or of one that was begun adaptively `before` and has no plan yet.
 fn begun(
     out: &Path,
     asked: &Asked,
     rig: &Rig,
     mut setup: Setup,
+    before: Option<&Begun>,
+    resume: bool,
     progress: &dyn Progress,
 ) -> Result<(Job, Measurement), Failure> {
-    let (request, virtual_rig) = asked.over((&Request::default(), &Virtual::default()))?;
+    let usual = (Request::default(), Virtual::default());
+    let base = before.map_or((&usual.0, &usual.1), |begun| (&begun.request, &begun.virtual_rig));
+    let (request, virtual_rig) = asked.over(base)?;
     setup.virtual_rig = virtual_rig;
-    Ok(rcg::measure::prepare(out, rig, request, &setup, progress)?)
+    let Some((start, goal)) = asked.goal(before, &request)? else {
+        return Ok(rcg::measure::prepare(out, rig, request, &setup, progress)?);
+    };
+    let start = start.as_ref();
+    let (job, measurement, _) = adaptive::measure(out, rig, &request, start, goal, &setup, resume, progress)?;
+    Ok((job, measurement))
 }
 
-fn resumed(out: &Path, asked: &Asked, rig: &Rig, setup: Setup) -> Result<(Job, Measurement), Failure> {
+fn resumed(
+    out: &Path,
+    asked: &Asked,
+    rig: &Rig,
+    setup: Setup,
+    before: Option<&Begun>,
+) -> Result<(Job, Measurement), Failure> {
     let mut measurement = Measurement::open_to_write(out)?;
     measurement.check_rig(rig, setup.calibration.as_ref())?;
     let held = &measurement.plan;
-    let virtual_rig = held.virtual_rig.clone().unwrap_or_default();
-    let (request, virtual_rig) = asked.over((&held.request, &virtual_rig))?;
+    let (request, virtual_rig) = match (before, &asked.adaptive) {
+        (Some(before), Some(_)) => {
+            let (request, virtual_rig) = asked.over((&before.request, &before.virtual_rig))?;
+            if let Some((start, goal)) = asked.goal(Some(before), &request)? {
+                adaptive::check_same(out, before, start.as_ref(), goal)?;
+            }
+            let grid = held.request.grid.clone();
+            (Request { grid, ..request }, virtual_rig)
+        }
+        (None, Some(_)) => {
+            return Err(Failure::input(format!(
+                "{}: expected a measurement that was begun with target_db or budget, found one of a {}",
+                out.display(),
+                held.request.grid
+            )));
+        }
+        (_, None) => {
+            let virtual_rig = held.virtual_rig.clone().unwrap_or_default();
+            asked.over((&held.request, &virtual_rig))?
+        }
+    };
     measurement.check_same(&request, Some(&virtual_rig))?;
     let job = Job {
         session: setup.session,

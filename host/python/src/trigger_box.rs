@@ -10,9 +10,7 @@ use rcg::capture::records::flag_names;
 use rcg::capture::steps::{Bracket, Limits, Span};
 use rcg::instrument::rig::Rig;
 use rcg::virtual_rig::VirtualController;
-use rcg_protocol::{
-    Event, Extent, Micros, PROTOCOL_VERSION, Pace, Polarity, Program, Start, State, StepFlags, StepRecord,
-};
+use rcg_protocol::{Event, Extent, Micros, Pace, Polarity, Program, Start, State, StepFlags, StepRecord};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -89,7 +87,7 @@ impl TriggerBox {
             let clock_hz = f64::from(info.clock_hz);
             Ok(json!({
                 "port": device.link().peer(),
-                "protocol": PROTOCOL_VERSION,
+                "protocol": device.protocol(),
                 "firmware": format!("{major}.{minor}.{patch}"),
                 "clock_hz": info.clock_hz,
                 "max_steps": info.max_steps,

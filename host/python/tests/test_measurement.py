@@ -36,6 +36,23 @@ def test_directions_may_be_an_array_or_a_file(tmp_path):
     assert even["grid"] == "equal-solid-angle" and even["grid_directions"] < 144
 
 
+def test_directions_are_chosen_on_the_way_until_a_budget(tmp_path):
+    small = {"rig": "rcg-2", "image_size": 16, "sample": "ward:brass", "seed": 5}
+    start = {"grid": "equal-solid-angle", "step_deg": 30}
+    chosen = rcg.measure(tmp_path / "a", budget=40, **start, **small)
+    result = rcg.open(tmp_path / "a")
+    fixed = rcg.plan(**start, **small)["grid_directions"]
+    assert fixed < result.sizes["incident"] <= 40 and chosen["evaluation"]["coverage"] is not None
+    # What is done is what was asked for, and nothing else.
+    again = rcg.measure(tmp_path / "a", budget=40, resume=True, **start, **small)
+    assert again["evaluation"] == chosen["evaluation"]
+    with pytest.raises(ValueError, match="goal"):
+        rcg.measure(tmp_path / "a", budget=41, resume=True, **start, **small)
+    rcg.measure(tmp_path / "b", **SMALL)
+    with pytest.raises(ValueError, match="begun with target_db or budget, found one of a"):
+        rcg.measure(tmp_path / "b", rig="rcg-2", budget=40, resume=True)
+
+
 def test_a_plan_tells_time_and_bytes():
     plan = rcg.plan(rig="rcg-2", step_deg=15, brackets=[1.0, 3.5], image_size=32)
     assert plan["exposures_s"] == [0.001, 0.0035] and plan["instrument_s"] > 0
@@ -64,6 +81,11 @@ def test_a_plan_tells_time_and_bytes():
         ({"grid": "nowhere.txt", "step_deg": None}, r"nowhere\.txt"),
         ({"grid": "nowhere.txt"}, "^step_deg: expected none with a list of directions, found 30"),
         ({"calibration": "nowhere"}, "nowhere"),
+        ({"budget": 0}, "expected .* found 0"),
+        ({"budget": 2.5}, "^budget: expected a whole number .* found 2.5$"),
+        ({"target_db": float("inf")}, "^target_db: expected a finite number, found inf$"),
+        ({"target_db": 500}, "^target: expected a PSNR .* found `500`$"),
+        ({"target_db": 30, "light": "multiplexed"}, "expected .* found"),
         ({"sample_name": "a\nb"}, "^sample_name: expected some words on one line"),
     ],
 )

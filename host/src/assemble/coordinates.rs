@@ -6,11 +6,12 @@ use crate::assemble::resample::Resampling;
 use crate::brdf::budget::BudgetSums;
 use crate::brdf::interpolation::{BRANCHES, BranchErrors, REGIONS};
 use crate::brdf::{
-    Azimuth, DIRECTION_UNCERTAINTY, ERRORS, FIELD_UNCERTAINTY, LAMP_LIGHT, LINEAGE, MEASURED_AREA,
+    Azimuth, BANDS, DIRECTION_UNCERTAINTY, ERRORS, FIELD_UNCERTAINTY, LAMP_LIGHT, LINEAGE, MEASURED_AREA,
     MEASUREMENT, METHOD, SIMULATION, STANDARDS, UNCALIBRATED,
 };
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentSet};
+use crate::instrument::bands::Bands;
 use crate::instrument::calibration::stray::Level;
 use crate::instrument::calibration::{AppliedCalibration, MeasuredArea, Photometry};
 use crate::instrument::frame_format::pixel_centre;
@@ -199,6 +200,7 @@ pub(super) fn attributes(
         DIRECTION_UNCERTAINTY: is_known.then_some(applied.direction_deg),
         FIELD_UNCERTAINTY: applied.photometry.as_ref().map(Photometry::uncertainty_by_fields),
         MEASURED_AREA: measured_area(rig, applied, resampling),
+        BANDS: rig.bands.as_ref().map(Bands::to_json),
         STANDARDS: applied.photometry.as_ref().map(|found| &found.standards),
         LAMP_LIGHT: lamp.map(|level| f64::from(level.light)),
         "source": concat!("rcg ", env!("CARGO_PKG_VERSION")),

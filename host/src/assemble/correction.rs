@@ -87,7 +87,7 @@ impl Correction {
         disk: Disk,
         resampling: &Resampling,
     ) -> Result<Self, String> {
-        let channels = rig.camera.channels as usize;
+        let channels = rig.channels();
         let mut cells = vec![1.0; disk.len() * channels];
         let mut cell_relative2 = vec![0.0; disk.len()];
         let (mut residual, mut by_lamp) = (0.0_f64, 0.0_f64);
@@ -260,7 +260,7 @@ impl Correction {
                         let region = row * BANDS_DEG.len() + column;
                         budget.add(region, value.f, all.by_cause);
                         let lamp = lamp2.sqrt() * common.lamp_share[index - first];
-                        let shared = Shared::of([all.standards2.sqrt(), lamp, stray2.sqrt()]);
+                        let shared = self.shared(&value, all.standards2, lamp);
                         budget.add_shared(region, value.f, all.total * all.total, shared);
                     }
                 }
@@ -300,6 +300,19 @@ impl Correction {
                 value.mixed.powi(2),
                 value.polarised,
             ],
+        }
+    }
+
+    /// What of the uncertainty of a `value` all values share, of which `standards2` is the variance by both standards and `lamp` the
+    /// standard uncertainty by the lamp in the black frames.
+    fn shared(&self, value: &Value, standards2: f32, lamp: f32) -> Shared {
+        // What standards make of light that returns is no factor.
+        let factor2 = self.first_variance(value.f).min(standards2);
+        Shared {
+            standards: factor2.sqrt(),
+            lamp,
+            stray: value.stray2.sqrt(),
+            returned: (standards2 - factor2 + value.back.uncertainty.powi(2)).sqrt(),
         }
     }
 

@@ -29,10 +29,21 @@ use crate::instrument::optics::View;
 const CLEAR: f32 = 4.0;
 /// The same of second differences, of which the most of nine cells counts.
 const BENT: f32 = 9.0;
+/// A lobe is one above what it stands on if the square of that is so many times its variance by noise.
+const LOBE: f32 = 50.0;
 /// A lobe counts as at least so much wider than the blur, as a share of its variance: what is narrower has no true width.
 const NARROWEST: f32 = 0.02;
+/// The same of a lobe that stands on a foot, which is hardly known.
+const NARROW: f32 = 0.25;
+/// So many times as far as its neighbours a lobe has come down to what it stands on, about.
+const FOOT: usize = 4;
+/// The share of a lobe's height that is lost from which on all of it is stated.
+const MUCH: f32 = 0.3;
 /// A pixel may be wider than so many cells by this.
 const WHOLE: f32 = 0.2;
+
+/// Axis and side of the neighbours of a cell.
+const SIDES: [(usize, usize); 4] = [(0, 0), (0, 1), (1, 0), (1, 1)];
 
 /// Angles from a cell to its neighbours, radians: left, right, above, below; `None` where there is none.
 type Steps = [Option<f32>; 4];
@@ -58,7 +69,7 @@ pub(super) struct Shape {
 pub(super) struct ByShape {
     seen: Vec<Seen>,
     slope2: Vec<f32>,
-    /// What blur took, in sr⁻¹.
+    /// The uncertainty by what blur took, in sr⁻¹.
     blurred: Vec<f32>,
     /// The part of the total that directions make.
     pub(super) directed: Vec<f32>,
@@ -142,8 +153,7 @@ impl Shape {
                     .fold(0.0, f32::max)
             };
             let [columns, rows] = self.apart[cell];
-            let sides = [(0, 0), (0, 1), (1, 0), (1, 1)];
-            let is_within = sides.into_iter().all(|(axis, side)| {
+            let is_within = SIDES.into_iter().all(|(axis, side)| {
                 let beside = self.neighbour(cell, axis, side, 1);
                 beside.is_some_and(|beside| by.seen[beside].is_some())
             });
@@ -187,7 +197,7 @@ impl Shape {
             .sum()
     }
 
-    /// By how much blur has changed the value of `cell`, about, sr⁻¹.
+    /// The standard uncertainty by blur of the value of `cell`, which has `noise`, about, sr⁻¹.
     fn blurred(&self, cell: usize, (value, noise): (f32, f32), seen: &[Seen]) -> f32 {
         let [columns, rows, both] = self.blur[cell];
         let beyond = |difference: f32, noise2: f32| (difference * difference - BENT * noise2).max(0.0).sqrt();
@@ -208,11 +218,20 @@ impl Shape {
                 continue;
             };
             let noise2 = low.1 * low.1 + high.1 * high.1 + 4.0 * noise * noise;
-            let bend = beyond(low.0 + high.0 - 2.0 * value, noise2);
+            let upwards = low.0 + high.0 - 2.0 * value;
+            let bend = beyond(upwards, noise2);
             if bend > 0.0 {
                 let peak = value.abs().max(low.0.abs()).max(high.0.abs());
-                highest = highest.max(peak);
-                factor *= 1.0 + lost(bend / peak, apart as f32, variance);
+                // What lies between lobes stands on nothing, nor does what noise makes.
+                let foot = (upwards < 0.0)
+                    .then(|| self.foot(cell, seen))
+                    .filter(|foot| (peak - foot.0).powi(2) > LOBE * (noise * noise + foot.1 * foot.1))
+                    .map_or(0.0, |(foot, _)| foot);
+                let height = (peak - foot)
+                    .max(bend / bend_most(apart as f32, variance))
+                    .min(peak);
+                highest = highest.max(height);
+                factor *= 1.0 + lost(bend / height, apart as f32, variance);
             }
         }
         let corner = |across: usize, along: usize| {
@@ -226,7 +245,20 @@ impl Shape {
             let area = self.apart[cell][0] * self.apart[cell][1];
             coupled = both.abs() * beyond(a.0 + d.0 - b.0 - c.0, noise2) / (4.0 * area as f32);
         }
-        highest * (factor - 1.0) + coupled
+        let even = 3.0_f32.sqrt().recip();
+        let stated = even + (1.0 - even) * ((factor - 1.0) / MUCH).min(1.0);
+        stated * (highest * (factor - 1.0) + coupled)
+    }
+
+    /// What a lobe at `cell` stands on, and its noise: the least of what is seen far from it in four directions, sr⁻¹; 0 if it is not seen
+    /// so far.
+    fn foot(&self, cell: usize, seen: &[Seen]) -> (f32, f32) {
+        let far = SIDES.into_iter().filter_map(|(axis, side)| {
+            let apart = FOOT * self.apart[cell][axis];
+            seen[self.neighbour(cell, axis, side, apart)?]
+        });
+        let least = far.min_by(|a, b| a.0.total_cmp(&b.0));
+        least.filter(|(f, _)| *f > 0.0).unwrap_or_default()
     }
 }
 
@@ -237,6 +269,13 @@ fn lost(bend: f32, apart: f32, variance: f32) -> f32 {
     let seen = -0.5 * apart * apart / (1.0 - (0.5 * bend).min(0.999)).ln();
     let own = (seen - variance).max(NARROWEST * seen);
     (seen / own).sqrt() - 1.0
+}
+
+/// The most that a lobe on a foot bends by over the distance `apart`, over its height: where it seems to bend by more the foot is a
+/// slope.
+fn bend_most(apart: f32, variance: f32) -> f32 {
+    let narrowest = variance / (1.0 - NARROW);
+    2.0 * (1.0 - (-0.5 * apart * apart / narrowest).exp())
 }
 
 /// Variances of the blur around `w` along columns and rows of `disk`, and their covariance, in cells²; `None` where the

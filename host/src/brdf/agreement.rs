@@ -15,12 +15,15 @@ use crate::store::{BrdfRows, StoreError};
 /// [`StoreError::Chunk`] with the sample.
 pub(super) fn check(brdf: &Brdf, chunk: usize, rows: &BrdfRows) -> Result<(), StoreError> {
     let (cells, size, first) = (brdf.disk.len(), brdf.disk.size(), brdf.chunk_range(chunk).start);
-    for (sample, &code) in rows.provenance.iter().enumerate() {
-        if code == Provenance::Missing.code() {
-            continue;
-        }
-        let (index, cell) = (first + sample / cells, sample % cells);
-        if let Some(reason) = brdf.incident[index].or(brdf.outgoing[cell]) {
+    for (index, codes) in (first..).zip(rows.provenance.chunks(cells)) {
+        let incident = brdf.incident[index];
+        for (cell, (&code, outgoing)) in codes.iter().zip(&brdf.outgoing).enumerate() {
+            if code == Provenance::Missing.code() {
+                continue;
+            }
+            let Some(reason) = incident.or(*outgoing) else {
+                continue;
+            };
             let found = Provenance::from_code(code)
                 .map_or_else(|| code.to_string(), |origin| origin.name().to_owned());
             return Err(StoreError::Chunk {

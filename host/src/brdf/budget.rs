@@ -60,7 +60,7 @@ pub(crate) struct BudgetSums {
 }
 
 /// Standard uncertainties of a sample that all others share.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Shared {
     /// By the reflectance of the standards.
     pub(crate) standards: f32,
@@ -68,17 +68,8 @@ pub(crate) struct Shared {
     pub(crate) lamp: f32,
     /// By stray light.
     pub(crate) stray: f32,
-}
-
-impl Shared {
-    /// By standards, lamp and stray light.
-    pub(crate) const fn of([standards, lamp, stray]: [f32; 3]) -> Self {
-        Self {
-            standards,
-            lamp,
-            stray,
-        }
-    }
+    /// By light that returns onto the sample.
+    pub(crate) returned: f32,
 }
 
 impl BudgetSums {
@@ -104,10 +95,15 @@ impl BudgetSums {
             standards,
             lamp,
             stray,
+            returned,
         } = shared;
-        let [f, variance, standards, lamp, stray] = [f, variance, standards, lamp, stray].map(f64::from);
-        if variance > 0.0 && (f + variance + standards + lamp + stray).is_finite() {
-            self.shared[region] += (lamp * lamp + stray * stray) / variance;
+        let offsets2 = [lamp, stray, returned]
+            .map(|of| f64::from(of).powi(2))
+            .iter()
+            .sum::<f64>();
+        let [f, variance, standards, lamp] = [f, variance, standards, lamp].map(f64::from);
+        if variance > 0.0 && (f + variance + standards + offsets2).is_finite() {
+            self.shared[region] += offsets2 / variance;
             for (sum, cause) in self.by_cause.iter_mut().zip([standards, lamp]) {
                 *sum += f * cause / variance;
             }
@@ -191,7 +187,7 @@ impl BudgetSums {
                 data: SmallData::F64(shared),
                 units: "1",
                 long_name: "share of the variance of f that all values have in common beside a factor: by the lamp in the black \
-                            frames, and by stray light",
+                            frames, by stray light, and by light that returns onto the sample",
                 codes: &[],
             },
         ]
@@ -308,6 +304,8 @@ mod tests {
                 standards: 0.02 * f,
                 lamp,
                 stray: 0.0,
+                // As large in σ as the lamp's offset of the dim one.
+                returned: 0.1 * f,
             };
             sums.add_shared(4, f, 0.04 * f * f, shared);
             sums.add(
@@ -324,7 +322,10 @@ mod tests {
         );
         let [_, _, shared] = BudgetSums::arrays(Some(&sums));
         let found = shared.data.as_f64().unwrap()[4];
-        assert!((found - f64::midpoint(0.25, 0.0025)).abs() < 1e-6, "{found}");
+        assert!(
+            (found - f64::midpoint(0.25, 0.0025) - 0.25).abs() < 1e-6,
+            "{found}"
+        );
     }
 
     #[test]

@@ -9,21 +9,21 @@
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use glam::{DVec3, Vec2, Vec4};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 use rayon::prelude::*;
 
 use super::{Brdf, BrdfError};
+use crate::base::eight::LANES;
 use crate::brdf::interpolation::{
-    BLOCK, Blend, Captured, Interpolation, Layout, Lookup, Packed, PackedCell, captured,
+    Answering, BLOCK, Blend, Captured, Desk, Interpolation, Layout, Packed, PackedCell, captured, filled,
 };
 use crate::brdf::reflectance::{Missing, Reflectance, Value};
-use crate::hemisphere::disk::Disk;
 use crate::store::StoreError;
 
 /// Memory that the cells of a file may take, in bytes.
 const MOST_BYTES: usize = 12_000_000_000;
-/// Pairs that are brought into order together: each takes some 300 bytes meanwhile.
-const BATCH: usize = 1 << 20;
+/// Pairs that are brought into order together: each takes some 50 bytes meanwhile.
+const BATCH: usize = 1 << 22;
 /// Bytes of the file that are in memory at a time beside what is held, about.
 const GROUP_BYTES: usize = 1 << 28;
 /// Fewer are answered as they come.
@@ -32,6 +32,8 @@ const FEW: usize = 1 << 12;
 const TOGETHER: usize = 64;
 /// Pairs are in order if one in so many lies elsewhere than the one before it.
 const IN_ORDER: usize = 4;
+/// Pairs that a thread answers at a time.
+const AT_A_TIME: usize = 128 * LANES;
 
 /// A file that is asked for this many pairs is held, if that takes no more bytes than [`UNASKED_BYTES`].
 const MANY: usize = 1 << 18;
@@ -63,10 +65,15 @@ pub(super) struct Busy {
 }
 
 impl Busy {
+    /// Whether `brdf` is held once many pairs were asked of it.
+    pub(super) fn will_hold(brdf: &Brdf) -> bool {
+        Held::bytes(brdf) <= UNASKED_BYTES
+    }
+
     /// What is held of `brdf`, of which `pairs` more are asked; `None` if few are, or too much would have to be held.
     pub(super) fn held(&self, brdf: &Brdf, pairs: usize) -> Result<Option<&Held>, StoreError> {
         let asked = self.asked.fetch_add(pairs, Ordering::Relaxed) + pairs;
-        if self.held.get().is_none() && asked >= MANY && Held::bytes(brdf) <= UNASKED_BYTES {
+        if self.held.get().is_none() && asked >= MANY && Self::will_hold(brdf) {
             match Held::read(brdf, Interpolation::Blended) {
                 // If another thread was first, its values are the same.
                 Ok(held) => drop(self.held.set(held)),
@@ -86,7 +93,7 @@ pub struct HeldBrdf {
 }
 
 impl HeldBrdf {
-    /// Reads all of `brdf`, 16 bytes for each incident direction and cell, 8 of a grey one, to be looked up by `interpolation`.
+    /// Reads all of `brdf`, 20 bytes for each incident direction and cell, 10 of a grey one, to be looked up by `interpolation`.
     ///
     /// # Errors
     /// [`BrdfError`] if it cannot be read or would take more than 12 GB.
@@ -161,7 +168,7 @@ impl Held {
 
 /// The cells of all images of `brdf`, some chunks of which are in memory beside them at a time.
 fn packed<C: PackedCell>(brdf: &Brdf, layout: &Layout) -> Result<Vec<C>, BrdfError> {
-    let mut all = vec![C::pack(&[0.0; 3], 0.0); layout.len()];
+    let mut all = vec![C::MISSING; layout.len()];
     let image = brdf.disk.len() * brdf.channels();
     let chunks: Vec<usize> = (0..brdf.chunks()).collect();
     let chunk_bytes = brdf.chunk_range(0).len() * image * size_of::<f32>();
@@ -197,15 +204,35 @@ impl<'a, C: PackedCell> Reader<'a, C> {
     }
 
     fn value(&self, wi: DVec3, wo: DVec3) -> Value {
-        if let Some(missing) = Missing::at_horizon(wi, wo) {
-            return Err(missing);
+        let mut value = [Err(Missing::Unknown)];
+        self.answer(&mut value, &[(wi, wo)], &mut Desk::default());
+        value[0]
+    }
+
+    /// Answers one to eight pairs.
+    fn answer(&self, values: &mut [Value], pairs: &[(DVec3, DVec3)], desk: &mut Desk<Packed<'a, C>>) {
+        let mut above = filled(pairs);
+        for pair in &mut above {
+            if Missing::at_horizon(pair.0, pair.1).is_some() {
+                *pair = (DVec3::Z, DVec3::Z);
+            }
         }
-        let set = (&self.brdf.grid, &self.held.captured[..]);
-        let image = |row| self.image(row);
-        let found = Lookup::of(set, &self.brdf.cells, &self.held.blend, (wi, wo), image);
-        found
-            .value()
-            .ok_or_else(|| self.brdf.missing(wi, wo, f64::from(found.saturated)))
+        let answering = Answering {
+            set: &self.brdf.grid,
+            blend: &self.held.blend,
+            cells: &self.brdf.cells,
+            strides: self.held.layout.strides(),
+            captured: &self.held.captured,
+            image: |row| self.image(row),
+        };
+        let found = answering.eight(&above, desk);
+        for ((value, &(wi, wo)), found) in values.iter_mut().zip(pairs).zip(found) {
+            *value = match (Missing::at_horizon(wi, wo), found) {
+                (Some(missing), _) => Err(missing),
+                (None, Ok(f)) => Ok(f),
+                (None, Err(saturated)) => Err(self.brdf.missing(wi, wo, f64::from(saturated))),
+            };
+        }
     }
 
     /// The image of incident direction `row`; `None` if it was not captured.
@@ -216,68 +243,108 @@ impl<'a, C: PackedCell> Reader<'a, C> {
     }
 
     fn values(&self, pairs: &[(DVec3, DVec3)]) -> Vec<Value> {
-        let mut values = Vec::with_capacity(pairs.len());
-        for batch in pairs.chunks(BATCH) {
-            let tiles = Tiles::of(batch.len());
-            let places: Vec<u32> = batch.par_iter().map(|pair| tiles.place(*pair)).collect();
-            let leaps = places.windows(2).filter(|two| two[0] != two[1]).count();
-            if batch.len() < FEW || leaps * IN_ORDER < batch.len() {
-                values.par_extend(batch.par_iter().map(|&(wi, wo)| self.value(wi, wo)));
-                continue;
-            }
-            let order = sorted(&places);
-            // Brought together first: so small a step waits for many of them at once.
-            let together: Vec<(DVec3, DVec3)> = order.par_iter().map(|&at| batch[at as usize]).collect();
-            let found: Vec<Value> = together.par_iter().map(|&(wi, wo)| self.value(wi, wo)).collect();
-            let first = values.len();
-            values.resize(first + batch.len(), Err(Missing::Unknown));
-            for (at, value) in order.into_iter().zip(found) {
-                values[first + at as usize] = value;
+        let mut values = vec![Err(Missing::Unknown); pairs.len()];
+        for (values, pairs) in values.chunks_mut(BATCH).zip(pairs.chunks(BATCH)) {
+            let tiles = Tiles::of(pairs.len());
+            let places: Vec<u32> = pairs.par_iter().map(|pair| tiles.place(*pair)).collect();
+            let leaps = places.par_windows(2).filter(|two| two[0] != two[1]).count();
+            if pairs.len() < FEW || leaps * IN_ORDER < pairs.len() {
+                self.as_they_come(values, pairs);
+            } else {
+                self.in_order(values, pairs, &places);
             }
         }
         values
     }
+
+    /// Answers pairs in their own order.
+    fn as_they_come(&self, values: &mut [Value], pairs: &[(DVec3, DVec3)]) {
+        let all = values.par_chunks_mut(AT_A_TIME).zip(pairs.par_chunks(AT_A_TIME));
+        all.for_each_init(Desk::default, |desk, (values, pairs)| {
+            for (values, pairs) in values.chunks_mut(LANES).zip(pairs.chunks(LANES)) {
+                self.answer(values, pairs, desk);
+            }
+        });
+    }
+
+    /// Answers pairs in the order of the `places` that they lie in.
+    fn in_order(&self, values: &mut [Value], pairs: &[(DVec3, DVec3)], places: &[u32]) {
+        let order = Order::of(places);
+        let mut found = vec![Err(Missing::Unknown); pairs.len()];
+        let all = found
+            .par_chunks_mut(AT_A_TIME)
+            .zip(order.indices.par_chunks(AT_A_TIME));
+        all.for_each_init(Desk::default, |desk, (values, indices)| {
+            let mut eight = [(DVec3::Z, DVec3::Z); LANES];
+            for (values, indices) in values.chunks_mut(LANES).zip(indices.chunks(LANES)) {
+                for (pair, &index) in eight.iter_mut().zip(indices) {
+                    *pair = pairs[index as usize];
+                }
+                self.answer(values, &eight[..indices.len()], desk);
+            }
+        });
+        let places = values.par_iter_mut().zip(&order.places);
+        places.for_each(|(value, &place)| *value = found[place as usize]);
+    }
 }
 
-/// Tiles of the pairs of directions: both directions lie in the same cells of a coarse disk.
-struct Tiles(Disk);
+/// Tiles of the pairs of directions: both directions lie in the same cells of a coarse equal-area disk, `size` of them a side.
+struct Tiles {
+    size: u32,
+}
 
 impl Tiles {
     /// Tiles that have [`TOGETHER`] of so many pairs each.
     fn of(pairs: usize) -> Self {
         let tiles = (pairs / TOGETHER).max(1) as f64;
-        Self(Disk::new((tiles.powf(0.25).ceil() as usize).clamp(1, 64)))
+        Self {
+            size: (tiles.powf(0.25).ceil() as u32).clamp(1, 64),
+        }
     }
 
-    /// Number of the tile of a pair; any for what lies below the horizon.
+    /// Number of the tile of a pair; any for what lies below the horizon. Those near each other have numbers near each other: the bits of
+    /// their columns and rows take turns (a Z-order curve).
     fn place(&self, (wi, wo): (DVec3, DVec3)) -> u32 {
-        let size = self.0.size();
-        let [wi, wo] = [wi, wo].map(|w| {
-            let position = self.0.position(w).unwrap_or_default();
-            let [x, y] = [position.x, position.y].map(|at| (at as usize).min(size - 1));
-            y * size + x
-        });
-        (wi * size * size + wo) as u32
+        let half = 0.5 * self.size as f32;
+        let cells = |w: Vec3| {
+            let scale = half / (1.0 + w.z.max(0.0)).sqrt();
+            [w.x, w.y].map(|x| ((x * scale + half).max(0.0) as u32).min(self.size - 1))
+        };
+        let ([a, b], [c, d]) = (cells(wi.as_vec3()), cells(wo.as_vec3()));
+        apart(c) | apart(d) << 1 | apart(a) << 2 | apart(b) << 3
     }
 }
 
-/// The indices of `keys` in the order of these; of equal ones the first comes first.
-fn sorted(keys: &[u32]) -> Vec<u32> {
-    let most = keys.iter().copied().max().unwrap_or(0) as usize;
-    let mut starts = vec![0_u32; most + 2];
-    for &key in keys {
-        starts[key as usize + 1] += 1;
+/// The six lowest bits, each four places from the next.
+const fn apart(x: u32) -> u32 {
+    x & 1 | (x & 2) << 3 | (x & 4) << 6 | (x & 8) << 9 | (x & 16) << 12 | (x & 32) << 15
+}
+
+/// An order by keys: the index of what comes at each place, and the place of each. Of equal keys the first comes first.
+struct Order {
+    indices: Vec<u32>,
+    places: Vec<u32>,
+}
+
+impl Order {
+    fn of(keys: &[u32]) -> Self {
+        let most = keys.iter().copied().max().unwrap_or(0) as usize;
+        let mut starts = vec![0_u32; most + 2];
+        for &key in keys {
+            starts[key as usize + 1] += 1;
+        }
+        for at in 0..=most {
+            starts[at + 1] += starts[at];
+        }
+        let (mut indices, mut places) = (vec![0; keys.len()], vec![0; keys.len()]);
+        for (index, (&key, place)) in (0..).zip(keys.iter().zip(&mut places)) {
+            let start = &mut starts[key as usize];
+            indices[*start as usize] = index;
+            *place = *start;
+            *start += 1;
+        }
+        Self { indices, places }
     }
-    for at in 0..=most {
-        starts[at + 1] += starts[at];
-    }
-    let mut order = vec![0; keys.len()];
-    for (at, &key) in (0..).zip(keys) {
-        let start = &mut starts[key as usize];
-        order[*start as usize] = at;
-        *start += 1;
-    }
-    order
 }
 
 #[cfg(test)]
@@ -346,8 +413,19 @@ mod tests {
 
     #[test]
     fn an_order_has_everything_once_by_its_keys() {
-        let keys = [3, 0, 3, 1, 0, 7];
-        assert_eq!(sorted(&keys), [1, 4, 3, 0, 2, 5]);
-        assert!(sorted(&[]).is_empty());
+        let order = Order::of(&[3, 0, 3, 1, 0, 7]);
+        assert_eq!(order.indices, [1, 4, 3, 0, 2, 5]);
+        assert_eq!(order.places, [3, 0, 4, 2, 1, 5]);
+        assert!(Order::of(&[]).indices.is_empty());
+    }
+
+    #[test]
+    fn each_tile_has_its_own_number() {
+        let numbers: std::collections::HashSet<u32> = (0..64).map(apart).collect();
+        assert_eq!(numbers.len(), 64);
+        assert!(numbers.iter().all(|number| number & !0x0011_1111 == 0));
+        let tiles = Tiles { size: 64 };
+        let far = tiles.place((from_degrees(89.9, 45.0), from_degrees(89.9, 225.0)));
+        assert!(far < 1 << 24, "{far}");
     }
 }

@@ -18,12 +18,14 @@ use crate::base::blame::Blame;
 use crate::brdf::interpolation::{BranchErrors, Cells};
 use crate::hemisphere::disk::Disk;
 use crate::hemisphere::incident::{Grid, IncidentError, IncidentSet};
+use crate::instrument::bands::Bands;
 use crate::instrument::calibration::{MeasuredArea, Standard};
 use crate::instrument::optics::Unmeasurable;
 use crate::store::{BrdfReader, BrdfRows, StoreError};
 
 mod agreement;
 mod azimuth;
+mod bands;
 pub(crate) mod budget;
 pub mod cause;
 pub(crate) mod evidence;
@@ -62,6 +64,8 @@ pub(crate) const DIRECTION_UNCERTAINTY: &str = "direction_uncertainty_deg";
 
 /// Attribute of `brdf.zarr` for what [`Brdf::measured_area`] tells.
 pub(crate) const MEASURED_AREA: &str = "measured_area";
+/// Attribute of `brdf.zarr` for what [`Brdf::bands`] tells.
+pub(crate) const BANDS: &str = "bands";
 /// Attribute of `brdf.zarr` for what [`Brdf::standards`] tells.
 pub(crate) const STANDARDS: &str = "standards";
 
@@ -214,8 +218,8 @@ impl Brdf {
         })
     }
 
-    /// The same file, which is held in memory once a quarter of a million values were asked of it, if it takes no more than 4 GB there: 16
-    /// bytes for each incident direction and cell, 8 of a grey one. What it answers stays the same to the bit.
+    /// The same file, which is held in memory once a quarter of a million values were asked of it, if it takes no more than 4 GB there: 20
+    /// bytes for each incident direction and cell, 10 of a grey one. What it answers stays the same to the bit.
     #[must_use]
     pub fn held_when_busy(self) -> Self {
         Self {
@@ -322,6 +326,12 @@ impl Brdf {
             .unwrap_or_default()
     }
 
+    /// Bands of light that the channels stand for, in their order. `None` if the file does not say.
+    #[must_use]
+    pub fn bands(&self) -> Option<Bands> {
+        Bands::of_json(self.attributes().get(BANDS)?, self.channels())
+    }
+
     /// Area of the sample that the camera's pixels see. `None` if the file does not say.
     #[must_use]
     pub fn measured_area(&self) -> Option<MeasuredArea> {
@@ -356,25 +366,6 @@ impl Brdf {
         self.budget
             .iter()
             .find(|one| is_in(one.incident_deg, incident_deg) && is_in(one.outgoing_deg, outgoing_deg))
-    }
-
-    /// Relative standard uncertainty (k = 1) that all values have in common by the reflectances of the standards and by light
-    /// that returns onto the sample: root mean square over the regions of the [`budget`](Self::budget). `None` without one.
-    #[must_use]
-    pub fn standards_uncertainty(&self) -> Option<f64> {
-        let causes =
-            ["standard", "interreflection"].map(|name| CAUSES.iter().position(|cause| *cause == name));
-        let of = |region: &RegionBudget| {
-            let share: f64 = causes.iter().flatten().map(|cause| region.shares[*cause]).sum();
-            region.relative * region.relative * share
-        };
-        let squares: Vec<f64> = self
-            .budget
-            .iter()
-            .map(of)
-            .filter(|square| square.is_finite())
-            .collect();
-        (!squares.is_empty()).then(|| (squares.iter().sum::<f64>() / squares.len() as f64).sqrt())
     }
 
     /// Why incident direction `index` of the grid has no data; `None` if it has.

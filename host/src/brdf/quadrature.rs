@@ -10,7 +10,7 @@ use glam::DVec3;
 use crate::brdf::sample::Outgoing;
 
 /// Light (s₁, s₂) goes with the places (+, s₁s₂) and (−, −s₁s₂).
-const PLACES: [[usize; 2]; 4] = [[0, 3], [1, 2], [1, 2], [0, 3]];
+pub(crate) const PLACES: [[usize; 2]; 4] = [[0, 3], [1, 2], [1, 2], [0, 3]];
 
 /// Mean of f in sr⁻¹ over the four `lobes`, one per direction of light, and the four outgoing directions `places`. Places
 /// that see nothing (`None`) count as dark.

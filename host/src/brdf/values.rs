@@ -6,9 +6,10 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 use super::Brdf;
+use super::held::Busy;
 use crate::brdf::interpolation::{
-    Blend, BranchErrors, Captures, Cells, Image, ImageOf, Interpolation, Lookup, learn, look_up,
-    look_up_apart,
+    Blend, BranchErrors, Captures, Cells, Image, ImageOf, Interpolation, Lookup, captured, learn, look_up,
+    walk,
 };
 use crate::brdf::reflectance::{Missing, Value};
 use crate::hemisphere::direction::{is_above_horizon, to_degrees};
@@ -17,10 +18,12 @@ use crate::instrument::optics::Unmeasurable;
 use crate::store::provenance::Provenance;
 use crate::store::{BrdfRows, StoreError};
 
-/// Pairs that are answered together: each takes some 200 bytes meanwhile.
-const BATCH: usize = 1 << 20;
-/// As that, of pairs that are answered with their uncertainties.
-const STATED_BATCH: usize = 1 << 17;
+/// Pairs for which a file is read once, where many are asked: each takes some 60 bytes meanwhile.
+const AT_ONCE: usize = 1 << 22;
+/// As that, of pairs that are answered with their uncertainties: each takes some 800 bytes.
+const STATED_AT_ONCE: usize = 1 << 18;
+/// As that, of what was measured itself: some 250 bytes.
+const SEEN_AT_ONCE: usize = 1 << 20;
 /// Bytes of the file that are in memory at a time, about.
 const GROUP_BYTES: usize = 1 << 28;
 
@@ -60,15 +63,15 @@ impl Brdf {
     pub fn stated(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Result<Stated, Missing>>, StoreError> {
         let blend = Blend::new(Interpolation::Blended, self.errors.as_ref());
         let mut all = Vec::with_capacity(pairs.len());
-        for batch in pairs.chunks(STATED_BATCH) {
+        for batch in pairs.chunks(STATED_AT_ONCE) {
             let found = above_the_horizon(batch, |above| {
-                let values = look_up_apart(self, &blend, above)?;
-                let sigmas = look_up(&Picked::sigmas(self), &blend, above)?;
+                let both = Lookup::all(&self.grid, &blend, above, true);
+                let [values, sigmas] = self.both(both, &|provenance| provenance)?;
                 let both = values.iter().zip(&sigmas).zip(above);
                 Ok(both
                     .map(|((value, sigma), pair)| {
                         let stated = self.stated_of(value, sigma, *pair);
-                        Some(stated.ok_or(f64::from(value.saturated)))
+                        Some(stated.ok_or(f64::from(value.saturated())))
                     })
                     .collect())
             })?;
@@ -97,9 +100,15 @@ impl Brdf {
                 let all = (factor * f64::from(f[channel])).hypot(offset * f64::from(captured[channel]));
                 (all as f32).min(captured[channel])
             }),
-            provenance: Provenance::from_code(value.weakest)
+            provenance: Provenance::from_code(value.weakest())
                 .filter(|origin| *origin != Provenance::Missing)?,
         })
+    }
+
+    /// How many pairs are best asked for together, if the file is read for each time that it is asked; `None` of one that will be held.
+    pub(crate) fn at_once(&self) -> Option<usize> {
+        let is_held = self.busy.is_some() && Busy::will_hold(self);
+        (!is_held).then_some(AT_ONCE)
     }
 
     /// f for pairs of unit vectors (incident, outgoing), both away from the surface, in the order asked.
@@ -124,17 +133,12 @@ impl Brdf {
         interpolation: Interpolation,
     ) -> Result<Vec<Value>, StoreError> {
         let blend = Blend::new(interpolation, self.errors.as_ref());
-        let is_above = |pair: &(DVec3, DVec3)| Missing::at_horizon(pair.0, pair.1).is_none();
         let mut values = Vec::with_capacity(pairs.len());
-        for batch in pairs.chunks(BATCH) {
-            let above: Vec<_> = batch.iter().filter(|pair| is_above(pair)).copied().collect();
-            let mut found = look_up(self, &blend, &above)?.into_iter();
-            values.extend(batch.iter().map(|pair| {
-                let found = is_above(pair).then(|| found.next()).flatten();
-                let value = found.as_ref().and_then(Lookup::value);
-                let saturated = found.map_or(0.0, |lookup| f64::from(lookup.saturated));
-                value.ok_or_else(|| self.missing(pair.0, pair.1, saturated))
-            }));
+        for batch in pairs.chunks(AT_ONCE) {
+            let value = |(wi, wo), found: Result<[f32; 3], f32>| {
+                found.map_err(|saturated| self.missing(wi, wo, f64::from(saturated)))
+            };
+            values.extend(walk(self, &blend, batch, value)?);
         }
         Ok(values)
     }
@@ -145,7 +149,7 @@ impl Brdf {
     /// # Errors
     /// [`StoreError`].
     pub(crate) fn learn(&self) -> Result<Option<BranchErrors>, StoreError> {
-        learn(&Picked::seen(self))
+        learn(&Seen(self))
     }
 
     /// f in sr⁻¹ for pairs of unit vectors (incident, outgoing) by direct interpolation of what was measured itself, not
@@ -155,7 +159,7 @@ impl Brdf {
     /// [`StoreError`].
     pub(crate) fn measured(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Option<[f32; 3]>>, StoreError> {
         let mut values = Vec::with_capacity(pairs.len());
-        for batch in pairs.chunks(BATCH) {
+        for batch in pairs.chunks(SEEN_AT_ONCE) {
             values.extend(self.seen(batch)?);
         }
         Ok(values)
@@ -164,7 +168,7 @@ impl Brdf {
     fn seen(&self, pairs: &[(DVec3, DVec3)]) -> Result<Vec<Option<[f32; 3]>>, StoreError> {
         let blend = Blend::new(Interpolation::Direct, None);
         above_the_horizon(pairs, |above| {
-            Ok(look_up(&Picked::seen(self), &blend, above)?
+            Ok(look_up(&Seen(self), &blend, above)?
                 .iter()
                 .map(Lookup::value)
                 .collect())
@@ -215,7 +219,8 @@ impl Captures for Brdf {
         wanted: &[bool],
         each: &mut dyn FnMut(Range<usize>, ImageOf<'_>),
     ) -> Result<(), StoreError> {
-        self.scan_rows(wanted, &|rows| (rows.f, rows.provenance), each)
+        let pick = |rows: BrdfRows| ([rows.f, Vec::new()], rows.provenance);
+        self.scan_rows(wanted, &pick, &mut |group, [values, _]| each(group, values))
     }
 }
 
@@ -243,49 +248,24 @@ fn only_seen(mut provenance: Vec<u8>) -> Vec<u8> {
     provenance
 }
 
-/// What `pick` takes from the rows of a file.
-struct Picked<'a> {
-    brdf: &'a Brdf,
-    /// From rows to values [cell, channel] and provenance.
-    pick: fn(BrdfRows) -> (Vec<f32>, Vec<u8>),
-}
+/// What was measured itself, and nothing else.
+struct Seen<'a>(&'a Brdf);
 
-impl<'a> Picked<'a> {
-    /// The values that were measured themselves.
-    fn seen(brdf: &'a Brdf) -> Self {
-        let pick = |rows: BrdfRows| (rows.f, only_seen(rows.provenance));
-        Self { brdf, pick }
-    }
-
-    /// The standard uncertainties in place of the values: linear interpolation of them is that of fully correlated errors, the
-    /// largest it can be.
-    fn sigmas(brdf: &'a Brdf) -> Self {
-        let pick = |rows: BrdfRows| (sigmas(&rows), rows.provenance);
-        Self { brdf, pick }
-    }
-
-    /// Those of what was measured itself.
-    fn seen_sigmas(brdf: &'a Brdf) -> Self {
-        let pick = |rows: BrdfRows| (sigmas(&rows), only_seen(rows.provenance));
-        Self { brdf, pick }
-    }
-}
-
-fn sigmas(rows: &BrdfRows) -> Vec<f32> {
+fn sigmas_of(rows: &BrdfRows) -> Vec<f32> {
     rows.sigma.iter().map(|sigma| sigma.to_f32()).collect()
 }
 
-impl Captures for Picked<'_> {
+impl Captures for Seen<'_> {
     fn set(&self) -> &IncidentSet {
-        &self.brdf.grid
+        &self.0.grid
     }
 
     fn cells(&self) -> &Cells {
-        &self.brdf.cells
+        &self.0.cells
     }
 
     fn is_captured(&self, row: usize) -> bool {
-        self.brdf.is_captured(row)
+        self.0.is_captured(row)
     }
 
     fn scan(
@@ -293,9 +273,14 @@ impl Captures for Picked<'_> {
         wanted: &[bool],
         each: &mut dyn FnMut(Range<usize>, ImageOf<'_>),
     ) -> Result<(), StoreError> {
-        self.brdf.scan_rows(wanted, &self.pick, each)
+        let pick = |rows: BrdfRows| ([rows.f, Vec::new()], only_seen(rows.provenance));
+        self.0
+            .scan_rows(wanted, &pick, &mut |group, [values, _]| each(group, values))
     }
 }
+
+/// What is taken from the rows of a file: values, or standard uncertainties in their place, or both, [cell, channel]; and provenance.
+type Taken = ([Vec<f32>; 2], Vec<u8>);
 
 impl Brdf {
     /// f and its standard uncertainty in sr⁻¹ for pairs of unit vectors (incident, outgoing), found by direct
@@ -310,8 +295,8 @@ impl Brdf {
     ) -> Result<Vec<Option<[[f32; 3]; 2]>>, StoreError> {
         let blend = Blend::new(Interpolation::Direct, None);
         above_the_horizon(pairs, |above| {
-            let values = look_up(&Picked::seen(self), &blend, above)?;
-            let sigmas = look_up(&Picked::seen_sigmas(self), &blend, above)?;
+            let both = Lookup::all(&self.grid, &blend, above, false);
+            let [values, sigmas] = self.both(both, &only_seen)?;
             let both = values.iter().zip(&sigmas);
             Ok(both
                 .zip(above)
@@ -331,12 +316,34 @@ impl Brdf {
             .map_or(0.0, |errors| errors.of_exchange(wi, wo, f))
     }
 
-    /// [`Captures::scan`] of what `pick` takes from the rows: values [cell, channel] and provenance.
+    /// What values, and standard uncertainties in place of them, say of the same look-ups, by one walk through the file; `of` has the codes
+    /// of provenance by which there is a value. Linear interpolation of uncertainties is that of fully correlated errors, the largest it can
+    /// be.
+    fn both(
+        &self,
+        mut values: Vec<Lookup>,
+        of: &(dyn Fn(Vec<u8>) -> Vec<u8> + Sync),
+    ) -> Result<[Vec<Lookup>; 2], StoreError> {
+        let mut sigmas: Vec<Lookup> = values.iter().map(Lookup::plain).collect();
+        let captured = captured(self);
+        let wanted = Lookup::wanted(&values, self.grid.len());
+        let pick = |rows: BrdfRows| {
+            let sigmas = sigmas_of(&rows);
+            ([rows.f, sigmas], of(rows.provenance))
+        };
+        self.scan_rows(&wanted, &pick, &mut |group, [f, sigma]| {
+            Lookup::gather_all(&mut values, &self.cells, &captured, &group, f);
+            Lookup::gather_all(&mut sigmas, &self.cells, &captured, &group, sigma);
+        })?;
+        Ok([values, sigmas])
+    }
+
+    /// [`Captures::scan`] of what `pick` takes from the rows, whose two kinds of images come side by side.
     fn scan_rows(
         &self,
         wanted: &[bool],
-        pick: &(dyn Fn(BrdfRows) -> (Vec<f32>, Vec<u8>) + Sync),
-        each: &mut dyn FnMut(Range<usize>, ImageOf<'_>),
+        pick: &(dyn Fn(BrdfRows) -> Taken + Sync),
+        each: &mut dyn FnMut(Range<usize>, [ImageOf<'_>; 2]),
     ) -> Result<(), StoreError> {
         let (cells, channels) = (self.disk.len(), self.channels());
         let needed: Vec<usize> = (0..self.chunks())
@@ -346,27 +353,27 @@ impl Brdf {
             })
             .collect();
         let chunk_rows = self.reader.layout().chunk;
-        let at_once = (GROUP_BYTES / (chunk_rows * cells * (6 * channels + 1))).max(1);
+        let at_once = (GROUP_BYTES / (chunk_rows * cells * (8 * channels + 1))).max(1);
         for group in needed.chunks(at_once) {
             let held: Vec<_> = group
                 .par_iter()
                 .map(|&chunk| Ok((chunk, self.chunk(chunk)?.map(pick))))
                 .collect::<Result<_, StoreError>>()?;
-            let image = |row: usize| {
+            let image = |of: usize, row: usize| {
                 let place = held
                     .binary_search_by_key(&(row / chunk_rows), |held| held.0)
                     .ok()?;
                 let (values, provenance) = held[place].1.as_ref().filter(|_| self.is_captured(row))?;
                 let row = row % chunk_rows;
                 Some(Image {
-                    f: &values[row * cells * channels..][..cells * channels],
+                    f: &values[of][row * cells * channels..][..cells * channels],
                     provenance: Some(&provenance[row * cells..][..cells]),
                     channels,
                 })
             };
             let first = self.chunk_range(group[0]).start;
             let last = self.chunk_range(group[group.len() - 1]).end;
-            each(first..last, &image);
+            each(first..last, [&|row| image(0, row), &|row| image(1, row)]);
         }
         Ok(())
     }

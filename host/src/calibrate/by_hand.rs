@@ -151,6 +151,7 @@ enum Other {
     /// A flat mirror at this tilt and azimuth, degrees.
     Mirror([f64; 2]),
     Sample(Arc<dyn Sample>),
+    Nothing,
 }
 
 impl Other {
@@ -158,6 +159,7 @@ impl Other {
     fn held(&self, rig: &Rig) -> Held {
         match self {
             Self::Sample(sample) => Held::Sample(sample.clone()),
+            Self::Nothing => Held::Trap,
             Self::Mirror([tilt_deg, azimuth_deg]) => black_mirror(rig, from_degrees(*tilt_deg, *azimuth_deg)),
         }
     }
@@ -228,9 +230,9 @@ fn other_target(text: &str) -> Result<Other, String> {
                 _ => Err(expected()),
             }
         }
-        Some(word) => {
-            let spec = if word == "nothing" { "lambert:0" } else { text };
-            let sample = parse(spec).map_err(|error| format!("put {text}: {error}"))?;
+        Some("nothing") => Ok(Other::Nothing),
+        Some(_) => {
+            let sample = parse(text).map_err(|error| format!("put {text}: {error}"))?;
             Ok(Other::Sample(Arc::from(sample)))
         }
     }

@@ -36,8 +36,10 @@ pub struct Planned {
 /// An exposure that was taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fired {
-    /// Its number in the segment.
+    /// Number in the segment of the image that it is a part of.
     pub exposure: usize,
+    /// Which band of that it is, where the projector shows one after the other; 0 else.
+    pub band: usize,
     /// When it began on the trigger box's clock, s from the start of the run.
     pub on_s: f64,
 }

@@ -91,6 +91,31 @@ impl<L: Link> Device<L> {
         self.fire(work, event)
     }
 
+    /// Plays `steps`, a table, until `runs` runs of it are done, each of which begins by itself as `program` says, such as at an edge of
+    /// START; 0 for ever. Between two the box needs some 2 ms. Tells `event` as [`follow`](Self::follow) does, of all of them. Returns how
+    /// many were done, and how the last one ended: as done, or as one that did not come to its end.
+    ///
+    /// # Errors
+    /// As [`play`](Self::play); [`DeviceError::Older`] if the firmware repeats no runs.
+    pub fn play_series<E: From<DeviceError>>(
+        &mut self,
+        program: &Program,
+        steps: &[Step],
+        runs: u32,
+        event: impl FnMut(Option<&Event>) -> Result<(), E>,
+    ) -> Result<(u32, Ending), E> {
+        self.repeat(runs)?;
+        self.load(program, steps)?;
+        let first = self.arm()?;
+        self.start()?;
+        let followed = self.or_halt(|device| device.follow_series(first, runs, |_| Ok(Duration::MAX), event));
+        // What is armed next is a run by itself again.
+        let forgotten = self.repeat(1);
+        let followed = followed?;
+        forgotten?;
+        Ok(followed)
+    }
+
     /// How often the host makes itself heard while a run goes on, so that the dead-man switch stays quiet.
     #[must_use]
     pub fn keep_alive(&self) -> Duration {
@@ -127,8 +152,16 @@ impl<L: Link> Device<L> {
     ) -> Result<Ending, E> {
         let run = self.arm()?;
         self.start()?;
+        self.or_halt(|device| device.follow_while(run, work, event))
+    }
+
+    /// Lets `follow` see a run to its end, which is brought about where that fails.
+    fn or_halt<T, E: From<DeviceError>>(
+        &mut self,
+        follow: impl FnOnce(&mut Self) -> Result<T, E>,
+    ) -> Result<T, E> {
         // Who is told of events may end by unwinding, where somebody has stopped the program.
-        let followed = catch_unwind(AssertUnwindSafe(|| self.follow_while(run, work, event)));
+        let followed = catch_unwind(AssertUnwindSafe(|| follow(self)));
         let ending = followed.unwrap_or_else(|unwinding| {
             self.halt();
             resume_unwind(unwinding)
@@ -166,9 +199,23 @@ impl<L: Link> Device<L> {
     fn follow_while<E: From<DeviceError>>(
         &mut self,
         run: RunId,
+        work: impl FnMut(&mut Self) -> Result<Duration, E>,
+        event: impl FnMut(Option<&Event>) -> Result<(), E>,
+    ) -> Result<Ending, E> {
+        Ok(self.follow_series(run, 1, work, event)?.1)
+    }
+
+    /// Follows the runs from `first` on, each of which begins when the one before it is done, until there were so many; 0 for ever. Calls
+    /// `work` at least as often as `event`, and as soon again as it says. Returns how many were done, and how the last one ended.
+    fn follow_series<E: From<DeviceError>>(
+        &mut self,
+        first: RunId,
+        runs: u32,
         mut work: impl FnMut(&mut Self) -> Result<Duration, E>,
         mut event: impl FnMut(Option<&Event>) -> Result<(), E>,
-    ) -> Result<Ending, E> {
+    ) -> Result<(u32, Ending), E> {
+        // Runs of before are behind by more than a series has.
+        let most = if runs == 0 { RunId::MAX / 2 } else { runs };
         let keep_alive = self.keep_alive();
         let mut heard = self.link().now();
         let mut over = None;
@@ -177,12 +224,13 @@ impl<L: Link> Device<L> {
             let next = match over {
                 None => self.next_event(again.min(keep_alive / 4))?,
                 // What was sent before the end is still on its way.
-                Some(ending) => match self.next_event(Duration::from_millis(1))? {
-                    None => return Ok(ending),
+                Some(ended) => match self.next_event(Duration::from_millis(1))? {
+                    None => return Ok(ended),
                     next => next,
                 },
             };
-            let next = next.filter(|next| run_of(next) == run);
+            let number = next.as_ref().map_or(0, |next| run_of(next).wrapping_sub(first));
+            let next = next.filter(|_| number < most);
             if let Some(Event::Ended {
                 state,
                 fault,
@@ -191,24 +239,33 @@ impl<L: Link> Device<L> {
                 ..
             }) = next
             {
-                return Ok(Ending {
-                    state,
-                    fault,
-                    steps_done,
-                    at: Some(at),
-                });
+                let done = number + u32::from(state == State::Done);
+                if state != State::Done || done == runs {
+                    let ending = Ending {
+                        state,
+                        fault,
+                        steps_done,
+                        at: Some(at),
+                    };
+                    return Ok((done, ending));
+                }
             }
             event(next.as_ref())?;
             if over.is_none() && self.link().now().saturating_sub(heard) >= keep_alive {
                 heard = self.link().now();
                 // Notices an end whose event was lost, too.
                 let status = self.status()?;
-                over = (!matches!(status.state, State::Armed | State::Running)).then_some(Ending {
+                let done = status
+                    .run
+                    .wrapping_sub(first)
+                    .wrapping_add(u32::from(status.state == State::Done));
+                let ending = Ending {
                     state: status.state,
                     fault: status.fault,
                     steps_done: status.steps_done,
                     at: None,
-                });
+                };
+                over = (!matches!(status.state, State::Armed | State::Running)).then_some((done, ending));
             }
         }
     }
@@ -220,6 +277,7 @@ const fn run_of(event: &Event) -> RunId {
         | Event::Records { run, .. }
         | Event::SpuriousStrobe { run, .. }
         | Event::Room { run, .. }
-        | Event::Ended { run, .. } => *run,
+        | Event::Ended { run, .. }
+        | Event::Photo { run, .. } => *run,
     }
 }

@@ -144,6 +144,8 @@ mod tests {
 
     use rcg_protocol::State;
 
+    use std::sync::Mutex;
+
     use super::*;
     use crate::instrument::frame_format::FrameFormat;
 
@@ -206,17 +208,15 @@ mod tests {
             }
             assert_eq!(intake.frames.high_water(), 8);
             intake.take(&mut frames).unwrap();
-            assert!((8..=9).contains(&frames.len()), "{}", frames.len());
-            while intake.frames.waits() == 1 {
-                thread::yield_now();
-            }
+            assert_eq!(frames.len(), 8);
             intake.end(&mut frames).unwrap();
         });
         // What the thread had not asked for is left to who got the camera back.
         let left = camera.frames;
         let ids: Vec<u64> = frames.iter().map(|frame| frame.id).collect();
         assert_eq!(ids, (left..50).rev().collect::<Vec<_>>());
-        assert!(frames.len() >= 17, "{}", frames.len());
+        // The one that waited for room came in.
+        assert!(frames.len() > 8, "{}", frames.len());
     }
 
     #[test]
@@ -245,7 +245,7 @@ mod tests {
     #[test]
     fn a_worker_of_the_pool_waits_for_no_thread_that_may_need_the_pool() {
         // On whose thread it was asked.
-        struct Asked(Vec<thread::ThreadId>);
+        struct Asked(Arc<Mutex<Vec<thread::ThreadId>>>);
 
         impl Camera for Asked {
             fn name(&self) -> &'static str {
@@ -266,13 +266,14 @@ mod tests {
             }
 
             fn next_frame(&mut self, _timeout: Duration) -> Result<Option<Frame>, CameraError> {
-                self.0.push(thread::current().id());
+                self.0.lock().unwrap().push(thread::current().id());
                 Ok(None)
             }
         }
 
         let followed = || {
-            let mut camera = Asked(Vec::new());
+            let asked = Arc::default();
+            let mut camera = Asked(Arc::clone(&asked));
             let ending = Ending {
                 state: State::Done,
                 steps_done: 0,
@@ -280,17 +281,19 @@ mod tests {
                 at: None,
             };
             taking_in(&mut camera, &mut Vec::new(), |take_in| {
-                take_in()?;
-                thread::sleep(Duration::from_millis(5));
+                while asked.lock().unwrap().is_empty() {
+                    take_in()?;
+                    thread::sleep(Duration::from_millis(1));
+                }
                 Ok(ending)
             })
             .unwrap();
             let here = thread::current().id();
-            (!camera.0.is_empty(), camera.0.iter().all(|asked| *asked == here))
+            asked.lock().unwrap().iter().all(|asked| *asked == here)
         };
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        assert_eq!(pool.install(followed), (true, true));
-        assert_eq!(followed(), (true, false));
+        assert!(pool.install(followed));
+        assert!(!followed());
     }
 
     #[test]

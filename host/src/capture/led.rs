@@ -82,13 +82,13 @@ impl Show<'_> {
 }
 
 impl Instrument {
-    /// One run over `timings`, which take these `exposures` of the segment, led by the projector, which shows the loaded pattern of the
-    /// number in `patterns` with each.
+    /// One run over `timings`, which take these `exposures` of the segment, (image, band) of each, led by the projector, which shows the
+    /// loaded pattern of the number in `patterns` with each.
     pub(super) fn run_led(
         &mut self,
         timings: &[Timing],
         patterns: &[usize],
-        exposures: &[usize],
+        exposures: &[(usize, usize)],
         mut recorded: impl FnMut(usize),
     ) -> Result<Received, CaptureError> {
         let clock_hz = self.device.info().clock_hz;
@@ -98,13 +98,16 @@ impl Instrument {
             cam: Pulse::NONE,
             ..step_of(timing, clock_hz)
         });
-        let steps: Vec<Step> = lead_in.into_iter().chain(taking).collect();
         let Self {
             device,
             camera,
             projector,
+            wiring,
             ..
         } = self;
+        let steps = lead_in.into_iter().chain(taking);
+        let steps = steps.map(|step| wiring.step(step, clock_hz));
+        let steps: Vec<Step> = steps.collect::<Result<_, _>>()?;
         let name = projector.name().to_owned();
         let projector = projector.leading().ok_or_else(|| ProjectorError::Failed {
             projector: name.clone(),
@@ -119,19 +122,21 @@ impl Instrument {
             appeared_s: Vec::with_capacity(steps.len()),
             due: Duration::ZERO,
         };
+        let program = wiring.program_at_its_pace(program(steps.len()));
+        wiring.check(&steps, &program, &device.info())?;
         camera.arm()?;
         let mut haul = Received::of(timings.len());
         let (frames, records, spurious_on) = (&mut haul.frames, &mut haul.records, &mut haul.spurious_on);
         let ending = taking_in(camera.as_mut(), frames, |take_in| {
             device.play_led(
-                &program(steps.len()),
+                &program,
                 &steps,
                 |device| {
                     take_in()?;
                     show.advance(device)
                 },
                 |event| {
-                    hear(event, records, spurious_on);
+                    hear(event, (wiring, clock_hz), records, spurious_on)?;
                     recorded(records.len().saturating_sub(1));
                     Ok::<_, CaptureError>(())
                 },

@@ -10,8 +10,10 @@
 //! Of several exposures of a pattern (brackets) the first step shows it and it stays for the others: a table of that many
 //! steps, played once for each pattern. A repetition of some of them shows the pattern before the first that is missing,
 //! each with its own exposure time, from a table that says so step by step. Where the projector cannot be triggered it leads
-//! (`led`), and each exposure has its pattern shown anew.
+//! (`led`), and each exposure has its pattern shown anew. Where the projector makes the bands (`banded`), each pattern is shown in one
+//! primary after the other, and an image is made of their frames.
 
+mod banded;
 pub mod camera;
 pub mod camera_clock;
 pub mod device;
@@ -20,6 +22,7 @@ pub mod dlpc900;
 pub mod files;
 pub mod flow;
 pub mod follow;
+mod further_wires;
 #[cfg(feature = "genicam")]
 pub mod genicam;
 mod intake;
@@ -33,22 +36,27 @@ pub mod real;
 pub mod records;
 pub mod replay;
 pub mod ring;
+pub mod selftest;
 pub mod session;
 pub mod steps;
+pub mod update;
 #[cfg(feature = "window")]
 pub mod window;
+pub mod wiring;
 
 use std::time::Duration;
 
 use rcg_protocol::{Event, State, Step, StepRecord, Ticks};
 
+use crate::capture::banded::Order;
 use crate::capture::camera::{Camera, CameraError, Fired, Frame};
 use crate::capture::device::{Device, DeviceError};
 use crate::capture::follow::Ending;
 use crate::capture::intake::taking_in;
 use crate::capture::link::Link;
-use crate::capture::pairing::{Outcome, pair};
+use crate::capture::pairing::{Outcome, Pairing, pair};
 use crate::capture::projector::{Projector, ProjectorError};
+use crate::capture::wiring::{Wiring, WiringError};
 use crate::plan::pattern::BitPattern;
 use crate::plan::schedule::Timing;
 use crate::store::OrphanFrame;
@@ -71,6 +79,11 @@ pub struct Instrument {
     /// Row-major indices of projector pixels that are lit in every pattern, black ones too: those that watch the lamp, see
     /// [`crate::instrument::monitor`].
     pub watching: Vec<u32>,
+    /// What lies between the trigger box and the parts.
+    pub wiring: Wiring,
+    /// How often each pattern is shown: in each of the projector's primaries, whose frames are the channels of one image, or once in white
+    /// (1). See [`Rig::shown_bands`](crate::instrument::rig::Rig::shown_bands).
+    pub bands: usize,
 }
 
 /// One exposure.
@@ -78,7 +91,8 @@ pub struct Instrument {
 pub struct Captured {
     /// Digital numbers, [row, column, channel].
     pub dn: Vec<u16>,
-    /// Ticks from the start of its run to the trigger, the strobe's beginning and its end.
+    /// Ticks from the start of its run to the trigger, the strobe's beginning and its end; of several bands those of the first, as number
+    /// and time-stamp.
     pub ticks: [Ticks; 3],
     /// Number of the frame in its run.
     pub frame_id: u64,
@@ -102,6 +116,9 @@ pub enum CaptureError {
     /// The projector.
     #[error(transparent)]
     Projector(#[from] ProjectorError),
+    /// What lies between the trigger box and the parts.
+    #[error(transparent)]
+    Wiring(#[from] WiringError),
     /// The controller ended the run by itself.
     #[error(
         "controller: expected a run of {expected} steps, found that it ended as `{state}` after {done}{reason}"
@@ -160,19 +177,29 @@ impl Received {
     }
 }
 
-/// Keeps what an `event` of a run says of its steps and strobes.
-fn hear(event: Option<&Event>, records: &mut Vec<StepRecord>, spurious_on: &mut Vec<u64>) {
+/// Keeps what an `event` of a run over `wiring` says of its steps and strobes, in the times of the parts.
+fn hear(
+    event: Option<&Event>,
+    (wiring, clock_hz): (&Wiring, u32),
+    records: &mut Vec<StepRecord>,
+    spurious_on: &mut Vec<u64>,
+) -> Result<(), WiringError> {
     match event {
-        Some(Event::Records { records: new, .. }) => records.extend(new),
-        Some(Event::SpuriousStrobe { on, .. }) => spurious_on.push(on.0),
+        Some(Event::Records { records: new, .. }) => {
+            for record in new {
+                records.push(wiring.record(record, clock_hz)?);
+            }
+        }
+        Some(Event::SpuriousStrobe { on, .. }) => spurious_on.push(wiring.strobe_on(*on, clock_hz).0),
         _ => {}
     }
+    Ok(())
 }
 
 impl Instrument {
-    /// Takes the exposures of `timings` of each of `count` patterns, one pattern after the other; `timings` is a
+    /// Takes images of `timings` of each of `count` patterns, one pattern after the other; `timings` is a
     /// [series](Timing::series). `patterns(i, image)` draws pattern `i` into an image that is black but for what watches
-    /// the lamp; `taken(n)` is told after each event how many exposures have been recorded so far.
+    /// the lamp, once for each band; `taken(n)` is told after each event how many images have been recorded so far.
     ///
     /// # Errors
     /// [`CaptureError`].
@@ -184,24 +211,28 @@ impl Instrument {
         tally: &mut Tally,
         mut taken: impl FnMut(usize),
     ) -> Result<Vec<Captured>, CaptureError> {
-        let brackets = timings.len();
-        let count = count * brackets;
+        let order = Order {
+            brackets: timings.len(),
+            bands: self.bands,
+        };
+        let count = count * order.bands * order.brackets;
         let mut done: Vec<Option<Captured>> = vec![None; count];
         let mut open: Vec<usize> = (0..count).collect();
         let mut last = Outcome::NoRecord;
         for attempt in 1..=ATTEMPTS {
-            let (steps, shown) = self.load(&open, timings, &mut patterns)?;
+            let (steps, shown) = self.load(&open, timings, order, &mut patterns)?;
             let settled = count - open.len();
-            let recorded = |recorded| taken(settled + recorded);
+            let recorded = |recorded| taken((settled + recorded) / order.bands);
+            let fired: Vec<(usize, usize)> = open.iter().map(|&one| order.image_and_band(one)).collect();
             let Received {
                 records,
                 spurious_on,
                 mut frames,
                 unsteady,
             } = if self.projector.leading().is_some() {
-                self.run_led(&steps, &shown, &open, recorded)?
+                self.run_led(&steps, &shown, &fired, recorded)?
             } else {
-                self.run(&steps, brackets, &open, recorded)?
+                self.run(&steps, order.brackets, &fired, recorded)?
             };
             let tick_s = 1.0 / f64::from(self.device.info().clock_hz);
             let mut pairing = pair(open.len(), &records, &spurious_on, &frames, tick_s);
@@ -210,16 +241,8 @@ impl Instrument {
                     *outcome = Outcome::Unsteady;
                 }
             }
-            tally.duplicates += pairing.duplicates as u64;
-            tally.orphans += pairing.orphans.len() as u64;
-            tally.orphan_frames.extend(pairing.orphans.iter().map(|&frame| {
-                let Frame { id, timestamp_s, .. } = frames[frame];
-                OrphanFrame {
-                    frame_id: id,
-                    timestamp_s,
-                }
-            }));
             tally.spurious_strobes += spurious_on.len() as u64;
+            count_strays(tally, &pairing, &frames);
 
             let mut by_step = vec![None; open.len()];
             for record in &records {
@@ -243,19 +266,22 @@ impl Instrument {
                     last = *outcome;
                 }
             }
-            open.retain(|&exposure| done[exposure].is_none());
+            open = order.open(&done);
             if open.is_empty() {
                 break;
             }
+            // Of an image that is taken again as a whole.
+            let dropped = open.iter().filter_map(|&exposure| done[exposure].take());
+            tally.paired -= dropped.count() as u64;
             tracing::info!(again = open.len(), attempt, outcome = ?last, "exposures are taken again");
             tally.repeated += open.len() as u64;
         }
         match open.first() {
             Some(&exposure) => Err(CaptureError::GaveUp {
-                exposure,
+                exposure: order.image_and_band(exposure).0,
                 outcome: last,
             }),
-            None => Ok(done.into_iter().flatten().collect()),
+            None => Ok(order.images(done)),
         }
     }
 
@@ -264,9 +290,9 @@ impl Instrument {
         &mut self,
         open: &[usize],
         timings: &[Timing],
+        order: Order,
         patterns: &mut impl FnMut(usize, &mut BitPattern),
     ) -> Result<(Vec<Timing>, Vec<usize>), CaptureError> {
-        let brackets = timings.len();
         let (width_px, height_px) = self.projector.size_px();
         let mut image = BitPattern::black(width_px, height_px);
         let is_led = self.projector.leading().is_some();
@@ -275,13 +301,15 @@ impl Instrument {
         let mut shown = Vec::with_capacity(open.len());
         let (mut showing, mut loaded) = (None, 0);
         for &exposure in open {
-            let (pattern, timing) = (exposure / brackets, &timings[exposure % brackets]);
-            let is_new = showing != Some(pattern);
+            let (picture, timing) = (order.picture(exposure), &timings[exposure % order.brackets]);
+            let is_new = showing != Some(picture);
             if is_new {
-                showing = Some(pattern);
+                showing = Some(picture);
+                let (pattern, band) = order.pattern_and_band(picture);
                 image.clear();
                 image.light(&self.watching);
                 patterns(pattern, &mut image);
+                order.show(band, &mut image);
                 self.projector.load(&image)?;
                 loaded += 1;
             }
@@ -297,13 +325,13 @@ impl Instrument {
         Ok((steps, shown))
     }
 
-    /// One run of the controller over `timings`, which take these `exposures` of the segment.
+    /// One run of the controller over `timings`, which take these `exposures` of the segment: (image, band) of each.
     /// If these are the first `cycle` again and again, the table is no longer.
     fn run(
         &mut self,
         timings: &[Timing],
         cycle: usize,
-        exposures: &[usize],
+        exposures: &[(usize, usize)],
         mut recorded: impl FnMut(usize),
     ) -> Result<Received, CaptureError> {
         let steps = timings.len();
@@ -311,11 +339,20 @@ impl Instrument {
         let cyclic = timings.chunks(cycle).all(|chunk| *chunk == timings[..cycle]);
         let table = &timings[..if cyclic { cycle } else { steps }];
         let clock_hz = self.device.info().clock_hz;
-        let table: Vec<Step> = table.iter().map(|timing| timing.step(clock_hz)).collect();
-        self.camera.arm()?;
+        let Self {
+            device,
+            camera,
+            wiring,
+            ..
+        } = self;
+        let table = table
+            .iter()
+            .map(|timing| wiring.step(timing.step(clock_hz), clock_hz));
+        let table: Vec<Step> = table.collect::<Result<_, _>>()?;
+        let program = wiring.program(Timing::table(table.len() as u32, (steps / table.len()) as u32));
+        wiring.check(&table, &program, &device.info())?;
+        camera.arm()?;
         let mut haul = Received::of(steps);
-        let Self { device, camera, .. } = self;
-        let program = Timing::table(table.len() as u32, (steps / table.len()) as u32);
         let (frames, records, spurious_on) = (&mut haul.frames, &mut haul.records, &mut haul.spurious_on);
         let ending = taking_in(camera.as_mut(), frames, |take_in| {
             device.play_with(
@@ -323,7 +360,7 @@ impl Instrument {
                 &table,
                 |_| take_in(),
                 |event| {
-                    hear(event, records, spurious_on);
+                    hear(event, (wiring, clock_hz), records, spurious_on)?;
                     recorded(records.len());
                     Ok(())
                 },
@@ -334,18 +371,20 @@ impl Instrument {
         Ok(haul)
     }
 
-    /// Tells the camera what was fired of these `exposures` of the segment, and takes in the frames that are still on their way when the
+    /// Tells the camera what was fired of these `exposures` of the segment, (image, band) of each, and takes in the frames that are still on their way when the
     /// run over `timings` has ended.
     fn receive_late(
         &mut self,
         timings: &[Timing],
-        exposures: &[usize],
+        exposures: &[(usize, usize)],
         haul: &mut Received,
     ) -> Result<(), CaptureError> {
         let tick_s = 1.0 / f64::from(self.device.info().clock_hz);
         let fired = haul.records.iter().filter_map(|record| {
+            let (exposure, band) = *exposures.get(record.step.0 as usize)?;
             Some(Fired {
-                exposure: *exposures.get(record.step.0 as usize)?,
+                exposure,
+                band,
                 on_s: (record.trigger + record.strobe?.delay).0 as f64 * tick_s,
             })
         });
@@ -368,6 +407,19 @@ impl Instrument {
         }
         Ok(())
     }
+}
+
+/// Counts the `frames` of a run that came twice or that no strobe explains.
+fn count_strays(tally: &mut Tally, pairing: &Pairing, frames: &[Frame]) {
+    tally.duplicates += pairing.duplicates as u64;
+    tally.orphans += pairing.orphans.len() as u64;
+    tally.orphan_frames.extend(pairing.orphans.iter().map(|&frame| {
+        let Frame { id, timestamp_s, .. } = frames[frame];
+        OrphanFrame {
+            frame_id: id,
+            timestamp_s,
+        }
+    }));
 }
 
 /// Refuses a run that ended before its `steps` were over.

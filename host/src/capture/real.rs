@@ -13,6 +13,7 @@ use crate::capture::files::FilesProjector;
 use crate::capture::link::Link;
 use crate::capture::projector::{Projector, ProjectorError};
 use crate::capture::replay::ReplayCamera;
+use crate::capture::wiring::Wiring;
 use crate::instrument::drivers::{CameraDriver, ProjectorDriver};
 use crate::instrument::rig::Rig;
 
@@ -82,11 +83,15 @@ pub fn open(rig: &Rig) -> Result<Instrument, RealError> {
     let projector = projector(rig)?;
     let mut device = trigger_box(rig)?;
     device.abort()?;
+    let wiring = Wiring::new(rig.trigger.as_ref());
+    wiring.prepare(&mut device)?;
     Ok(Instrument {
+        wiring,
         device,
         camera: camera(rig)?,
         projector,
         watching: Vec::new(),
+        bands: rig.shown_bands(),
     })
 }
 
@@ -138,7 +143,12 @@ pub fn check(rig: &Rig) -> Vec<Finding> {
             format.height_px,
             format.channels
         );
-        Ok([vec![image], camera.settings()].concat().join("; "))
+        let bands = rig
+            .bands
+            .as_ref()
+            .map(|bands| format!("bands: {}", bands.words()));
+        let bands: Vec<String> = bands.into_iter().collect();
+        Ok([vec![image], camera.settings(), bands].concat().join("; "))
     };
     let shown = || -> Result<String, RealError> {
         #[cfg(feature = "window")]

@@ -8,7 +8,7 @@
 use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
-use rcg_protocol::{StepFlags, StepRecord};
+use rcg_protocol::{PhotoPulse, StepFlags, StepRecord};
 use serde_json::json;
 
 use crate::base::blame::Blame;
@@ -51,6 +51,13 @@ impl RecordFile {
     /// # Errors
     /// [`RecordsError`].
     pub fn create(path: &Path) -> Result<Self, RecordsError> {
+        Self::begin(
+            path,
+            "step,trigger_ticks,strobe_delay_ticks,strobe_width_ticks,flags",
+        )
+    }
+
+    fn begin(path: &Path, header: &str) -> Result<Self, RecordsError> {
         let json = RECORDS.of(path)? == "jsonl";
         let failed = |source| RecordsError::File {
             path: path.to_owned(),
@@ -58,7 +65,6 @@ impl RecordFile {
         };
         let mut out = BufWriter::new(WholeFile::create(path).map_err(failed)?);
         if !json {
-            let header = "step,trigger_ticks,strobe_delay_ticks,strobe_width_ticks,flags";
             writeln!(out, "{header}").map_err(failed)?;
         }
         Ok(Self {
@@ -117,6 +123,45 @@ impl RecordFile {
             path: self.path.clone(),
             source,
         })
+    }
+}
+
+/// A file of pulses of PHOTO, as one of step records. Columns: `run` (from 1), `pulse` (from 0 in each run), `on_ticks` (from the start of the
+/// run) and `width_ticks` (empty or null where the pulse had not ended when the run did).
+#[derive(Debug)]
+pub struct PhotoFile(RecordFile);
+
+impl PhotoFile {
+    /// Begins the file.
+    ///
+    /// # Errors
+    /// [`RecordsError`].
+    pub fn create(path: &Path) -> Result<Self, RecordsError> {
+        RecordFile::begin(path, "run,pulse,on_ticks,width_ticks").map(Self)
+    }
+
+    /// Adds pulse `number` of the run.
+    ///
+    /// # Errors
+    /// [`RecordsError`].
+    pub fn write(&mut self, run: u64, number: u64, pulse: &PhotoPulse) -> Result<(), RecordsError> {
+        let (on, width) = (pulse.on.0, pulse.width.map(|width| width.0));
+        let written = if self.0.json {
+            let line = json!({ "run": run, "pulse": number, "on_ticks": on, "width_ticks": width });
+            writeln!(self.0.out, "{line}")
+        } else {
+            let width = width.map_or(String::new(), |width| width.to_string());
+            writeln!(self.0.out, "{run},{number},{on},{width}")
+        };
+        self.0.checked(written)
+    }
+
+    /// Puts the file under its name, as [`RecordFile::finish`].
+    ///
+    /// # Errors
+    /// [`RecordsError`].
+    pub fn finish(self) -> Result<(), RecordsError> {
+        self.0.finish()
     }
 }
 

@@ -35,6 +35,8 @@ pub struct ReplayCamera {
     segment: Option<(usize, Segment)>,
     ready: VecDeque<Frame>,
     frames: u64,
+    /// Frames of an image: one of each band that the projector made, or one.
+    bands: usize,
 }
 
 impl ReplayCamera {
@@ -73,6 +75,7 @@ impl ReplayCamera {
             segment: None,
             ready: VecDeque::new(),
             frames: 0,
+            bands: rig.shown_bands(),
         })
     }
 
@@ -108,7 +111,7 @@ impl Camera for ReplayCamera {
         FrameFormat {
             width_px: layout.width,
             height_px: layout.height,
-            channels: layout.channels,
+            channels: layout.channels / self.bands,
             bits: layout.bits,
         }
     }
@@ -162,16 +165,18 @@ impl Camera for ReplayCamera {
     }
 
     fn fired(&mut self, fired: &[Fired]) -> Result<(), CameraError> {
-        for &Fired { exposure, on_s } in fired {
+        for &Fired { exposure, band, on_s } in fired {
             let Some(index) = self.planned.get(exposure).map(|planned| planned.index) else {
                 return Err(self.failed(
                     "expected exposures of a plan, found others (pilot captures and calibrations have no frames to be shown again: \
                      say how long is exposed, --exposure-ms)",
                 ));
             };
-            let frame = self.format().len();
+            let bands = self.bands;
+            let frame = self.format().len() * bands;
             let (segment, at) = self.segment_of(index)?;
-            let dn = segment.frames[at * frame..(at + 1) * frame].to_vec();
+            let image = &segment.frames[at * frame..(at + 1) * frame];
+            let dn = image.iter().skip(band).step_by(bands).copied().collect();
             self.ready.push_back(Frame {
                 id: self.frames,
                 timestamp_s: on_s,
@@ -231,12 +236,41 @@ mod tests {
 
     /// Captures with frames of `earlier`; what came of it.
     fn again(dir: &Path, earlier: &Path, step_deg: f64, exposure_s: f64) -> Result<Measurement, String> {
-        let rig = rig();
-        let plan = Plan::new(request(step_deg), &rig, exposure_s).unwrap();
+        again_by(&rig(), dir, earlier, step_deg, exposure_s)
+    }
+
+    fn again_by(
+        rig: &Rig,
+        dir: &Path,
+        earlier: &Path,
+        step_deg: f64,
+        exposure_s: f64,
+    ) -> Result<Measurement, String> {
+        let plan = Plan::new(request(step_deg), rig, exposure_s).unwrap();
         let measurement = Measurement::create(dir, rig.clone(), plan).unwrap();
-        let camera = ReplayCamera::open(earlier, &rig).map_err(|error| error.to_string())?;
-        let captured = measurement.capture(&mut instrument(&rig, camera), &mut |_| {});
+        let camera = ReplayCamera::open(earlier, rig).map_err(|error| error.to_string())?;
+        let captured = measurement.capture(&mut instrument(rig, camera), &mut |_| {});
         captured.map(|_| measurement).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn an_earlier_measurement_in_bands_comes_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let mut rig = rig();
+        rig.camera.channels = 1;
+        rig.bands = Some(crate::instrument::bands::tests::in_turn());
+        let plan = Plan::new(request(45.0), &rig, 0.004).unwrap();
+        let spec = Virtual {
+            sample: "lambert:0.6,0.3,0.06".to_owned(),
+            ..Virtual::default()
+        };
+        let earlier = Measurement::create(&at("earlier"), rig.clone(), plan.on(spec)).unwrap();
+        measure::capture(&earlier, &Job::of(&earlier, None).unwrap(), &Silent).unwrap();
+        let replayed = again_by(&rig, &at("again"), &at("earlier"), 45.0, 0.004).unwrap();
+        let [before, after] = [&earlier, &replayed].map(|one| one.raw().unwrap().read_segment(0).unwrap());
+        assert!(before.frames == after.frames && after.tally.repeated > 0);
+        assert_eq!(after.tally.paired, 3 * after.records.len() as u64);
     }
 
     #[test]

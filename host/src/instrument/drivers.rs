@@ -8,7 +8,8 @@
 //! |---|---|
 //! | `camera.driver` | `virtual` (default), `genicam` with a table `[camera.genicam]`, `replay` with a table `[camera.replay]` |
 //! | `projector.driver` | `virtual` (default), `files` with a table `[projector.files]`, `dlpc900` with a table `[projector.dlpc900]`, `window` with a table `[projector.window]` |
-//! | `trigger.port` | a serial port, or `auto` (default) to look for the box on USB |
+//! | `trigger.port` | a serial port, `serial:` and the box's serial number, or `auto` (default) to look for the box on USB |
+//! | other keys of `[trigger]` | what lies between the box and the parts, see [`Trigger`] |
 //!
 //! Camera and projector are real together, or virtual together: a real camera does not see a simulated lamp.
 
@@ -231,18 +232,133 @@ pub enum Edge {
     Falling,
 }
 
-/// The trigger box.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+/// A line of the trigger box.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TriggerLine {
+    /// To the projector's trigger.
+    Proj,
+    /// To the camera's trigger.
+    Cam,
+    /// From the projector.
+    Sync,
+    /// From the camera.
+    Strobe,
+    /// To a light source, a shutter or a second camera.
+    AuxA,
+    /// As [`AuxA`](Self::AuxA).
+    AuxB,
+    /// From a photodiode.
+    Photo,
+    /// From what begins a run.
+    Start,
+}
+
+/// What a further output of the box does in every step.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AuxOutput {
+    /// What its delay counts from.
+    pub from: AuxFrom,
+    /// From there to the leading edge, at the box's pins, s.
+    #[serde(default)]
+    pub delay_s: f64,
+    /// Length of the pulse, s; that of CAM where nothing is said.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub width_s: Option<f64>,
+}
+
+/// What the delay of a further output counts from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AuxFrom {
+    /// The start of the step.
+    Step,
+    /// The leading edge of CAM; steps without CAM have no pulse.
+    Cam,
+}
+
+/// What begins a run and its steps.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TriggerPace {
+    /// The box by itself.
+    #[default]
+    Free,
+    /// An edge of SYNC begins the run.
+    SyncStart,
+    /// Each step begins on an edge of SYNC of its own.
+    SyncEach,
+    /// An edge of START begins the run.
+    StartLine,
+}
+
+/// By how much what lies between delays a leading edge and a trailing one, s.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Delay(pub [f64; 2]);
+
+/// The longest delay of an edge, s: optocouplers have some ten microseconds.
+pub const LONGEST_DELAY_S: f64 = 1e-3;
+/// The longest glitch of STROBE, s: what is longer is an exposure, or a pause between two.
+pub const LONGEST_GLITCH_S: f64 = 1e-3;
+/// The longest delay and the longest pulse of a further output, s: steps with such are no longer.
+pub const LONGEST_AUX_S: f64 = 18.0;
+/// The longest time that SYNC may be awaited, s.
+pub const LONGEST_SYNC_TIMEOUT_S: f64 = 4294.0;
+
+/// The trigger box, and what lies between it and the parts.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Trigger {
     /// Its port, as [`link::open`](crate::capture::link::open) takes it.
     pub port: String,
+    /// Lines that rest high and pulse low. The box keeps that over resets.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub active_low: Vec<TriggerLine>,
+    /// What begins a run and its steps.
+    #[serde(skip_serializing_if = "is_default")]
+    pub pace: TriggerPace,
+    /// How long SYNC may be awaited, s; 0 for ever.
+    #[serde(skip_serializing_if = "is_default")]
+    pub sync_timeout_s: f64,
+    /// STROBE is taken for what it was where it changes for less than this, s; 0 for no glitches.
+    #[serde(skip_serializing_if = "is_default")]
+    pub strobe_filter_s: f64,
+    /// From PROJ of the box to the projector's input.
+    #[serde(skip_serializing_if = "is_default")]
+    pub proj_delay_s: Delay,
+    /// From CAM of the box to the camera's input.
+    #[serde(skip_serializing_if = "is_default")]
+    pub cam_delay_s: Delay,
+    /// From the camera's output to STROBE of the box.
+    #[serde(skip_serializing_if = "is_default")]
+    pub strobe_delay_s: Delay,
+    /// What AUX-A does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub aux_a: Option<AuxOutput>,
+    /// What AUX-B does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub aux_b: Option<AuxOutput>,
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 impl Default for Trigger {
     fn default() -> Self {
         Self {
             port: "auto".to_owned(),
+            active_low: Vec::new(),
+            pace: TriggerPace::default(),
+            sync_timeout_s: 0.0,
+            strobe_filter_s: 0.0,
+            proj_delay_s: Delay::default(),
+            cam_delay_s: Delay::default(),
+            strobe_delay_s: Delay::default(),
+            aux_a: None,
+            aux_b: None,
         }
     }
 }

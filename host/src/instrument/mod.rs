@@ -1,7 +1,8 @@
 //! The instrument: its description, its optics, the shape of its frames, and what calibration found of it.
 //!
-//! Arrows: `drivers` ← `parts` ← `optics` ← `rig` ← `calibration`. `monitor` says which pixels of the projector watch its lamp.
+//! Arrows: `drivers`, `bands` ← `parts` ← `optics` ← `rig` ← `calibration`. `monitor` says which pixels of the projector watch its lamp.
 
+pub mod bands;
 pub mod calibration;
 pub mod drivers;
 pub mod frame_format;

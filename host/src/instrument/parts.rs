@@ -7,6 +7,7 @@
 use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize};
 
+use crate::instrument::bands::Bands;
 use crate::instrument::drivers::{
     CameraDriver, Dlpc900, Files, Genicam, ProjectorDriver, Replay, Trigger, Window,
 };
@@ -33,6 +34,9 @@ pub struct Rig {
     pub projector: ProjectorPart,
     /// How strong the light is and how large one pattern's spot.
     pub light: Light,
+    /// The bands of light that channels stand for, if that is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bands: Option<Bands>,
     /// The trigger box of a real instrument.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub trigger: Option<Trigger>,
@@ -138,7 +142,7 @@ pub struct CameraPart {
     /// Settings of the driver `replay`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub replay: Option<Replay>,
-    /// Colour channels of a frame: 1 or 3.
+    /// Colour channels of its frames: 1 or 3. Results have as many, unless the projector makes the bands, see [`Rig::channels`].
     pub channels: u8,
     /// Bits of a digital number: 8, 10, 12 or 16.
     pub bits: u8,

@@ -113,6 +113,9 @@ impl Job {
             calibration.check_tilt(request.tilt).map_err(Box::new)?;
         }
         let world = if rig.is_real() { None } else { Some(setup.world()?) };
+        if let Some(world) = &world {
+            world.check_camera(rig)?;
+        }
         let held = world.as_ref().map(|world| (&setup.virtual_rig.sample, world));
         let reference = reference(&request, held)?;
         let rig = request.rig(rig).map_err(MeasurementError::from)?;

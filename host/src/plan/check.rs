@@ -1,6 +1,7 @@
 //! Whether the numbers of a plan file are those of a plan.
 
 use super::{Plan, PlanError, SEGMENT_MAX};
+use crate::instrument::bands::PRIMARIES;
 use crate::instrument::monitor::BLOCK_PX;
 use crate::plan::brackets::MOST_EXPOSURES;
 use crate::plan::schedule::LONGEST_PERIOD_S;
@@ -62,10 +63,14 @@ impl Plan {
             let expected = format!("at most {BLOCK_PX} pixels");
             return Err(fail("watching_side", &expected, &self.watching_side));
         }
-        if !(1..=SEGMENT_MAX).contains(&self.segment) {
+        if !matches!(self.bands, 1 | PRIMARIES) {
+            return Err(fail("bands", &format!("1 or {PRIMARIES}"), &self.bands));
+        }
+        let longest = SEGMENT_MAX / self.bands;
+        if !(1..=longest).contains(&self.segment) {
             return Err(fail(
                 "segment",
-                &format!("1 to {SEGMENT_MAX} exposures"),
+                &format!("1 to {longest} exposures"),
                 &self.segment,
             ));
         }

@@ -176,6 +176,10 @@ pub struct Plan {
     /// The code of the patterns; `None` if each lights one direction.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub code: Option<Coding>,
+    /// How often each pattern is shown, in one primary after the other, whose frames are the channels of one image: 1 if in white, see
+    /// [`Rig::shown_bands`].
+    #[serde(default = "in_white", skip_serializing_if = "is_white")]
+    pub bands: usize,
     /// Side in pixels of the squares that watch the lamp in every pattern, see [`crate::instrument::monitor`]; 0 for none.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub watching_side: u32,
@@ -188,6 +192,16 @@ pub struct Plan {
 #[allow(clippy::trivially_copy_pass_by_ref)] // serde wants it so
 const fn is_zero(side: &u32) -> bool {
     *side == 0
+}
+
+/// How often a pattern is shown that has no bands.
+const fn in_white() -> usize {
+    1
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde wants it so
+const fn is_white(bands: &usize) -> bool {
+    *bands == in_white()
 }
 
 /// The incident directions of a plan.
@@ -271,7 +285,7 @@ impl Plan {
             });
         }
         let pixels = request.image_size as usize * request.image_size as usize;
-        let frame_bytes = pixels * rig.camera.channels as usize * 2;
+        let frame_bytes = pixels * rig.channels() * 2;
         let mut longer = Timing::series(rig, exposures_s)?;
         let timing = longer.remove(0);
         let largest = largest_ratio(rig);
@@ -292,7 +306,9 @@ impl Plan {
             Light::Single | Light::Auto => None,
             light => light.coding(&directions.lit_sets(rig, spot_deg), most_cells(&request, rig))?,
         };
-        let segment = (SEGMENT_BYTES / frame_bytes).clamp(8, SEGMENT_MAX);
+        let bands = rig.shown_bands();
+        // A projector holds so many pictures, however many of them make an image.
+        let segment = (SEGMENT_BYTES / frame_bytes).clamp(8, SEGMENT_MAX / bands);
         let segment = segment / exposures_s.len() * exposures_s.len();
         Ok(Self {
             format: FORMAT,
@@ -306,6 +322,7 @@ impl Plan {
             longer,
             black_first: false,
             code,
+            bands,
             watching_side: 0,
             virtual_rig: None,
         })
@@ -374,7 +391,7 @@ impl Plan {
         self.timings().iter().map(|timing| timing.cam_width_s).collect()
     }
 
-    /// Number of exposures.
+    /// Number of exposures, all bands of which are one.
     #[must_use]
     pub fn len(&self) -> usize {
         (BLACK_EXPOSURES + self.lit_patterns()) * self.brackets()
@@ -386,11 +403,11 @@ impl Plan {
         false
     }
 
-    /// Time that the exposures take, in s, without loading.
+    /// Time that the exposures take, all bands of them, in s, without loading.
     #[must_use]
     pub fn duration_s(&self) -> f64 {
         let cycle_s: f64 = self.timings().iter().map(|timing| timing.period_s).sum();
-        (BLACK_EXPOSURES + self.lit_patterns()) as f64 * cycle_s
+        ((BLACK_EXPOSURES + self.lit_patterns()) * self.bands) as f64 * cycle_s
     }
 
     /// The plan as TOML.
@@ -433,6 +450,16 @@ impl Plan {
                 rig: rig.name.clone(),
             });
         }
+        if plan.bands != rig.shown_bands() {
+            let expected = rig.shown_bands();
+            return Err(PlanError::File {
+                path: path.display().to_string(),
+                reason: format!(
+                    "bands: expected {expected} as the rig shows, found {}",
+                    plan.bands
+                ),
+            });
+        }
         Ok(plan)
     }
 
@@ -459,6 +486,6 @@ impl Plan {
 #[must_use]
 pub(crate) fn most_cells(request: &Request, rig: &Rig) -> usize {
     let pixels = request.image_size as usize * request.image_size as usize;
-    let held = BLOCK_BYTES / (pixels * rig.camera.channels as usize * size_of::<f32>());
+    let held = BLOCK_BYTES / (pixels * rig.channels() * size_of::<f32>());
     held.max(light::ORDERS[0])
 }

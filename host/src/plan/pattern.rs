@@ -10,6 +10,9 @@ use glam::DVec3;
 
 use crate::instrument::optics::{DirectionTiles, Unmeasurable, View, cone_sr};
 
+/// So many bytes are looked at together, whether anything is lit in them.
+const DARK_BYTES: usize = 16;
+
 /// A 1-bit image for the projector: rows from the top, 8 pixels per byte, first pixel in the highest bit. The lit pixels
 /// have one level of grey, which is the brightest but for the calibration of the projector's response, and are white but for that of
 /// the camera's colours.
@@ -105,15 +108,32 @@ impl BitPattern {
         })
     }
 
+    /// The pattern as a picture of its primary, full on where it is lit; white if it has none.
+    #[must_use]
+    pub fn to_coloured(&self) -> image::RgbImage {
+        let colour = |is_lit: bool| match self.primary {
+            None => [if is_lit { 255 } else { 0 }; 3],
+            Some(primary) => [0, 1, 2].map(|at| if is_lit && at == primary { 255 } else { 0 }),
+        };
+        let image = self.to_image();
+        image::RgbImage::from_fn(self.width_px as u32, self.height_px as u32, |x, y| {
+            image::Rgb(colour(image.get_pixel(x, y).0[0] > 0))
+        })
+    }
+
     /// Row-major indices of the lit pixels, ascending.
     #[must_use]
     pub fn lit(&self) -> Vec<u32> {
         let mut lit = Vec::new();
         for (y, row) in self.bytes.chunks_exact(self.stride.max(1)).enumerate() {
-            for (byte_index, _) in row.iter().enumerate().filter(|(_, byte)| **byte != 0) {
-                let byte = row[byte_index];
+            // Most of a pattern is dark.
+            let bright = row
+                .chunks(DARK_BYTES)
+                .enumerate()
+                .filter(|(_, bytes)| bytes.iter().fold(0, |all, byte| all | byte) != 0);
+            for (at, byte) in bright.flat_map(|(chunk, bytes)| (chunk * DARK_BYTES..).zip(bytes)) {
                 for bit in (0..8).filter(|bit| byte & (0x80 >> bit) != 0) {
-                    lit.push((y * self.width_px + byte_index * 8 + bit) as u32);
+                    lit.push((y * self.width_px + at * 8 + bit) as u32);
                 }
             }
         }

@@ -98,8 +98,8 @@ impl PredictedTime {
         let exposures_s = plan.exposures_s();
         let periods: Vec<f64> = plan.timings().iter().map(|timing| timing.period_s).collect();
         let period_s = mean(&periods);
-        let exposures = plan.len() as f64;
-        let each = plan.brackets();
+        let exposures = (plan.len() * plan.bands) as f64;
+        let each = plan.brackets() * plan.bands;
         // Patterns per direction, 1 but for codes.
         let shared = plan.lit_patterns() as f64 / plan.direction_count.max(1) as f64;
         let mut costs: Vec<Cost> = Limit::ALL

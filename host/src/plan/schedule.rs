@@ -1,9 +1,11 @@
 //! Times of one step, in seconds for people and in ticks for the controller.
 
+use std::borrow::Cow;
+
 use rcg_protocol::{Extent, Micros, Program, Pulse, Step, Ticks};
 use serde::{Deserialize, Serialize};
 
-use crate::instrument::rig::Rig;
+use crate::instrument::rig::{Panel, Rig};
 
 /// Length of the PROJ pulse: inputs of projectors want a few microseconds.
 const PROJ_PULSE_S: f64 = 5e-6;
@@ -33,6 +35,7 @@ pub struct Timing {
 /// short as the rig allows. Of several the first waits for the pattern, which then stays, and each waits until the one
 /// before is read out, because a long exposure may still be read when a short one after it is over.
 pub fn periods_s(rig: &Rig, exposures_s: &[f64]) -> Vec<f64> {
+    let rig = &*unhurried(rig);
     if let [exposure_s] = exposures_s {
         return vec![rig.step_period_s(*exposure_s)];
     }
@@ -88,6 +91,28 @@ pub const PATIENCE: f64 = 4.0;
 /// for SYNC, which is more than it wants when it runs free.
 const APART: u64 = rcg_firmware::pulse::PACED_OVERHEAD as u64;
 
+/// Whether pictures of `rig` need [`PATIENCE`]: those of bands follow on each other, and what liquid crystals leave of red in green
+/// nothing would tell.
+fn needs_patience(rig: &Rig) -> bool {
+    rig.shows_bands() && rig.projector.panel == Panel::LiquidCrystal
+}
+
+/// `rig` with as long a time to settle as its pictures need.
+fn unhurried(rig: &Rig) -> Cow<'_, Rig> {
+    if needs_patience(rig) {
+        Cow::Owned(waiting(rig))
+    } else {
+        Cow::Borrowed(rig)
+    }
+}
+
+/// `rig` with [`PATIENCE`] times as long to settle.
+fn waiting(rig: &Rig) -> Rig {
+    let mut rig = rig.clone();
+    rig.projector.settle_s *= PATIENCE;
+    rig
+}
+
 fn within_longest(rig: &Rig, period_s: f64) -> Result<(), ScheduleError> {
     if period_s <= LONGEST_PERIOD_S {
         return Ok(());
@@ -109,6 +134,11 @@ impl Timing {
         if !EXPOSURES_S.contains(&exposure_s) {
             return Err(ScheduleError::Exposure { exposure_s });
         }
+        Self::settled(&unhurried(rig), exposure_s)
+    }
+
+    /// As [`new`](Self::new), with the time to settle that `rig` has.
+    fn settled(rig: &Rig, exposure_s: f64) -> Result<Self, ScheduleError> {
         let cam_at_s = rig.projector.settle_s;
         let period_s = rig.step_period_s(exposure_s);
         within_longest(rig, period_s)?;
@@ -126,9 +156,10 @@ impl Timing {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn patient(rig: &Rig, exposure_s: f64) -> Result<Self, ScheduleError> {
-        let mut rig = rig.clone();
-        rig.projector.settle_s *= PATIENCE;
-        Self::new(&rig, exposure_s)
+        if needs_patience(rig) {
+            return Self::new(rig, exposure_s);
+        }
+        Self::new(&waiting(rig), exposure_s)
     }
 
     /// The steps of exposures of `exposures_s` seconds of one pattern: the first shows it, and it stays for the others.
@@ -344,6 +375,25 @@ mod tests {
                 "{refused}"
             );
         }
+    }
+
+    #[test]
+    fn bands_of_liquid_crystals_wait_until_the_one_before_is_gone() {
+        let white = Rig::load("rcg-1-16bit").unwrap();
+        let mut rig = white.clone();
+        rig.camera.channels = 1;
+        rig.bands = Some(crate::instrument::bands::tests::in_turn());
+        for exposures_s in [&[0.01][..], &[0.01, 0.05]] {
+            let [hasty, bands] = [&white, &rig].map(|rig| Timing::series(rig, exposures_s).unwrap());
+            let patient = Timing::patient(&white, 0.01).unwrap();
+            assert!((bands[0].cam_at_s - patient.cam_at_s).abs() < 1e-12);
+            let later_s = bands[0].cam_at_s - hasty[0].cam_at_s;
+            assert!((bands[0].period_s - hasty[0].period_s - later_s).abs() < 1e-12);
+            assert_eq!(bands[1..], hasty[1..]);
+            assert_eq!(Timing::patient(&rig, 0.01).unwrap(), patient);
+        }
+        rig.projector.panel = Panel::Mirrors;
+        assert_eq!(Timing::new(&rig, 0.01), Timing::new(&white, 0.01));
     }
 
     #[test]

@@ -101,24 +101,34 @@ impl SeenArea {
 
     /// The same by these `places` where something changes.
     fn share_at(&self, places: &[DVec2], lit: &LitArea, radius_m: f64) -> f64 {
-        let rim = |axes: DMat2| axes.x_axis.length() + axes.y_axis.length();
-        let at = |place: DVec2| self.centre_m + self.axes_m * place;
-        let middle = lit.in_pupil(self.centre_m).length();
-        let reach = rim(lit.first * lit.to_units * self.axes_m) * HEXAGON;
-        if middle - 2.0 * reach > 1.5
-            || self.centre_m.length() - rim(self.axes_m) * HEXAGON > radius_m + CHAMFER_M
-        {
+        let rim = |axes: DMat2| (axes.x_axis.length() + axes.y_axis.length()) * HEXAGON;
+        let (from_m, reach_m) = (self.centre_m.length(), rim(self.axes_m));
+        if from_m - reach_m > radius_m + CHAMFER_M {
             return 0.0;
         }
-        let is_inner = middle + 1.5 * reach < 1.0 - SOFT
-            && self.centre_m.length() + rim(self.axes_m) * HEXAGON < radius_m - CHAMFER_M;
-        let places = if is_inner { FEW.as_slice() } else { places };
-        let light = |place: &DVec2| {
-            let at_m = at(*place);
-            let on = ((radius_m - at_m.length()) / CHAMFER_M + 0.5).clamp(0.0, 1.0);
-            on * lit.light(at_m)
+        // In units of what is lit.
+        let (centre, axes) = (lit.units(self.centre_m), lit.to_units * self.axes_m);
+        let (middle, reach) = (lit.in_pupil(centre).length(), rim(lit.first * axes));
+        if middle - 2.0 * reach > 1.5 {
+            return 0.0;
+        }
+        let light = |place: &DVec2| lit.light(centre + axes * *place);
+        let is_whole = from_m + reach_m < radius_m - CHAMFER_M;
+        let places = if is_whole && middle + 1.5 * reach < 1.0 - SOFT {
+            FEW.as_slice()
+        } else {
+            places
         };
-        places.iter().map(light).sum::<f64>() / places.len() as f64
+        let sum: f64 = if is_whole {
+            places.iter().map(light).sum()
+        } else {
+            let on = |place: &DVec2| {
+                let at_m = self.centre_m + self.axes_m * *place;
+                ((radius_m - at_m.length()) / CHAMFER_M + 0.5).clamp(0.0, 1.0)
+            };
+            places.iter().map(|place| on(place) * light(place)).sum()
+        };
+        sum / places.len() as f64
     }
 }
 
@@ -152,16 +162,24 @@ impl LitArea {
         })
     }
 
-    /// Where in the pupil, of radius 1, light to the place `at_m` comes from.
-    fn in_pupil(&self, at_m: DVec2) -> DVec2 {
-        let s = self.to_units * (at_m - self.centre_m);
+    /// The place `at_m` in units of [`FAR`] of what is lit, about its centre.
+    fn units(&self, at_m: DVec2) -> DVec2 {
+        self.to_units * (at_m - self.centre_m)
+    }
+
+    /// Where in the pupil, of radius 1, light to the place `s`, in these units, comes from.
+    fn in_pupil(&self, s: DVec2) -> DVec2 {
         let [xx, yy, xy] = self.second;
         self.first * s + xx * (s.x * s.x) + yy * (s.y * s.y) + xy * (s.x * s.y)
     }
 
-    /// Light at the place `at_m` over that in the middle.
-    fn light(&self, at_m: DVec2) -> f64 {
-        let rho = self.in_pupil(at_m).length();
+    /// Light at the place `s`, in these units, over that in the middle.
+    fn light(&self, s: DVec2) -> f64 {
+        let rho2 = self.in_pupil(s).length_squared();
+        if rho2 > (1.0 + SOFT) * (1.0 + SOFT) {
+            return 0.0;
+        }
+        let rho = rho2.sqrt();
         let on = ((1.0 - rho) / SOFT + 0.5).clamp(0.0, 1.0);
         let inner = rho.min(1.0);
         on * (1.0 - self.falloff * inner * inner * (3.0 - 2.0 * inner))

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use rcg_firmware::pulse::Edge;
 use rcg_firmware::virtual_time::{Pins, StrobeEdge, VirtualBox};
-use rcg_protocol::Ticks;
+use rcg_protocol::{Input, Line, Ticks};
 
 use super::SharedStage;
 use crate::capture::link::{Link, LinkError};
@@ -24,6 +24,11 @@ impl Pins for SharedStage {
     /// The projector's vsync goes on for ever.
     fn next_sync(&mut self, from: Ticks) -> Option<Ticks> {
         Some(self.lock().next_sync(from))
+    }
+
+    /// SYNC is the projector's vsync; what STROBE does the box knows by itself.
+    fn input(&mut self, line: Line, since: Ticks, now: Ticks, active_low: bool) -> Option<Input> {
+        (line == Line::Sync).then(|| self.lock().sync_seen(since, now, active_low))
     }
 }
 

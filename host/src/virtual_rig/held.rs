@@ -21,6 +21,8 @@ pub enum Held {
     Sample(Arc<dyn Sample>),
     /// A flat mirror.
     Mirror(FlatMirror),
+    /// A light trap, or nothing: no light comes back.
+    Trap,
 }
 
 impl Held {
@@ -28,6 +30,7 @@ impl Held {
     pub(crate) fn is_same(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Sample(one), Self::Sample(other)) => Arc::ptr_eq(one, other),
+            (Self::Trap, Self::Trap) => true,
             _ => false,
         }
     }
@@ -93,7 +96,7 @@ pub(super) struct Reflections {
 impl Reflections {
     /// Of `rig`, whose views these are of camera and projector.
     pub(super) fn of(rig: &Rig, [camera, projector]: &[View; 2], mirror: FlatMirror) -> Self {
-        let format = rig.frame_format();
+        let format = rig.camera_format();
         let (width_px, height_px) = (format.width_px, format.height_px);
         let seen = |u_px: usize, v_px: usize| -> Option<DVec2> {
             let w = camera.direction(u_px as f64, v_px as f64).ok()?;

@@ -131,7 +131,7 @@ impl PixelMaps {
         {
             return None;
         }
-        let (format, binned) = (rig.frame_format(), rig.camera.binned);
+        let (format, binned) = (rig.camera_format(), rig.camera.binned);
         let along = binned.pixels.sqrt();
         let sensor = Native {
             seed,

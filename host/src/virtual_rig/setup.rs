@@ -15,6 +15,7 @@ use crate::capture::directory::{Sums, stamps_of, sums_of};
 use crate::capture::link::Link;
 use crate::capture::real::RealError;
 use crate::capture::session::Opening;
+use crate::capture::wiring::Wiring;
 use crate::instrument::calibration::Calibration;
 use crate::instrument::rig::{Rig, RigError, Tilt};
 use crate::plan::Virtual;
@@ -176,6 +177,24 @@ impl World {
         }
     }
 
+    /// Refuses a `rig` whose camera has other channels than the one that was drawn.
+    ///
+    /// # Errors
+    /// [`SetupError::Truth`].
+    pub fn check_camera(&self, rig: &Rig) -> Result<(), SetupError> {
+        let drawn = self.truth.as_ref().map(|truth| truth.rig.camera.channels);
+        match drawn.filter(|drawn| *drawn != rig.camera.channels) {
+            None => Ok(()),
+            Some(drawn) => Err(RigError::Field {
+                path: rig.name.clone().into(),
+                field: "camera.channels".to_owned(),
+                expected: format!("{drawn} as in the truth"),
+                found: rig.camera.channels.to_string(),
+            }
+            .into()),
+        }
+    }
+
     /// The instrument; `rig` has its sample tilted by `tilt` and its camera image scaled. A run that the trigger box may
     /// still be busy with is aborted.
     ///
@@ -216,17 +235,22 @@ impl World {
     pub fn open_held(&self, rig: &Rig, held: Held, tilt: Option<Tilt>) -> Result<Instrument, SetupError> {
         let (scene, truth, behaviour) = self.stood_up(rig, held, tilt)?;
         let Some(TriggerBox { port, wires }) = &self.trigger_box else {
-            return Ok(Instrument::of(VirtualRig::of(scene, &truth, behaviour))?);
+            return Ok(Instrument::of(
+                VirtualRig::of(scene, &truth, behaviour),
+                &truth.rig,
+            )?);
         };
         let mut device = Device::at(port)?;
         device.abort()?;
         let wires = Wires::connect(wires)?;
         let (camera, projector) = VirtualRig::wired(scene, &truth, behaviour, wires)?;
         Ok(Instrument {
+            wiring: Wiring::default(),
             device,
             camera: Box::new(camera),
             projector: Box::new(projector),
             watching: Vec::new(),
+            bands: truth.rig.shown_bands(),
         })
     }
 
@@ -261,11 +285,15 @@ impl World {
             },
             None => Truth::of(rig),
         };
+        self.check_camera(rig)?;
+        // Which bands are shown the rig file decides, whatever it was when the truth was drawn.
+        truth.rig.bands.clone_from(&rig.bands);
         let (seating, seed) = (truth.flaws.seating, self.behaviour.seed);
         let mut held = held;
         match &mut held {
             Held::Sample(sample) => seating.seat(&mut truth.rig, sample.as_ref(), tilt, seed),
             Held::Mirror(mirror) => mirror.normal = seating.lean(mirror.normal, seed),
+            Held::Trap => {}
         }
         let opened = self.opened.fetch_add(1, Ordering::Relaxed);
         let behaviour = Behaviour {
@@ -283,22 +311,24 @@ impl Instrument {
     /// # Errors
     /// [`DeviceError`].
     pub fn simulated(truth: &Truth, held: Held, behaviour: Behaviour) -> Result<Self, DeviceError> {
-        Self::of(VirtualRig::new(truth, held, behaviour))
+        Self::of(VirtualRig::new(truth, held, behaviour), &truth.rig)
     }
 
-    fn of(rig: VirtualRig) -> Result<Self, DeviceError> {
+    fn of(simulated: VirtualRig, rig: &Rig) -> Result<Self, DeviceError> {
         let VirtualRig {
             controller,
             camera,
             projector,
-        } = rig;
+        } = simulated;
         let link: Box<dyn Link> = Box::new(controller);
         let device = Device::connect(link, 1, Patience::default())?;
         Ok(Self {
+            wiring: Wiring::default(),
             device,
             camera: Box::new(camera),
             projector: Box::new(projector),
             watching: Vec::new(),
+            bands: rig.shown_bands(),
         })
     }
 }

@@ -130,7 +130,7 @@ fn standards_and_noise_make_of_a_value_what_its_budget_states() {
         measured(&said(folder.path(), factors), None)
     });
     let by_standards = ratio(&draws, "standard", Some(&without_noise));
-    let count = if is_full() { 96 } else { 24 };
+    let count = if is_full() { 96 } else { 12 };
     // Of light that returns, which is another cause, nothing is known.
     let mut without_return = nominal;
     if let Some(photometry) = &mut without_return.photometry {

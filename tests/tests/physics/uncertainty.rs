@@ -352,7 +352,7 @@ fn over_many_seeded_runs_the_interval_of_k_2_holds_the_truth() {
     let photometry = calibration.photometry.as_ref().unwrap();
     let lamp = photometry.lamp.monitor.as_ref().unwrap().standard_uncertainty;
     let (mut count, mut within, mut squares) = (0_u32, 0_u32, 0.0);
-    let runs = if is_full() { 200 } else { 40 };
+    let runs = if is_full() { 200 } else { 24 };
     for run in 0..runs {
         // What the calibration did not know, by as much as is stated: the standard's reflectance, how bright the lamp was, what
         // returns onto the sample, what part of it is seen, and the directions.

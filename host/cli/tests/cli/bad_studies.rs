@@ -183,8 +183,8 @@ fn a_scene_that_is_none_is_refused() {
             ["--turn", "expected --environment", "found 30"],
         ),
         (
-            &["--environment", "a.hdr", "--scene", "torus"],
-            ["--environment", "--scene sphere", "found"],
+            &["--environment", "a.hdr", "--scene", "torus", "--tilt", "9"],
+            ["--tilt", "--scene corrugated", "found 9"],
         ),
         (
             &["--environment", "a.hdr", "--turn", "361"],

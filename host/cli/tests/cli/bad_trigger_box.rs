@@ -6,8 +6,8 @@ use std::thread;
 use std::time::Duration;
 
 use rcg_protocol::{
-    Decoder, Identity, Info, MAX_FRAME, PROTOCOL_VERSION, Reply, Request, Response, SCHEMA_HASH, SessionId,
-    Status, Ticks, ToDevice, ToHost, encode,
+    Decoder, Identity, Info, MAX_FRAME, PROTOCOL_VERSION, Reply, Request, Response, SCHEMA_HASH, SPOKEN,
+    SessionId, Status, Ticks, ToDevice, ToHost, encode,
 };
 use serialport::{SerialPort as _, TTYPort};
 
@@ -150,20 +150,38 @@ fn a_port_that_says_something_else_is_told_from_a_silent_one() {
 #[test]
 fn a_trigger_box_of_another_version_is_named_with_both_versions() {
     with_peer(
-        |request| identity(request, 2, 0x0123_4567_89ab_cdef),
+        |request| identity(request, PROTOCOL_VERSION + 1, 0x0123_4567_89ab_cdef),
         |port| {
-            let parts = [
-                port,
-                "expected protocol version 1",
-                "found version 2",
-                "0123456789abcdef",
-                "flash",
-            ];
+            let ours = format!("expected protocol version {PROTOCOL_VERSION}");
+            let theirs = format!("found version {}", PROTOCOL_VERSION + 1);
+            let parts = [port, &ours, &theirs, "0123456789abcdef", "flash"];
             for action in ["info", "status", "abort"] {
                 refuses(&["controller", action, "--port", port], "", 1, &parts);
             }
         },
     );
+}
+
+#[test]
+fn an_older_trigger_box_is_told_what_it_lacks() {
+    let older = |request: &Request| match request {
+        Request::Hello { .. } => identity(request, SPOKEN[0].0, SPOKEN[0].1),
+        Request::Describe => idle_box(request),
+        _ => None, // it would not understand that
+    };
+    with_peer(older, |port| {
+        let outcome = run(&["controller", "info", "--port", port], "");
+        let lines = outcome.done();
+        for part in ["older", "protocol 1", "flash this program's firmware"] {
+            assert!(lines.contains(part), "{lines}");
+        }
+        let value = run(&["controller", "info", "--port", port, "--json"], "").object();
+        assert!(value["serial"].is_null() && value["protocol"] == 1, "{value}");
+        for action in ["probe", "selftest"] {
+            let parts = [port, "protocol version 3 or later", "found version 1", "flash"];
+            refuses(&["controller", action, "--port", port], "", 1, &parts);
+        }
+    });
 }
 
 #[test]

@@ -178,7 +178,7 @@ fn standards_by_hand_are_told_from_each_other_and_give_the_same_photometry() {
     let lab = Lab::new();
     let of = |name: &str, rest: &[&str]| -> Vec<String> {
         let (out, truth) = (lab.at(name), lab.at("truth.toml"));
-        let all = ["calibrate", "photometry", "--image-size", "32", "--out"];
+        let all = ["calibrate", "photometry", "--image-size", "16", "--out"];
         let all = [
             &all[..],
             &[text(&out), "--truth", text(&truth), "--date", "2026-01-01"],
@@ -228,11 +228,11 @@ fn standards_by_hand_are_told_from_each_other_and_give_the_same_photometry() {
             ["--standard as captured, lambert:0.98", "lambert:0.9"],
         ),
         (["--seed", "4"], ["photometry-by-hand.json", "seed 4"]),
-        (["--image-size", "48"], ["--image-size as captured, 32", "48"]),
+        (["--image-size", "48"], ["--image-size as captured, 16", "48"]),
     ] {
         let mut line = of("hands", &["--by-hand"]);
         if rest[0] == "--image-size" {
-            line.retain(|word| word != "--image-size" && word != "32");
+            line.retain(|word| word != "--image-size" && word != "16");
         }
         line.extend(rest.map(str::to_owned));
         refuses(&line, "", 2, &parts);

@@ -142,9 +142,7 @@ impl Scene {
             "assemble" => vec![measured],
             "calibrate geometry" => vec![format!("--out {dir} --image-size 64")],
             "calibrate photometry" => vec![format!("--out {dir} --image-size 16")],
-            "rig check" | "map" | "controller info" | "controller status" | "controller abort" => {
-                vec![String::new()]
-            }
+            "rig check" | "map" => vec![String::new()],
             "value" | "info" => vec![brdf],
             "evaluate" => vec![format!("{brdf} --reference ward:brass")],
             "fit" => each(
@@ -172,14 +170,11 @@ impl Scene {
             "completions" => ["bash", "zsh", "fish"].map(str::to_owned).to_vec(),
             "man" => vec![format!("--out {dir}")],
             "truth" => vec![format!("--out {}", file("truth.toml"))],
-            "controller run" => ["csv", "jsonl"]
-                .map(|ending| format!("--steps 3 --records {}", file(&format!("r.{ending}"))))
-                .to_vec(),
-            "controller bench" => vec!["--count 3".to_owned()],
-            // Long, and tried elsewhere; nothing that could be stopped; cameras and projectors are tried where there is one, by the
+            _ if words[0] == "controller" => of_trigger_box(&words[1], &["r.csv", "r.jsonl"].map(&file)),
+            // Long, and tried elsewhere; cameras and projectors are tried where there is one, by the
             // trials.
-            "paper" | "study" | "worlds" | "controller stop" | "camera list" | "camera info"
-            | "camera grab" | "projector list" | "projector info" | "projector show" | "projector upload"
+            "paper" | "study" | "worlds" | "camera list" | "camera info" | "camera grab"
+            | "projector list" | "projector info" | "projector show" | "projector upload"
             | "projector test" | "projector video" => vec![],
             "camera bench" => vec![format!("{TRIAL} --to {dir}")],
             other => panic!("`rcg {other}` has no use here: add a quick one"),
@@ -208,6 +203,25 @@ impl Scene {
             })
             .collect()
     }
+}
+
+/// Words behind an action of the trigger box; none where there is nothing to be stopped, and nothing that takes another firmware.
+fn of_trigger_box(action: &str, records: &[String]) -> Vec<String> {
+    let words = match action {
+        "info" | "status" | "abort" => "",
+        "run" => {
+            let lines = records.iter().map(|file| format!("--steps 3 --records {file}"));
+            return lines.collect();
+        }
+        "stop" | "update" => return Vec::new(),
+        "bench" => "--count 3",
+        "pulse" => "proj --width 5us --count 3",
+        "hold" => "cam high --for 2ms",
+        "probe" => "--for 30ms --every 10ms",
+        "selftest" => "--count 2",
+        other => panic!("`rcg controller {other}` has no use here: add a quick one"),
+    };
+    vec![words.to_owned()]
 }
 
 /// Uses of `history` on the two measurements.

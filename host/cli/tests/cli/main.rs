@@ -22,6 +22,7 @@ mod bad_studies;
 #[cfg(target_os = "linux")]
 mod bad_trigger_box;
 mod bad_values;
+mod bands;
 mod brackets;
 mod budgets;
 mod by_hand;
@@ -33,6 +34,7 @@ mod directions;
 mod exports;
 mod faults_on_purpose;
 mod fits;
+mod further_lines;
 mod grids;
 mod identity;
 mod judge;

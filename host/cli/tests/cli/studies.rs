@@ -304,6 +304,22 @@ fn a_sphere_in_light_from_everywhere_is_that_light_in_the_colours_of_a_chart() {
     // sRGB of 0.5 is 188.
     let image = image::open(&picture).unwrap().into_rgb8();
     assert_eq!(image.get_pixel(8, 8).0, [188; 3]);
+    // Objects that hide a part of it from themselves are darker there.
+    for (scene, size) in [("torus", [16, 16]), ("corrugated", [16, 16]), ("both", [16, 32])] {
+        let answer = run(&[&render[..], &arguments, &["--scene", scene]].concat(), "").object();
+        assert!(
+            answer["environment"]["largest_error"].as_f64().unwrap() < 0.05,
+            "{scene}: {answer}"
+        );
+        let image = image::open(&picture).unwrap().into_rgb8();
+        assert_eq!(image.dimensions(), size.into());
+        let greens = || image.pixels().map(|pixel| pixel.0[1]).filter(|green| *green > 26);
+        let [least, most] = [greens().min().unwrap(), greens().max().unwrap()];
+        assert!(
+            (100..185).contains(&least) && (185..=188).contains(&most),
+            "{scene}: {least} {most}"
+        );
+    }
     for (name, parts) in [
         ("square.hdr", ["size", "twice as wide as high", "8 × 8"]),
         ("dark.hdr", ["radiance", "some light", "none"]),

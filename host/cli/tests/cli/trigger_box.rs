@@ -7,7 +7,7 @@ use serde_json::Value;
 use crate::answers::number;
 use crate::command::{refuses, run, text};
 
-fn controller(arguments: &[&str]) -> Value {
+pub(crate) fn controller(arguments: &[&str]) -> Value {
     run(
         &[&["controller", "--port", "sim", "--json"], arguments].concat(),
         "",
@@ -35,6 +35,8 @@ fn info_tells_what_it_is() {
     assert!(number(&info, "longest_period_s") > 1.0);
     assert_eq!(info["firmware"].as_str().unwrap().split('.').count(), 3);
     assert!(info["port"].is_string());
+    assert_eq!(info["chip"], "simulated");
+    assert!(info["serial"].is_null(), "it has none");
 }
 
 #[test]
@@ -81,6 +83,65 @@ fn bench_counts_its_round_trips() {
 }
 
 #[test]
+fn one_output_is_pulsed_or_held_by_itself() {
+    // The camera of the rig is busy for 26 ms after an exposure.
+    let five = ["--count", "5", "--width", "2ms", "--period", "100ms"];
+    let pulsed = controller(&[&["pulse", "cam"][..], &five].concat());
+    assert_eq!(pulsed["line"], "CAM");
+    assert_eq!(number(&pulsed, "pulses"), 5.0);
+    assert_eq!(number(&pulsed, "strobe.pulses"), 5.0);
+    for [least, most] in [("delay_us", 0.0), ("width_us", 2000.0)].map(|(name, about)| {
+        let range: Vec<f64> = serde_json::from_value(pulsed["strobe"][name].clone()).unwrap();
+        [range[0] - about, range[1] - about]
+    }) {
+        assert!(least <= most && (-50.0..200.0).contains(&least), "{pulsed}");
+    }
+    assert!(
+        (number(&pulsed, "period_s") - 0.1).abs() < 1e-9 && (number(&pulsed, "width_s") - 2e-3).abs() < 1e-9
+    );
+    // Nothing exposes where PROJ alone is pulsed.
+    let shown = controller(&["pulse", "proj", "--width", "5us"]);
+    assert!(
+        shown["strobe"].is_null() && number(&shown, "period_s") < 1.1e-5,
+        "{shown}"
+    );
+    for (line, level, rest) in [
+        ("cam", "high", &[][..]),
+        ("proj", "low", &["--active-low"]),
+        ("cam", "low", &[]),
+    ] {
+        let held = controller(&[&["hold", line, level, "--for", "20s"][..], rest].concat());
+        assert!(
+            (number(&held, "held_s") - 20.0).abs() < 1e-9 && held["level"] == level,
+            "{held}"
+        );
+    }
+    for (words, parts) in [
+        (&["pulse", "cam", "--width", "0s"][..], &["--width", "0 s"][..]),
+        (&["pulse", "cam", "--width", "1ns"], &["--width", "0 ticks"]),
+        (
+            &["pulse", "proj", "--width", "2ms", "--period", "1ms"],
+            &["PROJ", "end within the period"],
+        ),
+        (
+            &["pulse", "proj", "--width", "200s"],
+            &["period of", "found 400 s"],
+        ),
+        (&["pulse", "strobe"], &["`strobe`"]),
+        (&["pulse", "cam", "--count", "0"], &["--count", "`0`"]),
+        (&["hold", "cam", "high", "--for", "0s"], &["--for", "0 s"]),
+        (&["hold", "cam", "up"], &["`up`"]),
+    ] {
+        refuses(
+            &[&["controller", "--port", "sim"][..], words].concat(),
+            "",
+            2,
+            &[&["expected", "found"][..], parts].concat(),
+        );
+    }
+}
+
+#[test]
 fn every_action_has_words_too() {
     for action in ["info", "status", "run", "abort", "bench"] {
         let outcome = run(&["controller", action, "--port", "sim"], "");
@@ -102,6 +163,8 @@ fn what_cannot_be_fired_is_refused() {
         ("--exposure", "1e9ms"),
         ("--dead-man", "2h"),
         ("--sync-timeout", "5000s"),
+        ("--strobe-filter", "2ms"),
+        ("--strobe-filter", "-1us"),
     ] {
         let arguments = ["controller", "run", "--port", "sim", name, value];
         refuses(&arguments, "", 2, &["expected", "found"]);
@@ -119,6 +182,21 @@ fn what_cannot_be_fired_is_refused() {
         2,
         &["--steps", "expected a multiple of 3", "found 10"],
     );
+}
+
+/// Exposures that are shorter than what counts as one are none; the filter of one run is not that of the next.
+#[test]
+fn what_strobe_does_for_too_short_a_time_is_left_out() {
+    let exposures = ["run", "--steps", "10", "--cam-at", "1s", "--exposure", "500us"];
+    for (filter, strobes) in [
+        (&["--strobe-filter", "600us"][..], 0.0),
+        (&["--strobe-filter", "400us"], 10.0),
+        (&[], 10.0),
+    ] {
+        let done = controller(&[&exposures[..], filter].concat());
+        assert_eq!(number(&done, "records"), 10.0);
+        assert_eq!(number(&done, "strobes"), strobes, "{filter:?}");
+    }
 }
 
 /// Trigger, strobe's delay and width of each step, in ticks, from a file of records.
@@ -237,6 +315,7 @@ fn times_that_round_to_nothing_or_do_not_fit_are_refused_by_name() {
             &["--sync-timeout", "400ns"],
             &["--sync-timeout", "0.001 ms", "found 400 ns"],
         ),
+        (&["--strobe-filter", "1ns"], &["--strobe-filter", "found 1 ns"]),
         (&["--dead-man", "1ms"], &["--dead-man", "20 ms", "found 0.001 s"]),
         (
             &["--exposure", "3ms", "--period", "2ms"],
@@ -268,4 +347,79 @@ fn times_that_round_to_nothing_or_do_not_fit_are_refused_by_name() {
     assert_eq!(number(&done, "period_ticks"), 250_000.0);
     let done = controller(&["run", "--steps", "10", "--cam-at", "1s"]);
     assert_eq!(number(&done, "strobes"), 10.0);
+}
+
+#[test]
+fn probe_and_selftest_tell_what_stands_at_the_inputs() {
+    let probed = controller(&["probe", "--for", "100ms", "--every", "50ms"]);
+    // A vsync at 60 Hz has two edges; CAM rests, and with it STROBE.
+    assert!(
+        (number(&probed, "SYNC.edges_per_s") - 120.0).abs() <= 20.0,
+        "{probed}"
+    );
+    assert_eq!(number(&probed, "STROBE.edges"), 0.0);
+    assert_eq!(probed["looks"].as_array().unwrap().len(), 2);
+    let lines = run(
+        &[
+            "controller",
+            "probe",
+            "--port",
+            "sim",
+            "--for",
+            "30ms",
+            "--every",
+            "10ms",
+        ],
+        "",
+    );
+    assert_eq!(lines.done().lines().count(), 3);
+
+    let tested = controller(&["selftest", "--count", "2"]);
+    assert_eq!(tested["findings"], serde_json::json!([]));
+    assert_eq!(
+        (
+            &tested["STROBE"]["at_rest"],
+            number(&tested, "STROBE.CAM.answered")
+        ),
+        (&"low".into(), 2.0)
+    );
+    assert_eq!(number(&tested, "STROBE.PROJ.answered"), 0.0);
+    let widths: Vec<f64> = serde_json::from_value(tested["STROBE"]["CAM"]["width_us"].clone()).unwrap();
+    assert_eq!(widths, [1000.0, 2000.0]);
+    // The simulated camera's line rests low.
+    let inverted = [
+        "controller",
+        "selftest",
+        "--port",
+        "sim",
+        "--count",
+        "2",
+        "--active-low",
+        "strobe",
+    ];
+    let outcome = run(&inverted, "");
+    outcome.complains(
+        1,
+        &["port sim", "STROBE is inverted: it rests low and pulses high"],
+    );
+    for (words, parts) in [
+        (
+            &["selftest", "--width", "7ticks"][..],
+            &["--width", "at least 8 ticks"][..],
+        ),
+        (&["selftest", "--width", "30ms"], &["50 ms"]),
+        (&["probe", "--for", "1ms"], &["--for", "from 0.01 s"]),
+        (&["probe", "--every", "1ms"], &["--every", "from 0.01 s"]),
+        (&["update"], &["--file", "RCG_UF2"]),
+        (
+            &["update", "--file", "no.uf2"],
+            &["no.uf2", "expected a UF2 file"],
+        ),
+        (
+            &["update", "--file", "Cargo.toml"],
+            &["Cargo.toml", "whole blocks of 512 bytes"],
+        ),
+    ] {
+        refuses(&[&["controller", "--port", "sim"], words].concat(), "", 2, parts);
+    }
 }

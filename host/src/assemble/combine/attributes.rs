@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use crate::assemble::like::{lineage_of, measured_with};
 use crate::brdf::{
-    Azimuth, Brdf, BrdfError, CAUSES, COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, FIELD_UNCERTAINTY,
+    Azimuth, BANDS, Brdf, BrdfError, CAUSES, COMMON_UNCERTAINTY, DIRECTION_UNCERTAINTY, FIELD_UNCERTAINTY,
     LAMP_LIGHT, LINEAGE, evidence,
 };
 use crate::judge::repeats::Repeats;
@@ -15,7 +15,7 @@ use crate::judge::repeats::origins::{CALIBRATION, CLASS_OF, variance};
 /// Attribute: how many were combined, and how many pairs of directions so many of them have.
 const COMBINED: &str = "combined";
 /// Attributes of single captures that a mean has only where all have the same.
-const SINGLE: [&str; 5] = ["exposure_s", "light", "rig", LAMP_LIGHT, "incident_grid"];
+const SINGLE: [&str; 6] = ["exposure_s", "light", "rig", LAMP_LIGHT, "incident_grid", BANDS];
 /// Attributes of files that were filled or merged, whose names are not those of the mean.
 const FILLED: [&str; 2] = ["filled", "merged_with"];
 

@@ -328,7 +328,10 @@ impl Mean<'_> {
             place,
             sample.mean as f32,
             all as f32,
-            Shared::of([0.0, 0.0, shared as f32]),
+            Shared {
+                stray: shared as f32,
+                ..Shared::default()
+            },
         );
     }
 }

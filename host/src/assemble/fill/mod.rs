@@ -302,7 +302,7 @@ fn check_alike(base: &Brdf, other: &Brdf) -> Result<(), FillError> {
         ),
     ];
     match fields.into_iter().find(|(_, expected, found)| expected != found) {
-        None => Ok(()),
+        None => Ok(base.check_same_bands(other)?),
         Some((field, expected, found)) => Err(FillError::Differs {
             path: other.path().display().to_string(),
             field,

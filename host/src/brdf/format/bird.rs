@@ -15,6 +15,7 @@
 //! | `data.theta_i`, `phi_i`, `theta_r`, `phi_r` | `unit` (deg, °, or rad when read) and `values`, one for each entry: θ below 90°, φ below 360° |
 //! | `data.BRDF` | `unit` 1/sr (or `sr^-1`) and `values`: f, no cosine in it |
 //! | `data.uBRDF` | the same, its standard uncertainty (k = 1); absent where nobody states one |
+//! | `data.wavelength_i`, `wavelength_r` | `unit` nm and the centre of each entry's band; absent where nobody states bands |
 //! | `data.adhoc_variables` | `channel` (0 red, 1 green, 2 blue; absent of one channel) and `provenance` of each entry |
 //!
 //! Pairs of directions without a value are left out. All channels of a pair follow each other. What is read has to be a table: all pairs
@@ -215,6 +216,7 @@ pub(super) fn write(exporting: &Exporting, resolution: Resolution) -> Result<(),
     let channels = exporting.channels();
     let mut angles: [Vec<f64>; 4] = Default::default();
     let (mut f, mut u, mut channel, mut origin) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let bands = exporting.bands();
     axes.scan(exporting, |range, pairs| {
         for (place, entry) in range.zip(exporting.entries(pairs)?) {
             let Some(entry) = entry else { continue };
@@ -239,10 +241,20 @@ pub(super) fn write(exporting: &Exporting, resolution: Resolution) -> Result<(),
     if u.iter().all(|u| u.is_finite()) {
         data.insert("uBRDF".to_owned(), list("1/sr", json!(u)));
     }
+    if let Some(bands) = &bands {
+        let of = |channel: &usize| bands.centre_nm[*channel];
+        let wavelengths: Vec<f64> = channel.iter().map(of).collect();
+        for name in ["wavelength_i", "wavelength_r"] {
+            data.insert(name.to_owned(), list("nm", json!(wavelengths)));
+        }
+    }
     let mut adhoc = json!({ "provenance": { "description": "origin of each value", "values": origin } });
     if channels > 1 {
-        adhoc["channel"] =
-            json!({ "description": "0 red, 1 green, 2 blue of the camera", "values": channel });
+        let names = bands.map_or_else(
+            || "0 red, 1 green, 2 blue of the camera".to_owned(),
+            |bands| format!("0, 1 and 2: {}", bands.words()),
+        );
+        adhoc["channel"] = json!({ "description": names, "values": channel });
     }
     data.insert("adhoc_variables".to_owned(), adhoc);
     let document = json!({ "metadata": metadata(exporting), "data": data });
@@ -263,7 +275,7 @@ fn metadata(exporting: &Exporting) -> Value {
     };
     let software = format!("rcg {}", env!("CARGO_PKG_VERSION"));
     let mut instrumentation = json!({ "name": "RCG, rapid catadioptric gonioreflectometer" });
-    for name in ["rig", "spot_deg", "standards", "measured_area"] {
+    for name in ["rig", "bands", "spot_deg", "standards", "measured_area"] {
         if let Some(known) = attribute(name) {
             instrumentation[name] = known;
         }

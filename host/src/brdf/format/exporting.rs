@@ -2,14 +2,18 @@
 
 use std::io::{BufWriter, Write as _};
 use std::path::Path;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::DVec3;
 
 use super::ExportError;
+use super::round_trip::Trial;
+use super::table::BATCH;
 use crate::base::progress::Progress;
 use crate::brdf::sample::MeasuredRgl;
 use crate::brdf::{MEASUREMENT, METHOD, Source, Stated};
+use crate::instrument::bands::{Bands, VISIBLE_NM};
 use crate::store::provenance::Provenance;
 use crate::store::whole_file::{FileError, WholeFile};
 
@@ -48,6 +52,7 @@ pub(super) struct Exporting<'a> {
     pub(super) progress: &'a dyn Progress,
     pairs: AtomicU64,
     missing: AtomicU64,
+    trial: OnceLock<Trial>,
 }
 
 impl<'a> Exporting<'a> {
@@ -64,6 +69,7 @@ impl<'a> Exporting<'a> {
             progress,
             pairs: AtomicU64::new(0),
             missing: AtomicU64::new(0),
+            trial: OnceLock::new(),
         }
     }
 
@@ -100,6 +106,25 @@ impl<'a> Exporting<'a> {
                 .and_then(serde_json::Value::as_f64),
             Source::Known(_) => None,
         }
+    }
+
+    /// Whether each asking reads a file.
+    pub(super) fn is_read_each_time(&self) -> bool {
+        self.brdf().is_some_and(|brdf| brdf.at_once().is_some())
+    }
+
+    /// How many pairs are best asked for together.
+    pub(super) fn at_once(&self) -> usize {
+        self.brdf().and_then(crate::brdf::Brdf::at_once).unwrap_or(BATCH)
+    }
+
+    /// The pairs at which a file is compared with this.
+    pub(super) fn trial(&self) -> Result<&Trial, ExportError> {
+        if let Some(trial) = self.trial.get() {
+            return Ok(trial);
+        }
+        let trial = Trial::of(self)?;
+        Ok(self.trial.get_or_init(|| trial))
     }
 
     /// f in sr⁻¹ for pairs of unit vectors (incident, outgoing) in the order asked; `None` where there is no value.
@@ -169,12 +194,33 @@ impl<'a> Exporting<'a> {
 
     /// One sentence that says what the file is made from.
     pub(super) fn description(&self) -> String {
+        let bands = self
+            .bands()
+            .map_or_else(String::new, |bands| format!("; bands: {}", bands.words()));
         format!(
-            "{}, exported by rcg {} ({})",
+            "{}, exported by rcg {} ({}){bands}",
             self.about.name,
             env!("CARGO_PKG_VERSION"),
             self.about.written
         )
+    }
+
+    /// What light its channels stand for, if it says so.
+    pub(super) fn bands(&self) -> Option<Bands> {
+        self.brdf()?.bands()
+    }
+
+    /// Refuses bands that nobody sees in a format whose one number is a luminance.
+    pub(super) fn check_visible(&self) -> Result<(), ExportError> {
+        let Some(bands) = self.bands() else {
+            return Ok(());
+        };
+        let [from, to] = [VISIBLE_NM.start(), VISIBLE_NM.end()];
+        bands.invisible().map_or(Ok(()), |_| {
+            let expected =
+                format!("bands of {from} to {to} nm, as the format's one number is the luminance of all");
+            Err(self.refused("bands", expected, bands.words()))
+        })
     }
 
     /// Whether the source was measured.

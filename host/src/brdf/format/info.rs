@@ -168,6 +168,9 @@ fn facts(source: &Source) -> Vec<(String, String)> {
                 Some(value.as_str().map_or_else(|| value.to_string(), str::to_owned))
             };
             add("channels", brdf.channels().to_string());
+            if let Some(bands) = brdf.bands() {
+                add("bands", bands.words());
+            }
             add("incident", format!("{} directions", brdf.grid().len()));
             add("outgoing", format!("{} cells of a disk", brdf.disk().len()));
             for name in ["rig", "light", "step_deg", "spot_deg", "azimuth_zero", "source"] {

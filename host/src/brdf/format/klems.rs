@@ -23,7 +23,6 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::table::BATCH;
 use super::{ExportError, Exporting, Resolution, luminance, reading};
 use crate::base::text::shown;
 use crate::brdf::sample::{Outgoing, Sample, SampleError};
@@ -184,11 +183,12 @@ impl Outgoing for Lit<'_> {
 
 /// Writes the document.
 pub(super) fn write(exporting: &Exporting, resolution: Resolution) -> Result<(), ExportError> {
+    exporting.check_visible()?;
     let all: Vec<Vec<(f64, f64)>> = (0..PATCHES).map(directions).collect();
     let each = (WITHIN * WITHIN).pow(2);
     let mut data = String::new();
     exporting.progress.begin("export", PATCHES, "patches");
-    let rows_at_once = (BATCH / (PATCHES * each)).max(1);
+    let rows_at_once = (exporting.at_once() / (PATCHES * each)).max(1);
     for first in (0..PATCHES).step_by(rows_at_once) {
         let rows = first..(first + rows_at_once).min(PATCHES);
         let pairs: Vec<(DVec3, DVec3)> = rows

@@ -18,7 +18,6 @@ use std::path::Path;
 
 use glam::{DMat3, DVec3};
 
-use super::table::BATCH;
 use super::{ExportError, Exporting, reading};
 use crate::brdf::sample::{Outgoing, Sample, SampleError};
 use crate::hemisphere::direction::{from_angles, is_above_horizon};
@@ -157,7 +156,7 @@ pub(super) fn write(exporting: &Exporting) -> Result<Option<f64>, ExportError> {
             is_above_horizon(wi) && is_above_horizon(wo)
         })
         .collect();
-    for some in cells.chunks(BATCH / turns) {
+    for some in cells.chunks(exporting.at_once() / turns) {
         let pairs: Vec<(DVec3, DVec3)> = some
             .iter()
             .flat_map(|cell| (0..turns).map(|turn| pair(*cell, TAU * turn as f64 / turns as f64)))

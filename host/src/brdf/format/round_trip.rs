@@ -111,7 +111,7 @@ impl Trial {
 
 /// Of the file that was read back as `file`.
 pub(super) fn of(exporting: &Exporting, file: &dyn Sample) -> Result<RoundTrip, ExportError> {
-    let trial = Trial::of(exporting)?;
+    let trial = exporting.trial()?;
     let luminance = |(wi, wo): &(DVec3, DVec3)| super::luminance(file.f(*wi, *wo).map(|f| f as f32));
     Ok(trial.against(trial.pairs.iter().map(luminance)))
 }

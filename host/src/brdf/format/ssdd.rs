@@ -19,7 +19,7 @@ use std::path::Path;
 
 use glam::DVec3;
 
-use super::table::{Axes, BATCH, Tabulated, are_angles};
+use super::table::{Axes, Tabulated, are_angles};
 use super::{ExportError, Exporting, Resolution, reading};
 use crate::base::text::shown;
 use crate::brdf::sample::SampleError;
@@ -153,8 +153,9 @@ pub(super) fn write(exporting: &Exporting, resolution: Resolution) -> Result<(),
     exporting
         .progress
         .begin("export", axes.len(), "pairs of directions");
-    for first in (0..axes.len()).step_by(BATCH) {
-        let range = first..(first + BATCH).min(axes.len());
+    let at_once = exporting.at_once();
+    for first in (0..axes.len()).step_by(at_once) {
+        let range = first..(first + at_once).min(axes.len());
         let pairs: Vec<(DVec3, DVec3)> = range.clone().map(|place| axes.pair(number(place))).collect();
         for value in exporting.values(&pairs)? {
             for f in &value.unwrap_or([f32::NAN; 3])[..channels] {

@@ -311,45 +311,59 @@ pub(super) fn write(exporting: &Exporting, resolution: Resolution) -> Result<(),
         let found = format!("{count}, which a wider step makes fewer");
         return Err(exporting.refused("resolution", format!("at most {MOST} numbers"), found));
     }
+    exporting.check_visible()?;
     let mut text = head(&exporting.description(), [&rotations, &incidences, &around]);
     let slices = rotations.len() * incidences.len();
     exporting.progress.begin("export", slices, "incident directions");
-    for slice in 0..slices {
-        let (rotation, incidence) = (
-            rotations[slice / incidences.len()],
-            incidences[slice % incidences.len()],
-        );
-        let frame = frame(incidence, rotation);
-        let wi = from_degrees(incidence, rotation - 90.0);
-        let views: Vec<DVec3> = around
-            .iter()
-            .flat_map(|azimuth| {
-                RADIAL_DEG
-                    .iter()
-                    .map(move |radial| view(frame, *azimuth, *radial))
+    let at_once = (exporting.at_once() / (around.len() * RADIAL_DEG.len())).max(1);
+    for first in (0..slices).step_by(at_once) {
+        let range = first..(first + at_once).min(slices);
+        let lit: Vec<(DVec3, Vec<DVec3>)> = range
+            .clone()
+            .map(|slice| {
+                let rotation = rotations[slice / incidences.len()];
+                lit(incidences[slice % incidences.len()], rotation, &around)
             })
             .collect();
-        let above: Vec<_> = views
-            .iter()
-            .filter(|wo| is_above_horizon(**wo))
-            .map(|wo| (wi, *wo))
-            .collect();
-        let mut found = exporting.values(&above)?.into_iter();
+        let above = |(wi, views): &(DVec3, Vec<DVec3>)| {
+            let wi = *wi;
+            let above = views.clone().into_iter().filter(|wo| is_above_horizon(*wo));
+            above.map(move |wo| (wi, wo))
+        };
+        let pairs: Vec<_> = lit.iter().flat_map(above).collect();
+        let mut found = exporting.values(&pairs)?.into_iter();
         let mut next = || found.next().flatten().map_or(0.0, luminance);
-        let f: Vec<f64> = views
-            .iter()
-            .map(|wo| if is_above_horizon(*wo) { next() } else { 0.0 })
-            .collect();
-        writeln!(text, "TIS\t{:.6}", scattered(&f, &views, &around)).expect("strings take everything");
-        for row in f.chunks(RADIAL_DEG.len()) {
-            let words: Vec<String> = row.iter().map(|f| format!("{f:.5e}")).collect();
-            writeln!(text, "{}", words.join("\t")).expect("strings take everything");
+        for (_, views) in &lit {
+            let f = views
+                .iter()
+                .map(|wo| if is_above_horizon(*wo) { next() } else { 0.0 });
+            write_slice(&mut text, &f.collect::<Vec<f64>>(), views, &around);
         }
-        exporting.progress.reach(slice + 1);
+        exporting.progress.reach(range.end);
     }
     exporting.check_whole(resolution.zeros)?;
     text.push_str("DataEnd\n");
     exporting.write_whole(text.as_bytes())
+}
+
+/// The direction of light at an incidence of a sample that is turned, and those of view [azimuth, radial].
+fn lit(incidence_deg: f64, rotation_deg: f64, around: &[f64]) -> (DVec3, Vec<DVec3>) {
+    let frame = frame(incidence_deg, rotation_deg);
+    let views = around.iter().flat_map(|azimuth| {
+        RADIAL_DEG
+            .iter()
+            .map(move |radial| view(frame, *azimuth, *radial))
+    });
+    (from_degrees(incidence_deg, rotation_deg - 90.0), views.collect())
+}
+
+/// f of a table [azimuth, radial].
+fn write_slice(text: &mut String, f: &[f64], views: &[DVec3], around: &[f64]) {
+    writeln!(text, "TIS\t{:.6}", scattered(f, views, around)).expect("strings take everything");
+    for row in f.chunks(RADIAL_DEG.len()) {
+        let words: Vec<String> = row.iter().map(|f| format!("{f:.5e}")).collect();
+        writeln!(text, "{}", words.join("\t")).expect("strings take everything");
+    }
 }
 
 /// ∫ f·cosθo dωo over a table [azimuth, radial] of f, by trapezoids.

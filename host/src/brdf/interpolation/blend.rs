@@ -3,9 +3,10 @@
 use glam::DVec3;
 
 use super::leave_one_out::shown;
-use super::region::{REGIONS, WIDER, around, region, wider};
+use super::region::{Between, REGIONS, WIDER, around, region, wider};
 use super::rule::{DIRECT, HALF_VECTOR, RULES};
 use super::{Interpolation, Regions};
+use crate::base::eight::{Eight, LANES, Vectors};
 
 /// Rules, forth and back: what is read at the images around the incident direction, and, with the directions exchanged,
 /// at those around the outgoing one.
@@ -142,33 +143,61 @@ impl Blend {
         }
     }
 
-    /// Share of each branch at the pair (`wi`, `wo`), not normalised; 0 for those that are left out.
-    #[inline]
-    pub(super) fn shares(&self, wi: DVec3, wo: DVec3) -> [f32; BRANCHES] {
+    /// Whether images are read back, too.
+    pub(super) const fn reads_back(&self) -> bool {
+        matches!(self, Self::ByError(_))
+    }
+
+    /// Share of each branch at eight pairs (`wi`, `wo`) above the horizon, not normalised; 0 for those that are left out.
+    // Inlined whatever the compiler thinks of it: a function of its own would not be compiled for the processor that is there.
+    #[allow(clippy::inline_always)]
+    #[inline(always)]
+    pub(super) fn shares(&self, wi: &Vectors, wo: &Vectors) -> [[f32; BRANCHES]; LANES] {
+        let mut shares = [[0.0; BRANCHES]; LANES];
         let logs = match self {
             Self::One(rule) => {
-                let mut shares = [0.0; BRANCHES];
-                shares[*rule] = 1.0;
+                for shares in &mut shares {
+                    shares[*rule] = 1.0;
+                }
                 return shares;
             }
             Self::ByError(logs) => logs,
         };
-        let mut sum = [0.0_f32; BRANCHES];
-        let regions: Regions = around(wi, wo);
-        for (region, weight) in regions {
-            for (sum, log) in sum.iter_mut().zip(&logs[region]) {
-                *sum += weight * log;
+        let between = Between::of(wi, wo);
+        for (lane, shares) in shares.iter_mut().enumerate() {
+            let mut sums = [Eight::splat(0.0); BRANCHES / LANES];
+            for (region, weight) in between.regions(lane) {
+                let (logs, _) = logs[region].as_chunks::<LANES>();
+                for (sum, logs) in sums.iter_mut().zip(logs) {
+                    *sum = *sum + Eight::splat(weight) * Eight::new(*logs);
+                }
+            }
+            let best = sums[0].min(sums[1]).least();
+            let worst = Eight::splat(best - LEAST_SHARE.ln() / POWER);
+            for (shares, sum) in shares.as_chunks_mut::<LANES>().0.iter_mut().zip(sums) {
+                let better = (Eight::splat(best) - sum) * Eight::splat(POWER * std::f32::consts::LOG2_E);
+                *shares = worst
+                    .where_less(sum, Eight::splat(0.0), better.max(Eight::splat(-100.0)).exp2())
+                    .to_array();
             }
         }
-        let best = sum.iter().copied().fold(f32::INFINITY, f32::min);
-        let worst = best - LEAST_SHARE.ln() / POWER;
-        for share in &mut sum {
-            *share = if *share > worst {
-                0.0
-            } else {
-                (POWER * (best - *share)).exp()
-            };
+        shares
+    }
+
+    /// As [`shares`](Self::shares), of one pair in double precision.
+    #[cfg(test)]
+    pub(super) fn shares_of_one(&self, wi: DVec3, wo: DVec3) -> [f32; BRANCHES] {
+        let Self::ByError(logs) = self else {
+            panic!("by error")
+        };
+        let mut sums = [0.0; BRANCHES];
+        for (region, weight) in around(wi, wo) {
+            for (sum, log) in sums.iter_mut().zip(logs[region]) {
+                *sum += f64::from(weight) * f64::from(log);
+            }
         }
-        sum
+        let best = sums.iter().copied().fold(f64::INFINITY, f64::min);
+        let share = |sum: f64| (f64::from(POWER) * (best - sum)).exp() as f32;
+        sums.map(|sum| if share(sum) < LEAST_SHARE { 0.0 } else { share(sum) })
     }
 }

@@ -1,6 +1,6 @@
 //! Captured images, read between their cells.
 
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3, Vec4};
 
 use super::packed::Four;
 use crate::hemisphere::disk::Disk;
@@ -40,36 +40,35 @@ pub(crate) struct Image<'a> {
 
 /// Something of the outgoing directions of one incident one that can be read between its cells.
 pub(crate) trait Readable: Copy {
-    /// f in sr⁻¹ of a cell that may have a value, and its code of [`Provenance`], 0 if nobody says; `None` if it is missing here alone.
-    fn cell(&self, cell: usize) -> Option<(Vec3, u8)>;
+    /// f in sr⁻¹ of a cell times the cosθo by which it counts, and that, with its code of [`Provenance`], 0 if nobody says; `None` if it is
+    /// missing. The cell is one that has a value in some image.
+    fn cell(&self, cells: &Cells, cell: usize) -> Option<(Vec4, u8)>;
 
     /// What is read at `wo`.
     fn read(&self, cells: &Cells, wo: DVec3) -> Read {
         cells
             .place(wo)
-            .map_or_else(Read::default, |place| place.read(*self))
+            .map_or_else(Read::default, |place| place.read(cells, *self))
     }
 
-    /// What is read between `four` cells if all of them have a value: as [`read`](Self::read) does, a shorter way.
-    fn read_four(&self, cells: &Cells, four: &Four) -> Option<Read> {
-        let (mut read, mut cosines) = (Read::default(), 0.0);
-        for (cell, weight) in four.cells() {
-            let cosine = cells.cosine(cell)?;
-            let (f, code) = self.cell(cell)?;
-            read.weakest = read.weakest.max(code);
-            read.weight += weight;
-            cosines += weight * cosine;
-            read.value += weight * cosine * f;
-        }
-        read.value *= read.weight / cosines;
-        Some(read)
+    /// Sum over `four` cells of what [`cell`](Self::cell) has of them by their weights; not a number if one is missing.
+    fn corners(&self, cells: &Cells, four: &Four) -> Vec4;
+
+    /// Whether cells have codes other than 0.
+    const HAS_CODES: bool;
+    /// Whether cells stand in blocks; else rows follow each other.
+    const IS_BLOCKED: bool;
+
+    /// The largest code of `four` cells.
+    fn weakest(&self, _cells: &Cells, _four: &Four) -> u8 {
+        0
     }
 }
 
-/// Where images are read: the cells around a direction, each with its weight, 0 of those that never have a value, and its cosθo.
+/// Where images are read: the cells around a direction, each with its weight, 0 of those that never have a value.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Place {
-    cells: [(usize, f32, f32); 4],
+    cells: [(usize, f32); 4],
     /// One over the weight of what lies above the horizon.
     rest: f32,
 }
@@ -130,10 +129,10 @@ impl Cells {
             match self.kinds[cell] {
                 Kind::Beyond => {
                     beyond += weight;
-                    (cell, 0.0, 0.0)
+                    (cell, 0.0)
                 }
-                Kind::Seen(cosine) => (cell, weight, cosine),
-                Kind::Blind => (cell, 0.0, 0.0),
+                Kind::Seen(_) => (cell, weight),
+                Kind::Blind => (cell, 0.0),
             }
         });
         let rest = 1.0 / (1.0 - beyond).max(1e-6);
@@ -167,24 +166,23 @@ impl Cells {
 
 impl Place {
     /// Reads `image` there.
-    pub(crate) fn read(&self, image: impl Readable) -> Read {
+    pub(crate) fn read(&self, cells: &Cells, image: impl Readable) -> Read {
         let mut read = Read::default();
-        let mut cosines = 0.0;
-        for &(cell, weight, cosine) in &self.cells {
+        let mut sum = Vec4::ZERO;
+        for &(cell, weight) in &self.cells {
             if weight <= 0.0 {
                 continue;
             }
-            let Some((f, code)) = image.cell(cell) else {
+            let Some((weighted, code)) = image.cell(cells, cell) else {
                 read.saturated += weight;
                 continue;
             };
             read.weakest = read.weakest.max(code);
             read.weight += weight;
-            cosines += weight * cosine;
-            read.value += weight * cosine * f;
+            sum += weight * weighted;
         }
-        if cosines > 0.0 {
-            read.value *= self.rest * read.weight / cosines;
+        if sum.w > 0.0 {
+            read.value = sum.truncate() * (self.rest * read.weight / sum.w);
             read.weight *= self.rest;
             read.saturated *= self.rest;
         }
@@ -193,14 +191,42 @@ impl Place {
 }
 
 impl Readable for Image<'_> {
-    fn cell(&self, cell: usize) -> Option<(Vec3, u8)> {
+    #[inline]
+    fn cell(&self, cells: &Cells, cell: usize) -> Option<(Vec4, u8)> {
+        let cosine = cells.cosine(cell)?;
         let f = self.at(cell);
-        match self.provenance {
-            Some(codes) if codes[cell] == Provenance::Missing.code() => None,
-            None if f.x.is_nan() => None,
-            Some(codes) => Some((f, codes[cell])),
-            None => Some((f, 0)),
+        let code = match self.provenance {
+            Some(codes) if codes[cell] == Provenance::Missing.code() => return None,
+            None if f.x.is_nan() => return None,
+            Some(codes) => codes[cell],
+            None => 0,
+        };
+        Some(((cosine * f).extend(cosine), code))
+    }
+
+    #[inline]
+    fn corners(&self, cells: &Cells, four: &Four) -> Vec4 {
+        let mut sum = Vec4::ZERO;
+        let Some(around) = four.cells(cells) else {
+            return Vec4::NAN;
+        };
+        for (cell, weight) in around.into_iter().zip(four.weights.to_array()) {
+            let Some((weighted, _)) = self.cell(cells, cell) else {
+                return Vec4::NAN;
+            };
+            sum += weight * weighted;
         }
+        sum
+    }
+
+    const HAS_CODES: bool = true;
+    const IS_BLOCKED: bool = false;
+
+    fn weakest(&self, cells: &Cells, four: &Four) -> u8 {
+        let (Some(codes), Some(cells)) = (self.provenance, four.cells(cells)) else {
+            return 0;
+        };
+        cells.map(|cell| codes[cell]).into_iter().fold(0, u8::max)
     }
 }
 

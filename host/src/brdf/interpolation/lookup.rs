@@ -4,38 +4,34 @@
 //! A query needs at most eight images: four around its incident direction, and four around its outgoing one, which are
 //! read with the directions exchanged. They may come in any order, from memory or chunk by chunk from a file.
 
-use glam::{DVec3, Vec3, Vec4};
+use std::ops::Range;
+
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
+use super::answering::Sums;
 use super::blend::{BACK, BRANCHES};
-use super::captures::{Captures, Cells, Readable};
-use super::lanes::Side;
+use super::captures::{Captures, Cells, Image, ImageOf, Readable};
+use super::lanes::{FOUR, Notes};
+use super::packed::Strides;
+use super::prepared::{Pairs, Prepared, filled, of_lane, side};
 use super::rule::{Captured, Query};
-use super::{Blend, BranchErrors, ENOUGH};
+use super::{Blend, BranchErrors};
+use crate::base::eight::LANES;
 use crate::hemisphere::incident::IncidentSet;
 use crate::store::StoreError;
 
-/// Images of one query.
-const PARTS: usize = 8;
-/// Those around the incident direction come first.
-const FORTH: usize = 4;
-
-/// One query.
+/// One query, whose images may come in any order.
 #[derive(Clone, Debug)]
 pub(crate) struct Lookup {
     wi: DVec3,
     wo: DVec3,
-    rows: [u32; PARTS],
-    weights: [f32; PARTS],
-    shares: [f32; BRANCHES],
-    /// Value × weight and weight of what was read forth, and of what was read back.
-    sums: [Vec4; 2],
-    /// Weight of what direct reading found: without it nothing was measured there.
-    pub(crate) found: f32,
-    /// Weight of what direct reading found saturated.
-    pub(crate) saturated: f32,
-    /// Largest code of provenance of the cells that took part.
-    pub(crate) weakest: u8,
+    /// Images of both sides, and how much each counts.
+    rows: [[u32; FOUR]; 2],
+    weights: [[f32; FOUR]; 2],
+    shares: [[f32; BACK]; 2],
+    /// What was read forth, and what was read back.
+    sums: [Sums; 2],
     /// If that was asked for.
     apart: Option<Box<Apart>>,
 }
@@ -54,10 +50,17 @@ struct Apart {
 }
 
 impl Apart {
-    /// Takes what the `images` of a side say, whose branches begin at `first`.
-    fn take<R: Readable>(&mut self, side: &Side<'_>, first: usize, cells: &Cells, images: &[Option<R>; 4]) {
-        let query = Query::new(side.pair, |rule| side.shares[rule] > 0.0);
-        for ((image, captured), weight) in images.iter().zip(side.captured).zip(side.weights) {
+    /// Takes what the `images` say that are read for the `pair` by the branches from `first` on, of which these are the `shares`; each
+    /// comes with its incident direction and weight.
+    fn take<'a, R: Readable + 'a>(
+        &mut self,
+        cells: &Cells,
+        pair: (DVec3, DVec3),
+        (first, shares): (usize, &[f32]),
+        images: impl Iterator<Item = ((&'a Option<R>, &'a Captured), f32)>,
+    ) {
+        let query = Query::new(pair, |rule| shares[rule] > 0.0);
+        for ((image, captured), weight) in images {
             let Some(image) = image else { continue };
             query.readings(captured, |reading| {
                 let read = image.read(cells, reading.wo);
@@ -65,8 +68,8 @@ impl Apart {
                     return;
                 }
                 let bend = cells.bend(*image, reading.wo);
-                for rule in reading.rules.clone().filter(|&rule| side.shares[rule] > 0.0) {
-                    let share = weight * side.shares[rule];
+                for rule in reading.rules.clone().filter(|&rule| shares[rule] > 0.0) {
+                    let share = weight * shares[rule];
                     let factor = reading.factor(rule) as f32;
                     let value = factor * read.value;
                     let branch = &mut self.branches[first + rule];
@@ -83,139 +86,142 @@ impl Apart {
 }
 
 impl Lookup {
-    /// The query for the pair (`wi`, `wo`), both above the horizon, of captures from `set`; `is_apart` keeps what the readings say one by
-    /// one.
-    fn new(set: &IncidentSet, blend: &Blend, (wi, wo): (DVec3, DVec3), is_apart: bool) -> Self {
-        let shares = blend.shares(wi, wo);
-        let mut rows = [0; PARTS];
-        let mut weights = [0.0; PARTS];
-        let mut put = |first: usize, w: DVec3| {
-            // A file hands its images out in this order: however many at a time, sums are the same.
-            let mut neighbours = set.neighbours(w);
-            neighbours.sort_by_key(|neighbour| neighbour.0);
-            for (place, (row, weight)) in neighbours.iter().enumerate() {
-                (rows[first + place], weights[first + place]) = (*row as u32, *weight as f32);
+    /// The queries for eight pairs of captures from `set`; `is_apart` keeps what the readings say one by one.
+    fn eight(set: &IncidentSet, blend: &Blend, pairs: &Pairs, is_apart: bool) -> [Self; LANES] {
+        let prepared = Prepared::new(blend, pairs);
+        let forth = prepared.neighbours(set, false);
+        let back = blend.reads_back().then(|| prepared.neighbours(set, true));
+        std::array::from_fn(|lane| {
+            let shares = [false, true].map(|is_back| *prepared.side(lane, is_back));
+            let (rows, weights) = of_lane(&forth, lane);
+            let is_back = shares[1].iter().any(|share| *share > 0.0);
+            let nothing = ([0; FOUR], [0.0; FOUR]);
+            let back = back.as_ref().filter(|_| is_back);
+            let (rows_back, weights_back) = back.map_or(nothing, |back| of_lane(back, lane));
+            Self {
+                wi: pairs[lane].0,
+                wo: pairs[lane].1,
+                rows: [rows, rows_back],
+                weights: [weights, weights_back],
+                shares,
+                sums: [Sums::default(); 2],
+                apart: is_apart.then(Box::default),
             }
+        })
+    }
+
+    /// The queries for pairs (incident, outgoing) of captures from `set`, all above the horizon; `is_apart` keeps what tells
+    /// [`interpolation_error`](Self::interpolation_error), 300 bytes more for each.
+    pub(crate) fn all(
+        set: &IncidentSet,
+        blend: &Blend,
+        pairs: &[(DVec3, DVec3)],
+        is_apart: bool,
+    ) -> Vec<Self> {
+        let eight = |pairs: &[(DVec3, DVec3)]| {
+            let eight = Self::eight(set, blend, &filled(pairs), is_apart);
+            eight.into_iter().take(pairs.len())
         };
-        put(0, wi);
-        if shares[BACK..].iter().any(|share| *share > 0.0) {
-            put(FORTH, wo);
-        }
+        pairs.par_chunks(LANES).flat_map_iter(eight).collect()
+    }
+
+    /// The same query of which nothing was answered and nothing is kept apart.
+    pub(crate) fn plain(&self) -> Self {
         Self {
-            wi,
-            wo,
-            rows,
-            weights,
-            shares,
-            sums: [Vec4::ZERO; 2],
-            found: 0.0,
-            saturated: 0.0,
-            weakest: 0,
-            apart: is_apart.then(Box::default),
+            sums: [Sums::default(); 2],
+            apart: None,
+            ..*self
         }
     }
 
-    /// The query for the pair (`wi`, `wo`), both above the horizon, answered from images that are all in memory; `captured` has the
-    /// incident directions of `set`.
-    #[inline]
-    pub(crate) fn of<R: Readable>(
-        (set, captured): (&IncidentSet, &[Captured]),
+    /// Which of so many `images` they need.
+    pub(crate) fn wanted(lookups: &[Self], images: usize) -> Vec<bool> {
+        let mut wanted = vec![false; images];
+        for row in lookups.iter().flat_map(Self::rows) {
+            wanted[row] = true;
+        }
+        wanted
+    }
+
+    /// Each takes what the images of the rows `group` say.
+    pub(crate) fn gather_all(
+        lookups: &mut [Self],
         cells: &Cells,
-        blend: &Blend,
-        pair: (DVec3, DVec3),
-        image: impl Fn(usize) -> Option<R>,
-    ) -> Self {
-        let mut lookup = Self::new(set, blend, pair, false);
-        lookup.gather_side(false, cells, captured, &image);
-        lookup.gather_side(true, cells, captured, &image);
-        lookup
+        captured: &[Captured],
+        group: &Range<usize>,
+        image: ImageOf<'_>,
+    ) {
+        lookups.par_iter_mut().for_each_init(
+            || Notes::of(1),
+            |notes, lookup| lookup.gather(cells, captured, group, image, notes),
+        );
     }
 
     /// The images that it needs.
     fn rows(&self) -> impl Iterator<Item = usize> + '_ {
-        self.rows
-            .iter()
-            .zip(self.weights)
-            .filter(|(_, weight)| *weight > 0.0)
+        let all = self.rows.as_flattened().iter().zip(self.weights.as_flattened());
+        all.filter(|(_, weight)| **weight > 0.0)
             .map(|(row, _)| *row as usize)
     }
 
     /// Takes what the images of the rows `group` say.
-    fn gather<R: Readable>(
+    fn gather<'a>(
         &mut self,
         cells: &Cells,
         captured: &[Captured],
-        group: &std::ops::Range<usize>,
-        image: impl Fn(usize) -> Option<R>,
+        group: &Range<usize>,
+        image: impl Fn(usize) -> Option<Image<'a>>,
+        notes: &mut Notes,
     ) {
-        let image = |row: usize| group.contains(&row).then(|| image(row)).flatten();
-        self.gather_side(false, cells, captured, image);
-        self.gather_side(true, cells, captured, image);
-    }
-
-    /// Takes what the images of one side say.
-    #[inline]
-    fn gather_side<R: Readable>(
-        &mut self,
-        is_back: bool,
-        cells: &Cells,
-        captured: &[Captured],
-        image: impl Fn(usize) -> Option<R>,
-    ) {
-        let (begin, first) = if is_back { (FORTH, BACK) } else { (0, 0) };
-        let (rows, weights) = (&self.rows[begin..], &self.weights[begin..]);
-        let [a, b, c, d] = [rows[0], rows[1], rows[2], rows[3]].map(|row| row as usize);
-        let weights = [weights[0], weights[1], weights[2], weights[3]];
-        let of = |row: usize, weight: f32| if weight > 0.0 { image(row) } else { None };
-        let images = [
-            of(a, weights[0]),
-            of(b, weights[1]),
-            of(c, weights[2]),
-            of(d, weights[3]),
-        ];
-        if images.iter().all(Option::is_none) {
-            return;
-        }
-        let (forth, back) = self
-            .shares
-            .split_first_chunk()
-            .expect("invariant: both have as many");
-        let shares = if is_back { back.first_chunk() } else { Some(forth) };
-        let side = Side {
-            pair: if is_back {
+        for is_back in [false, true] {
+            let at = usize::from(is_back);
+            let (rows, mut weights) = (self.rows[at], self.weights[at]);
+            let mut images = [None; FOUR];
+            for (found, (row, weight)) in images.iter_mut().zip(rows.into_iter().zip(&mut weights)) {
+                if *weight > 0.0 && group.contains(&(row as usize)) {
+                    *found = image(row as usize);
+                }
+                *weight = if found.is_some() { *weight } else { 0.0 };
+            }
+            if images.iter().all(Option::is_none) {
+                continue;
+            }
+            let pair = if is_back {
                 (self.wo, self.wi)
             } else {
                 (self.wi, self.wo)
-            },
-            captured: [&captured[a], &captured[b], &captured[c], &captured[d]],
-            weights,
-            shares: shares.expect("invariant: both have as many"),
-            is_back,
-        };
-        let said = side.read(cells, &images);
-        if let Some(apart) = &mut self.apart {
-            apart.take(&side, first, cells, &images);
+            };
+            let shares = self.shares[at];
+            let side = side(pair, captured, (rows, weights), &shares, is_back);
+            notes.clear();
+            side.note::<Image<'_>>(0, cells, Strides::rows(cells.disk.size()), notes);
+            notes.read(cells, &[images]);
+            self.sums[at].add(notes.said(0));
+            if let Some(apart) = &mut self.apart {
+                apart.take(
+                    cells,
+                    pair,
+                    (BACK * at, &shares),
+                    images.iter().zip(side.captured).zip(weights),
+                );
+            }
         }
-        for sum in said.sums {
-            self.sums[usize::from(is_back)] += sum;
-        }
-        for (found, saturated) in said.found.into_iter().zip(said.saturated) {
-            self.found += found;
-            self.saturated += saturated;
-        }
-        self.weakest = self.weakest.max(said.weakest);
     }
 
-    /// Value × weight, and weight of all that was read.
-    fn sum(&self) -> (Vec3, f32) {
-        let sum = self.sums[0] + self.sums[1];
-        (sum.truncate(), sum.w)
+    /// Weight of what direct reading found saturated.
+    pub(crate) fn saturated(&self) -> f32 {
+        self.sums[0].saturated
+    }
+
+    /// Largest code of provenance of the cells that took part.
+    pub(crate) fn weakest(&self) -> u8 {
+        self.sums[0].weakest.max(self.sums[1].weakest)
     }
 
     /// f in sr⁻¹ if at least half of what direct interpolation needs was measured.
     pub(crate) fn value(&self) -> Option<[f32; 3]> {
-        let (value, weight) = self.sum();
-        (self.found >= ENOUGH && weight > 1e-6).then(|| (value / weight).to_array())
+        let [forth, back] = &self.sums;
+        Sums::value(forth, back).ok()
     }
 
     /// Standard uncertainty (k = 1) of the value in sr⁻¹ by interpolation, if it was looked up with that: what the branches are wrong by
@@ -233,7 +239,7 @@ impl Lookup {
             None => spread,
             Some(errors) => {
                 let (mut apart_by, mut sum) = (Vec3::ZERO, 0.0);
-                for (share, (branch, weight)) in self.shares.iter().zip(apart.branches) {
+                for (share, (branch, weight)) in self.shares.as_flattened().iter().zip(apart.branches) {
                     if *share > 0.0 && weight > 1e-6 {
                         let off = branch / weight - value;
                         apart_by += *share * weight * off * off;
@@ -242,7 +248,7 @@ impl Lookup {
                 }
                 let shares = std::array::from_fn(|branch| {
                     let far = if branch < BACK { self.distance() } else { 1.0 };
-                    [self.shares[branch], far]
+                    [self.shares.as_flattened()[branch], far]
                 });
                 let left_out = value.to_array().map(|f| {
                     let sigma = errors.of_blend(self.wi, self.wo, f64::from(f), &shares) as f32;
@@ -253,7 +259,7 @@ impl Lookup {
             }
         };
         // What is missing lies on one side, and the mean of the others elsewhere: nobody knows how f goes on there.
-        let beside = (1.0 - self.found).clamp(0.0, 1.0) * value.abs();
+        let beside = (1.0 - self.sums[0].found).clamp(0.0, 1.0) * value.abs();
         Some(
             (variance + bend * bend + beside * beside)
                 .map(f32::sqrt)
@@ -271,7 +277,7 @@ impl Lookup {
     /// How far the incident direction lies from the images around it, where 1 is half way between two: the error of linear interpolation,
     /// t(1 − t), over its largest.
     fn distance(&self) -> f32 {
-        let squares: f32 = self.weights[..FORTH].iter().map(|weight| weight * weight).sum();
+        let squares: f32 = self.weights[0].iter().map(|weight| weight * weight).sum();
         (2.0 * (1.0 - squares)).clamp(0.0, 1.0)
     }
 }
@@ -293,40 +299,24 @@ pub(crate) fn look_up(
     blend: &Blend,
     pairs: &[(DVec3, DVec3)],
 ) -> Result<Vec<Lookup>, StoreError> {
-    find(captures, blend, pairs, false)
+    answered(captures, Lookup::all(captures.set(), blend, pairs, false))
 }
 
-/// As [`look_up`], with what tells [`Lookup::interpolation_error`]; takes 300 bytes more for each pair.
-///
-/// # Errors
-/// [`StoreError`].
-pub(crate) fn look_up_apart(
+/// As [`look_up`], with what tells [`Lookup::interpolation_error`].
+#[cfg(test)]
+pub(super) fn look_up_apart(
     captures: &impl Captures,
     blend: &Blend,
     pairs: &[(DVec3, DVec3)],
 ) -> Result<Vec<Lookup>, StoreError> {
-    find(captures, blend, pairs, true)
+    answered(captures, Lookup::all(captures.set(), blend, pairs, true))
 }
 
-fn find(
-    captures: &impl Captures,
-    blend: &Blend,
-    pairs: &[(DVec3, DVec3)],
-    is_apart: bool,
-) -> Result<Vec<Lookup>, StoreError> {
-    let mut lookups: Vec<Lookup> = pairs
-        .par_iter()
-        .map(|&pair| Lookup::new(captures.set(), blend, pair, is_apart))
-        .collect();
-    let mut wanted = vec![false; captures.set().len()];
-    for row in lookups.iter().flat_map(Lookup::rows) {
-        wanted[row] = true;
-    }
+fn answered(captures: &impl Captures, mut lookups: Vec<Lookup>) -> Result<Vec<Lookup>, StoreError> {
+    let wanted = Lookup::wanted(&lookups, captures.set().len());
     let captured = captured(captures);
     captures.scan(&wanted, &mut |group, image| {
-        lookups
-            .par_iter_mut()
-            .for_each(|lookup| lookup.gather(captures.cells(), &captured, &group, image));
+        Lookup::gather_all(&mut lookups, captures.cells(), &captured, &group, image);
     })?;
     Ok(lookups)
 }

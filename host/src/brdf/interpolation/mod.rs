@@ -20,31 +20,37 @@
 //!
 //! [`Table`] interpolates captures in memory; [`crate::brdf::Brdf`] does the same with those of a file.
 
+mod answering;
 mod blend;
 mod captures;
 mod lanes;
 mod leave_one_out;
 mod lookup;
 mod packed;
+mod prepared;
 mod region;
 mod rule;
 mod table;
 #[cfg(test)]
 mod tests;
+mod walk;
 
 /// Weight of all that was read, of 1, with which a look-up has a value: half of it. What lies halfway between a ring that was captured and
 /// one that was not has exactly that, and rounding must not decide pixel by pixel.
 pub(crate) const ENOUGH: f32 = 0.499;
 
+pub(crate) use answering::{Answering, Desk};
 pub use blend::{BRANCHES, Blend, BranchErrors};
 pub(crate) use captures::{Captures, Cells, Image, ImageOf, Readable};
 pub(crate) use leave_one_out::learn;
-pub(crate) use lookup::{Lookup, captured, look_up, look_up_apart};
+pub(crate) use lookup::{Lookup, captured, look_up};
 pub(crate) use packed::{BLOCK, Layout, Packed, PackedCell};
+pub(crate) use prepared::filled;
 pub use region::{REGIONS, Regions};
 pub(crate) use rule::Captured;
 pub use rule::{RULES, Rule};
 pub use table::Table;
+pub(crate) use walk::walk;
 
 use serde::Serialize;
 

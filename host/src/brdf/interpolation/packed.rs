@@ -1,87 +1,118 @@
 //! Images that are read by the million.
 //!
 //! # Design
-//! A cell has its cosθo beside its f, so that reading between four cells touches nothing else; 0 stands where there is no value. Almost
-//! all readings lie between four cells that have one: they take a short way, whose sums are those of [`Place::read`](super::captures::Place)
-//! in the same order, to the bit.
+//! A cell has f times its cosθo beside that cosine, so that reading between four cells touches nothing else and is one sum of products; the cosine is
+//! not a number where there is no value. Almost all readings lie between four cells that have one: they take a short way, by which values are
+//! those of [`Place::read`](super::captures::Place) but for rounding.
 
 use glam::{Vec2, Vec3, Vec4};
 
-use super::captures::{Cells, Read, Readable};
+use super::captures::{Cells, Readable};
+use crate::base::eight::{floor, whole};
 
 /// A cell of a packed image.
 pub(crate) trait PackedCell: Copy + Send + Sync {
+    /// One without a value.
+    const MISSING: Self;
     /// f of the `channels` in sr⁻¹ with the cosine by which the cell counts.
     fn pack(channels: &[f32], cosine: f32) -> Self;
-    /// f in sr⁻¹; a single channel is repeated. What stands beside the three is of no meaning.
-    fn f(self) -> Vec4;
-    /// The cosine, 0 where there is no value.
-    fn cosine(self) -> f32;
+    /// f in sr⁻¹ times the cosine, and the cosine; a single channel is repeated.
+    fn weighted(self) -> Vec4;
 }
 
 impl PackedCell for Vec4 {
+    const MISSING: Self = Self::NAN;
+
     #[inline]
     fn pack(channels: &[f32], cosine: f32) -> Self {
-        Vec3::from_slice(channels).extend(cosine)
+        (cosine * Vec3::from_slice(channels)).extend(cosine)
     }
 
-    #[inline]
-    fn f(self) -> Vec4 {
+    #[allow(clippy::inline_always)]
+    #[inline(always)]
+    fn weighted(self) -> Vec4 {
         self
-    }
-
-    #[inline]
-    fn cosine(self) -> f32 {
-        self.w
     }
 }
 
 impl PackedCell for Vec2 {
+    const MISSING: Self = Self::NAN;
+
     #[inline]
     fn pack(channels: &[f32], cosine: f32) -> Self {
-        Self::new(channels[0], cosine)
+        Self::new(cosine * channels[0], cosine)
     }
 
-    #[inline]
-    fn f(self) -> Vec4 {
-        Vec4::splat(self.x)
-    }
-
-    #[inline]
-    fn cosine(self) -> f32 {
-        self.y
+    #[allow(clippy::inline_always)]
+    #[inline(always)]
+    fn weighted(self) -> Vec4 {
+        Vec4::new(self.x, self.x, self.x, self.y)
     }
 }
 
-/// Cells along a side of a block.
+/// Cells along a side of a block that begin in it. It holds those after them too, so that four cells around a place are in one block.
 const SIDE: usize = 8;
+/// Cells along a side of a block.
+const LINE: usize = SIDE + 1;
 /// Cells of a block of one image.
-pub(crate) const BLOCK: usize = SIDE * SIDE;
+pub(crate) const BLOCK: usize = LINE * LINE;
+/// Cells from the first of the four around a place to the last.
+const SPAN: usize = LINE + 2;
 
-/// Where cells stand: blocks of the disk one after the other, each with its cells of all images, [block, image, cell]. What is read for
-/// directions near each other stands together then, in few pages of memory.
+/// Where cells stand in memory: that in a column and a row is number `inside` of block `block`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Strides {
+    /// Cells from one block to the next.
+    block: u32,
+    /// Blocks from one row of them to the next.
+    band: f32,
+}
+
+// Inlined whatever the compiler thinks of it: a function of its own would not be compiled for the processor that is there.
+#[allow(clippy::inline_always)]
+impl Strides {
+    /// Those of images of `size` cells a side whose rows follow each other: each is a block.
+    pub(crate) const fn rows(size: usize) -> Self {
+        Self {
+            block: size as u32,
+            band: 1.0,
+        }
+    }
+
+    /// Where the cells in these columns and rows stand, of images such as `R`.
+    #[inline(always)]
+    pub(super) fn first<R: Readable>(self, column: Vec4, row: Vec4) -> [u32; 4] {
+        let (block, inside) = if R::IS_BLOCKED {
+            let part = 1.0 / SIDE as f32;
+            let (across, down) = (floor(column * part), floor(row * part));
+            let (x, y) = (column - SIDE as f32 * across, row - SIDE as f32 * down);
+            (across + self.band * down, x + LINE as f32 * y)
+        } else {
+            (row, column)
+        };
+        let ([a, b, c, d], [e, f, g, h]) = (whole(block), whole(inside));
+        let at = |block: u32, inside: u32| block.wrapping_mul(self.block).wrapping_add(inside);
+        [at(a, e), at(b, f), at(c, g), at(d, h)]
+    }
+}
+
+/// Where cells stand: blocks of the disk one after the other, each with its cells of all images, [block, image, cell]. What is read for directions near each other stands together then, in few pages of
+/// memory.
 #[derive(Clone, Debug)]
 pub(crate) struct Layout {
     images: usize,
     size: usize,
-    /// Offset of each column, and of each row.
-    columns: Vec<usize>,
-    rows: Vec<usize>,
 }
 
 impl Layout {
     /// That of so many `images` of `size` cells a side.
-    pub(crate) fn new(images: usize, size: usize) -> Self {
-        let across = size.div_ceil(SIDE);
-        let slab = images * BLOCK;
-        Self {
-            images,
-            size,
-            columns: (0..size).map(|at| at / SIDE * slab + at % SIDE).collect(),
-            rows: (0..size)
-                .map(|at| at / SIDE * across * slab + at % SIDE * SIDE)
-                .collect(),
-        }
+    pub(crate) const fn new(images: usize, size: usize) -> Self {
+        Self { images, size }
+    }
+
+    /// Blocks along a side of the disk.
+    const fn across(&self) -> usize {
+        self.size.div_ceil(SIDE)
     }
 
     /// Cells of a block of all images.
@@ -90,20 +121,27 @@ impl Layout {
     }
 
     /// Cells in all, those beside the disk included.
-    pub(crate) fn len(&self) -> usize {
-        self.size.div_ceil(SIDE).pow(2) * self.slab()
+    pub(crate) const fn len(&self) -> usize {
+        self.across() * self.across() * self.slab()
+    }
+
+    pub(crate) const fn strides(&self) -> Strides {
+        Strides {
+            block: self.slab() as u32,
+            band: self.across() as f32,
+        }
     }
 
     /// Packs one `block` of the image `f`, [cell, channel] in sr⁻¹, NaN where there is no value.
     pub(crate) fn pack<C: PackedCell>(&self, cells: &Cells, block: usize, f: &[f32], out: &mut [C]) {
-        let (across, channels) = (self.size.div_ceil(SIDE), f.len() / (self.size * self.size));
-        let (first_row, first_column) = (block / across * SIDE, block % across * SIDE);
-        for row in first_row..(first_row + SIDE).min(self.size) {
-            for column in first_column..(first_column + SIDE).min(self.size) {
+        let channels = f.len() / (self.size * self.size);
+        let (first_row, first_column) = (block / self.across() * SIDE, block % self.across() * SIDE);
+        for row in first_row..(first_row + LINE).min(self.size) {
+            for column in first_column..(first_column + LINE).min(self.size) {
                 let cell = row * self.size + column;
                 let f = &f[channels * cell..][..channels];
                 if let Some(cosine) = cells.cosine(cell).filter(|_| !f[0].is_nan()) {
-                    out[(row - first_row) * SIDE + column - first_column] = C::pack(f, cosine);
+                    out[(row - first_row) * LINE + column - first_column] = C::pack(f, cosine);
                 }
             }
         }
@@ -130,63 +168,46 @@ impl<'a, C: PackedCell> Packed<'a, C> {
     }
 }
 
-/// The four cells around a direction, all of them on the grid: the first one, and bilinear weights.
-#[derive(Clone, Copy)]
+/// The four cells around a direction: where the first one stands by the [`Strides`] of the image, of none at a place beyond all, and
+/// bilinear weights.
+#[derive(Clone, Copy, Default)]
 pub(crate) struct Four {
-    pub(super) column: usize,
-    pub(super) row: usize,
-    /// Cells of a row.
-    pub(super) size: usize,
-    pub(super) weights: [f32; 4],
+    pub(super) weights: Vec4,
+    pub(super) first: u32,
 }
 
 impl Four {
-    /// The cells, each with its weight.
-    pub(super) fn cells(&self) -> [(usize, f32); 4] {
-        let [a, b, c, d] = self.weights;
-        let first = self.row * self.size + self.column;
-        let next = first + self.size;
-        [(first, a), (first + 1, b), (next, c), (next + 1, d)]
+    /// The cells of images whose rows follow each other ([`Strides::rows`]); `None` where the grid ends.
+    pub(super) fn cells(&self, cells: &Cells) -> Option<[usize; 4]> {
+        let first = self.first as usize;
+        let next = first + cells.disk.size();
+        (next + 1 < cells.disk.len()).then_some([first, first + 1, next, next + 1])
     }
 }
 
 impl<C: PackedCell> Readable for Packed<'_, C> {
-    #[inline]
-    fn cell(&self, cell: usize) -> Option<(Vec3, u8)> {
-        let (row, column) = (cell / self.layout.size, cell % self.layout.size);
-        let cell = self.cells[self.first + self.layout.rows[row] + self.layout.columns[column]];
-        (cell.cosine() > 0.0).then(|| (cell.f().truncate(), 0))
-    }
+    const HAS_CODES: bool = false;
+    const IS_BLOCKED: bool = true;
 
     #[inline]
-    fn read_four(&self, _cells: &Cells, four: &Four) -> Option<Read> {
-        let (columns, rows) = (&self.layout.columns, &self.layout.rows);
-        let (left, right) = (*columns.get(four.column)?, *columns.get(four.column + 1)?);
-        let (near, far) = (*rows.get(four.row)?, *rows.get(four.row + 1)?);
-        let (near, far) = (self.first + near, self.first + far);
-        let a = *self.cells.get(near + left)?;
-        let b = *self.cells.get(near + right)?;
-        let c = *self.cells.get(far + left)?;
-        let d = *self.cells.get(far + right)?;
-        let (mut value, mut sum, mut cosines) = (Vec4::ZERO, 0.0, 0.0);
-        for (cell, weight) in [
-            (a, four.weights[0]),
-            (b, four.weights[1]),
-            (c, four.weights[2]),
-            (d, four.weights[3]),
-        ] {
-            let cosine = cell.cosine();
-            if cosine <= 0.0 {
-                return None;
-            }
-            sum += weight;
-            cosines += weight * cosine;
-            value += weight * cosine * cell.f();
-        }
-        Some(Read {
-            value: (value * (sum / cosines)).truncate(),
-            weight: sum,
-            ..Read::default()
-        })
+    fn cell(&self, _cells: &Cells, cell: usize) -> Option<(Vec4, u8)> {
+        let (row, column) = (cell / self.layout.size, cell % self.layout.size);
+        let block = row / SIDE * self.layout.across() + column / SIDE;
+        let at = row % SIDE * LINE + column % SIDE;
+        let cell = self.cells[block * self.layout.slab() + self.first + at].weighted();
+        (cell.w > 0.0).then_some((cell, 0))
+    }
+
+    #[allow(clippy::inline_always)]
+    #[inline(always)]
+    fn corners(&self, _cells: &Cells, four: &Four) -> Vec4 {
+        let first = self.first + four.first as usize;
+        let span: Option<&[C; SPAN]> = self.cells.get(first..first + SPAN).and_then(<[C]>::as_array);
+        let Some(span) = span else {
+            return Vec4::NAN;
+        };
+        let [a, b, c, d] = four.weights.to_array();
+        let near = a * span[0].weighted() + b * span[1].weighted();
+        near + c * span[LINE].weighted() + d * span[LINE + 1].weighted()
     }
 }

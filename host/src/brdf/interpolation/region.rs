@@ -2,6 +2,8 @@
 
 use glam::DVec3;
 
+use crate::base::eight::{Eight, LANES, Vectors};
+
 /// Regions along θi, θo and the angle θh of the half vector.
 const COUNTS: [usize; 3] = [6, 6, 7];
 /// Number of regions.
@@ -63,6 +65,58 @@ pub(super) fn around(wi: DVec3, wo: DVec3) -> Regions {
         *region = (index([i[up[0]], o[up[1]], h[up[2]]]), weight as f32);
     }
     regions
+}
+
+/// Where eight pairs lie between the centres of regions: along each axis the region below and the share of the one above, in each lane.
+pub(super) struct Between {
+    low: [[f32; LANES]; 3],
+    share: [[f32; LANES]; 3],
+}
+
+// Inlined whatever the compiler thinks of it: a function of its own would not be compiled for the processor that is there.
+#[allow(clippy::inline_always)]
+impl Between {
+    /// As [`around`], of eight pairs (`wi`, `wo`) above the horizon.
+    #[inline(always)]
+    pub(super) fn of(wi: &Vectors, wo: &Vectors) -> Self {
+        let half = Vectors {
+            x: wi.x + wo.x,
+            y: wi.y + wo.y,
+            z: wi.z + wo.z,
+        };
+        let quarters = |w: &Vectors| w.theta_rad() * Eight::splat(std::f32::consts::FRAC_2_PI);
+        let quarters = [quarters(wi), quarters(wo), quarters(&half).sqrt()];
+        let mut found = Self {
+            low: [[0.0; LANES]; 3],
+            share: [[0.0; LANES]; 3],
+        };
+        for axis in 0..3 {
+            let place = quarters[axis] * Eight::splat(COUNTS[axis] as f32) - Eight::splat(0.5);
+            let low = place.floor();
+            found.low[axis] = low.to_array();
+            found.share[axis] = (place - low).to_array();
+        }
+        found
+    }
+
+    /// The regions around the pair in `lane`, with trilinear weights.
+    #[inline(always)]
+    pub(super) fn regions(&self, lane: usize) -> Regions {
+        let (mut ends, mut shares) = ([[0; 2]; 3], [[0.0; 2]; 3]);
+        for axis in 0..3 {
+            let (low, share) = (self.low[axis][lane] as i32, self.share[axis][lane]);
+            let last = COUNTS[axis] as i32 - 1;
+            ends[axis] = [low.max(0) as usize, (low + 1).min(last) as usize];
+            shares[axis] = [1.0 - share, share];
+        }
+        let mut regions = [(0, 0.0); 8];
+        for (corner, region) in regions.iter_mut().enumerate() {
+            let [i, o, h] = [corner & 1, corner >> 1 & 1, corner >> 2 & 1];
+            let weight = shares[0][i] * shares[1][o] * shares[2][h];
+            *region = (index([ends[0][i], ends[1][o], ends[2][h]]), weight);
+        }
+        regions
+    }
 }
 
 /// Groups of regions, coarser and coarser, in which to look for what is known if nothing is known of region `region`:

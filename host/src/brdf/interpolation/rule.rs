@@ -1,6 +1,6 @@
 //! Where a captured image is read.
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec2, DVec3, Vec2, Vec3};
 
 /// By what power of cosθi·cosθo f is multiplied before it is interpolated, and divided afterwards.
 ///
@@ -95,23 +95,18 @@ pub(crate) struct Captured {
 
 impl Captured {
     pub(crate) fn new(w: DVec3) -> Self {
+        let across = w.truncate();
+        let azimuth = if across.length_squared() > 1e-18 {
+            across.normalize()
+        } else {
+            DVec2::ZERO
+        };
         Self {
             w,
-            sine: w.truncate().length(),
+            sine: across.length(),
             lane: w.as_vec3(),
-            azimuth: azimuth(w),
+            azimuth: azimuth.as_vec2(),
         }
-    }
-}
-
-/// Cosine and sine of the azimuth of `w`, both 0 of the normal.
-#[inline]
-pub(super) fn azimuth(w: DVec3) -> Vec2 {
-    let across = w.truncate();
-    if across.length_squared() > 1e-18 {
-        across.normalize().as_vec2()
-    } else {
-        Vec2::ZERO
     }
 }
 

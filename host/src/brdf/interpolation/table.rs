@@ -18,9 +18,9 @@ use crate::store::StoreError;
 #[derive(Debug)]
 pub struct Table {
     set: IncidentSet,
-    cells: Cells,
+    pub(super) cells: Cells,
     /// f in sr⁻¹, [incident, cell, channel]; NaN beyond the horizon.
-    f: Vec<f32>,
+    pub(super) f: Vec<f32>,
     pub(super) blend: Blend,
 }
 

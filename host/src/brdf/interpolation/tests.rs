@@ -2,9 +2,11 @@
 
 use glam::DVec3;
 
-use super::lookup::look_up_apart;
+use super::captures::{Captures, Image, ImageOf};
+use super::lookup::{look_up, look_up_apart};
 use super::region::{REGIONS, around, region};
-use super::{BRANCHES, Blend, BranchErrors, Interpolation, RULES, Table};
+use super::{BRANCHES, Blend, BranchErrors, Cells, Interpolation, RULES, Table, walk};
+use crate::base::eight::{LANES, Vectors};
 use crate::brdf::reflectance::Reflectance as _;
 use crate::brdf::sample::{Sample, parse};
 use crate::hemisphere::direction::from_degrees;
@@ -92,6 +94,165 @@ fn places_in_single_precision_are_where_they_are_in_double() {
             (found / expected - 1.0).abs() < 1e-4,
             "{pair:?}: {found} {expected}"
         );
+    }
+}
+
+#[test]
+fn beside_what_is_missing_too_places_are_where_they_are_in_double_precision() {
+    let silk = parse("satin").unwrap();
+    for (is_list, size) in [(false, 48), (true, 37)] {
+        let set = if is_list {
+            let rings = grid(15.0);
+            let directions_deg = (0..rings.len()).map(|row| rings.angles_deg(row).into()).collect();
+            Grid::List { directions_deg }.build().unwrap()
+        } else {
+            grid(15.0)
+        };
+        let disk = Disk::new(size).turned(17.0);
+        let mut table = Table::of(silk.as_ref(), set, disk).with(Interpolation::Blended);
+        // A hole, and cells here and there that saturated in one image.
+        table.cells = Cells::new(disk, |cell| {
+            (cell % size).abs_diff(size / 2) + (cell / size).abs_diff(size / 3) > 5
+        });
+        for at in (0..table.f.len() / 3).filter(|at| (at.wrapping_mul(2_654_435_761) >> 7) % 16 == 0) {
+            table.f[3 * at..][..3].fill(f32::NAN);
+        }
+        let horizon = between().into_iter().map(|(wi, wo)| {
+            let low = (wo.truncate().normalize_or(glam::DVec2::X) * 0.9998)
+                .extend(0.02)
+                .normalize();
+            (wi, low)
+        });
+        let pairs: Vec<_> = between().into_iter().chain(highlights()).chain(horizon).collect();
+        let found = look_up_apart(&table, &table.blend, &pairs).unwrap();
+        let with_value: Vec<_> = found
+            .iter()
+            .zip(&pairs)
+            .filter_map(|(found, pair)| Some((found.value()?, found, pair)))
+            .collect();
+        assert!((5_000..9_900).contains(&with_value.len()), "{}", with_value.len());
+        for (f, found, pair) in with_value {
+            let expected = found.mean_of_readings().unwrap();
+            assert!(
+                (f[0] / expected[0] - 1.0).abs() < 1e-3,
+                "{pair:?}: {f:?} {expected:?}"
+            );
+        }
+    }
+}
+
+/// A table whose images come some at a time, and some of which are not there.
+struct Piecemeal<'a> {
+    table: &'a Table,
+    at_once: usize,
+}
+
+impl Captures for Piecemeal<'_> {
+    fn set(&self) -> &IncidentSet {
+        self.table.set()
+    }
+
+    fn cells(&self) -> &Cells {
+        &self.table.cells
+    }
+
+    fn is_captured(&self, row: usize) -> bool {
+        row % 13 != 5
+    }
+
+    fn scan(
+        &self,
+        wanted: &[bool],
+        each: &mut dyn FnMut(std::ops::Range<usize>, ImageOf<'_>),
+    ) -> Result<(), crate::store::StoreError> {
+        let length = 3 * self.table.cells.disk.len();
+        for first in (0..wanted.len()).step_by(self.at_once) {
+            let group = first..(first + self.at_once).min(wanted.len());
+            let image = |row: usize| {
+                // Nobody may read what was not asked for: memory holds no more.
+                (self.is_captured(row) && wanted[row] && (first..first + self.at_once).contains(&row)).then(
+                    || Image {
+                        f: &self.table.f[row * length..][..length],
+                        provenance: None,
+                        channels: 3,
+                    },
+                )
+            };
+            if wanted[group.clone()].iter().any(|wanted| *wanted) {
+                each(group, &image);
+            }
+        }
+        Ok(())
+    }
+}
+
+#[test]
+fn a_walk_has_the_values_of_single_queries_to_the_bit_however_images_come() {
+    let satin = parse("satin").unwrap();
+    let rings = grid(9.0);
+    let directions_deg = (0..rings.len()).map(|row| rings.angles_deg(row).into()).collect();
+    let list = Grid::List { directions_deg }.build().unwrap();
+    let fine = Grid::ThetaPhi { step_deg: 5.0 }.build().unwrap();
+    let is_above = |pair: &&(DVec3, DVec3)| pair.0.z.min(pair.1.z) > 1e-3;
+    // The last of these are nowhere above the horizon.
+    let below = (0..40).map(|k| {
+        (
+            from_degrees(91.0, f64::from(k)),
+            from_degrees(f64::from(2 * k), 3.0),
+        )
+    });
+    let pairs: Vec<_> = between().into_iter().chain(highlights()).chain(below).collect();
+    for (set, at_once) in [(rings, 1), (list, 29), (fine, 500)] {
+        let mut table = Table::of(satin.as_ref(), set, Disk::new(24)).with(Interpolation::Blended);
+        for at in (0..table.f.len() / 3).filter(|at| (at.wrapping_mul(2_654_435_761) >> 7) % 64 == 0) {
+            table.f[3 * at..][..3].fill(f32::NAN);
+        }
+        for blend in [Blend::One(0), table.blend.clone()] {
+            let captures = Piecemeal {
+                table: &table,
+                at_once,
+            };
+            let found = walk(&captures, &blend, &pairs, |pair, value| (pair, value)).unwrap();
+            assert!(found.iter().map(|found| found.0).eq(pairs.iter().copied()));
+            let asked: Vec<_> = pairs.iter().filter(is_above).copied().collect();
+            let mut single = look_up(&captures, &blend, &asked).unwrap().into_iter();
+            let mut values = 0;
+            for (pair, value) in found {
+                let expected = is_above(&&pair).then(|| single.next().unwrap());
+                let saturated = expected.as_ref().map_or(0.0, super::Lookup::saturated);
+                match expected.and_then(|one| one.value()) {
+                    Some(f) => assert_eq!(value.unwrap().map(f32::to_bits), f.map(f32::to_bits)),
+                    None => assert_eq!(value.unwrap_err().to_bits(), saturated.to_bits()),
+                }
+                values += usize::from(value.is_ok());
+            }
+            assert!((4_000..6_000).contains(&values), "{values}");
+        }
+    }
+}
+
+#[test]
+fn eight_pairs_at_once_have_the_shares_of_one() {
+    let brass = parse("ward:brass").unwrap();
+    let errors = Table::of(brass.as_ref(), grid(15.0), Disk::new(32))
+        .learn()
+        .unwrap();
+    let blend = Blend::new(Interpolation::Blended, Some(&errors));
+    let pairs: Vec<_> = between().into_iter().chain(highlights()).collect();
+    for pairs in pairs.as_chunks::<LANES>().0 {
+        let of =
+            |at: fn(&(DVec3, DVec3)) -> DVec3| Vectors::of(&std::array::from_fn(|lane| at(&pairs[lane])));
+        let shares = blend.shares(&of(|pair| pair.0), &of(|pair| pair.1));
+        for (found, &(wi, wo)) in shares.iter().zip(pairs) {
+            let expected = blend.shares_of_one(wi, wo);
+            for (found, expected) in found.iter().zip(expected) {
+                // One that is hardly worth it may be left out by rounding.
+                assert!(
+                    (found - expected).abs() < 3e-4 || (found + expected < 0.0302),
+                    "{wi} {wo}: {found} {expected}"
+                );
+            }
+        }
     }
 }
 

@@ -92,7 +92,7 @@ impl Stands {
         let frames = Sightings::frames(
             taken,
             capturing.rig.frame_format().len(),
-            capturing.rig.camera.channels.into(),
+            capturing.rig.channels(),
         );
         let sentence = |expected: &str, found: String| Some(format!("expected {expected}, found {found}"));
         let Some(&[tilt_deg, azimuth_deg]) = capturing.views.tilts.get(view) else {

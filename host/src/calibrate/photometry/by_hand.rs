@@ -155,7 +155,6 @@ impl<'a> ByHand<'a> {
             bench,
             hands,
             request: &self.request,
-            trap: standards.trap.clone(),
             other,
             dir: self.dir,
             stands: None,
@@ -299,7 +298,7 @@ fn doubt(
     let mut instrument = bench.open(&holder.rig, held.clone(), holder.tilt)?;
     let wanted = match (&held, target) {
         (Held::Mirror(_), _) => Wanted::Mirror,
-        (_, Target::Trap) => Wanted::Nothing,
+        (Held::Trap, _) => Wanted::Nothing,
         (Held::Sample(sample), _) => Wanted::Diffuse(sample.as_ref(), request.1),
     };
     Ok(Looks::of(holder, &mut instrument)?.doubt(wanted, request.0))
@@ -310,7 +309,6 @@ struct Asking<'a> {
     bench: &'a mut dyn Bench,
     hands: &'a mut dyn Hands,
     request: &'a Request,
-    trap: Held,
     /// Reflectance of the second standard.
     other: Option<f64>,
     dir: &'a Path,
@@ -327,7 +325,7 @@ impl Asking<'_> {
         });
         let (target, wanted) = match held {
             Held::Mirror(_) => (Target::Mirror, Wanted::Mirror),
-            held if held.is_same(&self.trap) => (Target::Trap, Wanted::Nothing),
+            Held::Trap => (Target::Trap, Wanted::Nothing),
             Held::Sample(sample) => (
                 Target::Standard(stand.unwrap_or(0)),
                 Wanted::Diffuse(sample.as_ref(), self.other),
@@ -477,7 +475,7 @@ impl Standards {
     fn reflectance(&self, what: InHolder) -> Option<f64> {
         match self.get(what) {
             Held::Sample(sample) => Some(reflectance_of(sample.as_ref())),
-            Held::Mirror(_) => None,
+            Held::Mirror(_) | Held::Trap => None,
         }
     }
 

@@ -14,7 +14,9 @@ use super::in_holder::{InHolder, Standards};
 use super::stray::{self, Part, StrayViews};
 use crate::base::progress::Progress;
 use crate::calibrate::by_hand::{Bench, Place, VirtualBench};
-use crate::calibrate::{CalibrateError, RIG, check_clock, create_raw, file, open_raw, segment_of};
+use crate::calibrate::{
+    CalibrateError, RIG, check_bands, check_clock, create_raw, file, open_raw, segment_of,
+};
 use crate::capture::Tally;
 use crate::instrument::monitor::watching;
 use crate::instrument::rig::{Rig, Tilt};
@@ -93,6 +95,7 @@ impl Capturing {
         bench: &mut dyn Bench,
     ) -> Result<Self, CalibrateError> {
         let full = Rig::load(&dir.join(RIG).display().to_string())?;
+        check_bands(&full)?;
         let tilts = tilts(request)?;
         let mut holders = holders(&full, request, &tilts)?;
         let Exposures { times_s, spot_deg } =
@@ -105,7 +108,7 @@ impl Capturing {
             times_s,
             exposure_s,
             spot_deg,
-            stray: StrayViews::plan(&full, &standards.trap, exposure_s, bench)?,
+            stray: StrayViews::plan(&full, exposure_s, bench)?,
             rig: full,
             stands: holders
                 .iter()
@@ -159,17 +162,17 @@ impl Capturing {
     }
 
     /// The part of the views of stray light that shows a target.
-    fn part_of(&self, target: Target) -> Option<Part<'_>> {
+    const fn part_of(target: Target) -> Option<Part> {
         match target {
             Target::Mirror => Some(Part::Mirror),
-            Target::Trap => Some(Part::Trap(&self.standards.trap)),
+            Target::Trap => Some(Part::Trap),
             Target::Standard(_) | Target::Second => None,
         }
     }
 
     /// Exposures of the view of a target.
     pub(super) fn exposures_of(&self, target: Target) -> usize {
-        let stray = self.part_of(target).map_or(0, |part| part.segments().len());
+        let stray = Self::part_of(target).map_or(0, |part| part.segments().len());
         SEGMENT * (self.segments_of(target).len() + stray)
     }
 
@@ -177,7 +180,7 @@ impl Capturing {
     pub(super) fn held(&self, target: Target) -> (Held, &Holder) {
         match target {
             Target::Mirror => (stray::mirror(), &self.holders[0]),
-            Target::Trap => (self.standards.trap.clone(), &self.holders[0]),
+            Target::Trap => (Held::Trap, &self.holders[0]),
             Target::Standard(stand) => (self.standards.first.clone(), &self.holders[stand]),
             Target::Second => (self.standards.get(InHolder::Second).clone(), &self.holders[0]),
         }
@@ -212,7 +215,7 @@ impl Capturing {
             bench.set_opened(self.opened_before(target));
             self.take_standards(target, &segments, &mut taken, bench, reach)?;
         }
-        if let Some(part) = self.part_of(target) {
+        if let Some(part) = Self::part_of(target) {
             let before = SEGMENT * segments.len();
             let opened = self.opened_before(Target::Mirror);
             let stray = &self.views.stray;
@@ -304,7 +307,7 @@ impl Capturing {
     /// Whether all segments of a target are there.
     pub(super) fn is_there(&self, target: Target) -> Result<bool, CalibrateError> {
         let standards = self.segments_of(target).into_iter().map(|(index, _)| index);
-        let stray = self.part_of(target).map_or(0..0, Part::segments);
+        let stray = Self::part_of(target).map_or(0..0, Part::segments);
         for (file, index) in standards
             .map(|index| (0, index))
             .chain(stray.map(|index| (1, index)))

@@ -32,11 +32,10 @@ impl Shows {
     }
 }
 
-/// Both standards, and the light trap.
+/// Both standards.
 pub(super) struct Standards {
     pub(super) first: Held,
     second: Option<Held>,
-    pub(super) trap: Held,
 }
 
 impl Standards {
@@ -57,15 +56,13 @@ impl Standards {
             check_standard(second.as_ref(), spec)?;
             check_apart(interreflected(first.as_ref()), interreflected(second.as_ref()))?;
         }
-        let trap = parse("lambert:0")?;
         let real = |number: usize, held: Held| match held {
             Held::Sample(stated) => Held::Sample(place.standard(number, stated)),
-            mirror @ Held::Mirror(_) => mirror,
+            other => other,
         };
         Ok(Self {
             first: real(0, standard),
             second: second.map(|held| real(1, held)),
-            trap,
         })
     }
 
@@ -73,7 +70,7 @@ impl Standards {
     pub(super) fn get(&self, what: InHolder) -> &Held {
         match (what, &self.second) {
             (InHolder::Second, Some(second)) => second,
-            (InHolder::Trap, _) => &self.trap,
+            (InHolder::Trap, _) => &Held::Trap,
             _ => &self.first,
         }
     }

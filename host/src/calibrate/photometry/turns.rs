@@ -7,7 +7,7 @@
 //! fitted along in the turns after that. Where it does not settle nothing is known.
 
 use super::frames::Frames;
-use super::rank_one::{Fields, Held, Seen, fit, unknown_axes, with_height};
+use super::rank_one::{Fields, Held, Seen, fit, unknown_axes, with_heights};
 use super::share::{Judged, NEAR_DEG};
 use crate::instrument::calibration::{SeenPart, UNKNOWNS, Unknowns};
 
@@ -87,16 +87,48 @@ pub(super) enum NoFields {
     Unsettled,
 }
 
-/// Fields from what is whole of all that was `seen`, and what that is; `frames` are those of each stand. With them what part of the
-/// standard was seen and lit, if the rig says anything of that.
+/// What a fit leaves, relative, RMS, where no further one is tried.
+const LITTLE: f64 = 7.5e-3;
+
+/// Fields, and with them what part of the standard was seen and lit, if the rig says anything of that.
+type Found = (Fields, Option<SeenPart>);
+
+/// Fields from what is whole of all that was `seen`, and what that is; `frames` are those of each stand. Of the heights of the standard
+/// that explain what is lit, the one that leaves least.
 ///
 /// # Errors
 /// [`NoFields`].
-pub(super) fn fit_whole(
-    seen: &mut [Seen],
-    frames: &[Frames],
-) -> Result<(Fields, Option<SeenPart>), NoFields> {
-    let part = SeenPart::of(seen[0].rig()).map(|part| with_height(seen, part));
+pub(super) fn fit_whole(seen: &mut [Seen], frames: &[Frames]) -> Result<Found, NoFields> {
+    let Some(part) = SeenPart::of(seen[0].rig()) else {
+        return fit_from(seen, frames, None);
+    };
+    let left = |found: &Result<Found, NoFields>| {
+        found
+            .as_ref()
+            .map_or(f64::INFINITY, |(fields, _)| fields.residual)
+    };
+    let begun = seen.to_vec();
+    let mut best: Option<(f64, Result<Found, NoFields>, Vec<Seen>)> = None;
+    for part in with_heights(&begun, part) {
+        let mut tried = begun.clone();
+        let begins = part.offset_m;
+        let found = fit_from(&mut tried, frames, Some(part));
+        let left = left(&found);
+        tracing::debug!(?begins, left, "standard's height");
+        if best.as_ref().is_none_or(|(least, ..)| left < *least) {
+            best = Some((left, found, tried));
+        }
+        if left <= LITTLE {
+            break;
+        }
+    }
+    let (_, found, tried) = best.expect("invariant: the best heights are always there");
+    put(seen, tried);
+    found
+}
+
+/// The same where the search for what part of the standard is seen begins at `part`.
+fn fit_from(seen: &mut [Seen], frames: &[Frames], part: Option<SeenPart>) -> Result<Found, NoFields> {
     set_part(seen, part.as_ref());
     for (seen, frames) in seen.iter_mut().zip(frames) {
         seen.drop_the_dim(frames);
@@ -119,6 +151,8 @@ pub(super) fn fit_whole(
         }
     }
     let mut search = part.map(Search::from);
+    // What comes and goes at the edges may bend some of the fits.
+    let mut best: Option<(Found, Vec<Seen>)> = None;
     for _ in 0..TURNS {
         let fields = fit_with(seen, &mut search)?;
         let before: Vec<Judged> = seen.iter().map(|seen| seen.judged.clone()).collect();
@@ -128,17 +162,38 @@ pub(super) fn fit_whole(
         let mut pairs = seen.iter().zip(&before);
         let is_same = pairs.all(|(seen, before)| seen.takes_the_same(before));
         // At the edge of what is whole a pixel may come and go for ever.
-        let is_found = search.as_ref().map_or(is_same, |search| {
-            search.still >= ENOUGH || is_same && search.still > 0
+        let (is_still, is_found) = search.as_ref().map_or((is_same, is_same), |search| {
+            let is_still = search.still > 0;
+            (is_still, search.still >= ENOUGH || is_same && is_still)
         });
-        if is_found {
-            return Ok((fields, search.map(|search| search.part)));
+        let left = fields.residual;
+        tracing::debug!(left, is_still, "turn");
+        let found = (fields, search.as_ref().map(|search| search.part.clone()));
+        if is_found && left <= LITTLE {
+            return Ok(found);
         }
+        if is_still && best.as_ref().is_none_or(|((best, _), _)| left < best.residual) {
+            best = Some((found, seen.to_vec()));
+        }
+        if is_same && is_found {
+            break;
+        }
+    }
+    if let Some((found, best)) = best {
+        put(seen, best);
+        return Ok(found);
     }
     let fields = fit_with(seen, &mut search)?;
     match search {
         Some(search) if search.still == 0 => Err(NoFields::Unsettled),
         search => Ok((fields, search.map(|search| search.part))),
+    }
+}
+
+/// Puts what was seen so into the place of `seen`.
+fn put<'a>(seen: &mut [Seen<'a>], so: Vec<Seen<'a>>) {
+    for (seen, so) in seen.iter_mut().zip(so) {
+        *seen = so;
     }
 }
 

@@ -40,7 +40,7 @@ pub enum DeviceError {
     },
     /// The controller speaks another version.
     #[error(
-        "port {peer}: expected protocol version {PROTOCOL_VERSION} (schema {SCHEMA_HASH:016x}), found version \
+        "port {peer}: expected protocol version {PROTOCOL_VERSION} (schema {SCHEMA_HASH:016x}) or one before it, found version \
          {version} (schema {schema:016x}): flash the firmware that belongs to this program"
     )]
     OtherVersion {
@@ -50,6 +50,21 @@ pub enum DeviceError {
         version: u16,
         /// Its schema.
         schema: u64,
+    },
+    /// The controller speaks an older version, which cannot do this.
+    #[error(
+        "port {peer}: expected a firmware that {what} (protocol version {since} or later), found version {version}: flash \
+         the firmware that belongs to this program"
+    )]
+    Older {
+        /// The peer.
+        peer: String,
+        /// What was wanted.
+        what: &'static str,
+        /// The first version that can.
+        since: u16,
+        /// Its version.
+        version: u16,
     },
     /// The answer does not fit the question: a defect of the peer.
     #[error("port {peer}: the answer to `{request}` is of another kind: {reply}")]

@@ -13,13 +13,14 @@ use std::time::Duration;
 
 use rcg_protocol::{
     Decoder, Event, Fault, Identity, Info, MAX_FRAME, Micros, PROTOCOL_VERSION, Program, Reply, Request,
-    Response, RunId, SCHEMA_HASH, STEPS_PER_APPEND, Seq, SessionId, Status, Step, ToDevice, ToHost, encode,
+    Response, RunId, SPOKEN, STEPS_PER_APPEND, Seq, SessionId, Status, Step, ToDevice, ToHost, encode,
 };
 
 use crate::capture::link::{self, Link};
 
 mod error;
 mod feed;
+mod newer;
 
 pub use error::DeviceError;
 pub use feed::Feed;
@@ -56,6 +57,8 @@ pub struct Device<L> {
     /// Bytes that came so far.
     heard: u64,
     info: Option<Info>,
+    /// Version that the controller speaks.
+    protocol: u16,
     /// How long the host may be silent in a run of what was loaded last; zero for ever.
     dead_man: Micros,
     /// What a [`Feed`] wants to hear of; collected while there is one.
@@ -87,7 +90,7 @@ impl<L: Link> Device<L> {
     /// was used before.
     ///
     /// # Errors
-    /// [`DeviceError`]; [`DeviceError::OtherVersion`] if the firmware is of another protocol version.
+    /// [`DeviceError`]; [`DeviceError::OtherVersion`] if the firmware speaks neither this host's version of the protocol nor one of those before.
     pub fn connect(link: L, nonce: u32, patience: Patience) -> Result<Self, DeviceError> {
         let mut device = Self {
             link,
@@ -99,6 +102,7 @@ impl<L: Link> Device<L> {
             corrupt: 0,
             heard: 0,
             info: None,
+            protocol: PROTOCOL_VERSION,
             dead_man: Micros::DEFAULT_DEAD_MAN,
             feed_events: VecDeque::new(),
             feeding: false,
@@ -128,7 +132,7 @@ impl<L: Link> Device<L> {
             session,
             ..
         } = identity;
-        if protocol != PROTOCOL_VERSION || schema != SCHEMA_HASH {
+        if !SPOKEN.contains(&(protocol, schema)) {
             let peer = self.link.peer().to_owned();
             return Err(DeviceError::OtherVersion {
                 peer,
@@ -137,6 +141,7 @@ impl<L: Link> Device<L> {
             });
         }
         self.session = session;
+        self.protocol = protocol;
         match self.ask(&Request::Describe)? {
             Reply::Info(info) => self.info = Some(info),
             other => return Err(self.wrong_reply("describe", &other)),
@@ -155,6 +160,12 @@ impl<L: Link> Device<L> {
     pub fn info(&self) -> Info {
         self.info
             .expect("connect and open_session end with a description")
+    }
+
+    /// The version of the protocol that the controller speaks: the host's own or one before it.
+    #[must_use]
+    pub const fn protocol(&self) -> u16 {
+        self.protocol
     }
 
     /// Frames from the controller that were dropped because they were corrupt.
@@ -432,6 +443,11 @@ const fn name_of(reply: &Reply) -> &'static str {
         Reply::Status(_) => "status",
         Reply::Room { .. } => "room",
         Reply::Armed { .. } => "armed",
+        Reply::Unit(_) => "unit",
+        Reply::Inputs(_) => "inputs",
+        Reply::Kept(_) => "kept",
+        Reply::KeptAux(_) => "kept of further lines",
+        Reply::Photo(_) => "photo",
     }
 }
 
@@ -448,5 +464,17 @@ const fn name(request: &Request) -> &'static str {
         Request::Stop => "stop",
         Request::Abort => "abort",
         Request::Clear => "clear",
+        Request::Identify => "identify",
+        Request::Filter { .. } => "filter",
+        Request::Watch => "watch",
+        Request::Inputs => "inputs",
+        Request::Boot => "boot",
+        Request::Keep(_) => "keep",
+        Request::Kept => "kept",
+        Request::Aux(_) => "further lines",
+        Request::KeepAux(_) => "keep of further lines",
+        Request::KeptAux => "kept of further lines",
+        Request::Photo => "photo",
+        Request::Repeat { .. } => "repeat",
     }
 }

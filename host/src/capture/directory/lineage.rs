@@ -136,5 +136,6 @@ impl Measurement {
 
 /// What the trigger box of an `instrument` says of itself.
 pub(crate) fn box_of(instrument: &Instrument) -> TriggerBoxFacts {
-    TriggerBoxFacts::new(instrument.device.link().peer(), &instrument.device.info())
+    let device = &instrument.device;
+    TriggerBoxFacts::new(device.link().peer(), &device.info(), device.protocol())
 }

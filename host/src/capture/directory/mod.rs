@@ -201,6 +201,14 @@ impl Measurement {
                 found: rig.name,
             });
         }
+        if plan.bands != rig.shown_bands() {
+            return Err(MeasurementError::Differs {
+                path: rig_path.display().to_string(),
+                field: "bands",
+                expected: format!("{} pictures of each pattern", plan.bands),
+                found: rig.shown_bands().to_string(),
+            });
+        }
         let directions = Directions::new(&rig, &plan.request.grid)?;
         let lens = &rig.camera.lens;
         if directions.measurable().count() != plan.direction_count || lens.width_px != plan.request.image_size
@@ -379,6 +387,9 @@ impl Measurement {
         let mut attributes = Map::new();
         attributes.insert(SUBJECT.to_owned(), json!(self.sums));
         attributes.insert("rig".to_owned(), json!(self.rig.name));
+        if let Some(bands) = &self.rig.bands {
+            attributes.insert("bands".to_owned(), bands.to_json());
+        }
         if let Some(code) = self.plan.code {
             attributes.insert("light".to_owned(), json!(code.light()));
             let meaning =

@@ -1,6 +1,7 @@
 //! Going on with a measurement only as what it is.
 
 use super::{Measurement, MeasurementError};
+use crate::instrument::bands::Bands;
 use crate::instrument::calibration::{AppliedCalibration, Calibration, rig_hash};
 use crate::instrument::rig::Rig;
 use crate::plan::light::{Coding, Light};
@@ -28,6 +29,10 @@ impl Measurement {
             Some(nominal) if calibration.is_none() => (nominal.clone(), rig_hash(rig)),
             _ => (rig_hash(&self.rig), rig_hash(&self.plan.request.rig(rig)?)),
         };
+        let words = |rig: &Rig| rig.bands.as_ref().map_or_else(|| "none".to_owned(), Bands::words);
+        if rig.bands != self.rig.bands {
+            return Err(self.differs("bands of the rig", words(&self.rig), words(rig)));
+        }
         if expected == found {
             return Ok(());
         }

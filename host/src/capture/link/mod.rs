@@ -81,6 +81,17 @@ pub enum LinkError {
         /// Their ports.
         found: Vec<String>,
     },
+    /// No trigger box has this serial number.
+    #[error(
+        "port serial:{serial}: expected a trigger box on USB with this serial number, found {}",
+        if .available.is_empty() { "none".to_owned() } else { format!("only: {}", .available.join(", ")) }
+    )]
+    NoSuchSerial {
+        /// The number that was asked for.
+        serial: String,
+        /// Those of the boxes that there are.
+        available: Vec<String>,
+    },
     /// Another program has the port open.
     #[error("port {port}: expected a free port, found that another program has it open")]
     Busy {
@@ -123,7 +134,10 @@ impl Blame for LinkError {
     fn is_input(&self) -> bool {
         matches!(
             self,
-            Self::NoSuchPort { .. } | Self::NoTriggerBox { .. } | Self::SeveralTriggerBoxes { .. }
+            Self::NoSuchPort { .. }
+                | Self::NoTriggerBox { .. }
+                | Self::SeveralTriggerBoxes { .. }
+                | Self::NoSuchSerial { .. }
         )
     }
 }

@@ -9,7 +9,11 @@ const USB_ID: (u16, u16) = (0x1209, 0x0001);
 /// What tells it from those others.
 const USB_PRODUCT: &str = "RCG trigger box";
 
-/// The link to the trigger box at the port `name` (`/dev/ttyACM0`, `COM3`), or with `auto` to the only one on USB.
+/// What a name begins with that is a serial number.
+const SERIAL: &str = "serial:";
+
+/// The link to the trigger box at the port `name` (`/dev/ttyACM0`, `COM3`), with `auto` to the only one on USB, or with
+/// `serial:` and its serial number to that one, wherever it is plugged in.
 ///
 /// # Errors
 /// [`LinkError`].
@@ -17,6 +21,9 @@ pub fn open(name: &str) -> Result<Box<dyn Link>, LinkError> {
     let found;
     let name = if name == "auto" {
         found = only_one(&serial_ports())?;
+        &found
+    } else if let Some(serial) = name.strip_prefix(SERIAL) {
+        found = of_serial(&serial_ports(), serial)?;
         &found
     } else {
         name
@@ -62,6 +69,29 @@ fn only_one(ports: &[SerialPortInfo]) -> Result<String, LinkError> {
     }
 }
 
+/// The port of the trigger box on USB with this serial number, in whatever case its digits are.
+fn of_serial(ports: &[SerialPortInfo], serial: &str) -> Result<String, LinkError> {
+    let number = |port: &SerialPortInfo| match &port.port_type {
+        SerialPortType::UsbPort(usb) => usb.serial_number.clone().unwrap_or_default(),
+        _ => String::new(),
+    };
+    let boxes: Vec<(&str, String)> = ports
+        .iter()
+        .filter(|port| is_trigger_box(port))
+        .map(|port| (port.port_name.as_str(), number(port)))
+        .filter(|(_, number)| !number.is_empty())
+        .collect();
+    let found = boxes
+        .iter()
+        .find(|(_, number)| number.eq_ignore_ascii_case(serial));
+    found
+        .map(|(name, _)| (*name).to_owned())
+        .ok_or_else(|| LinkError::NoSuchSerial {
+            serial: serial.to_owned(),
+            available: boxes.iter().map(|(_, number)| number.clone()).collect(),
+        })
+}
+
 fn is_trigger_box(port: &SerialPortInfo) -> bool {
     let SerialPortType::UsbPort(usb) = &port.port_type else {
         return false;
@@ -78,6 +108,39 @@ mod tests {
     use serialport::UsbPortInfo;
 
     use super::*;
+
+    fn with_serial(mut port: SerialPortInfo, serial: &str) -> SerialPortInfo {
+        if let SerialPortType::UsbPort(usb) = &mut port.port_type {
+            usb.serial_number = Some(serial.to_owned());
+        }
+        port
+    }
+
+    #[test]
+    #[cfg(not(windows))]
+    fn two_boxes_are_told_apart_by_their_serial_numbers() {
+        let mut ports = others();
+        // Somebody else's device may have the number of one of ours.
+        ports[1] = with_serial(ports[1].clone(), "e661a4d41770a001");
+        for (name, serial) in [
+            ("/dev/ttyACM3", "e661a4d41770a001"),
+            ("/dev/ttyACM4", "e661a4d41770a002"),
+        ] {
+            ports.push(with_serial(usb(name, USB_ID, Some(USB_PRODUCT)), serial));
+        }
+        assert_eq!(of_serial(&ports, "e661a4d41770a001").unwrap(), "/dev/ttyACM3");
+        assert_eq!(of_serial(&ports, "E661A4D41770A002").unwrap(), "/dev/ttyACM4");
+        let error = of_serial(&ports, "e661a4d41770a003").unwrap_err().to_string();
+        assert!(
+            error.contains("expected a trigger box on USB with this serial number")
+                && error.contains("e661a4d41770a001, e661a4d41770a002"),
+            "{error}"
+        );
+        for serial in ["1", ""] {
+            let none = of_serial(&others(), serial).unwrap_err().to_string();
+            assert!(none.ends_with("found none"), "{none}");
+        }
+    }
 
     fn usb(name: &str, id: (u16, u16), product: Option<&str>) -> SerialPortInfo {
         SerialPortInfo {

@@ -47,6 +47,20 @@ impl SerialLink {
         })
     }
 
+    /// Asks what is at the port `name` for its boot loader, as boxes with USB understand it: sets the port to 1200 baud and closes it.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open).
+    pub fn touch(name: &str) -> Result<(), LinkError> {
+        /// A custom that Arduino began.
+        const TOUCH_BAUD: u32 = 1200;
+        let opened = serialport::new(name, TOUCH_BAUD).open();
+        let mut port = opened.map_err(|error| refusal(name, &error))?;
+        // A port that has no such line is no reason to fail: the system drops it on closing.
+        port.write_data_terminal_ready(false).ok();
+        Ok(())
+    }
+
     fn error(&self, source: io::Error) -> LinkError {
         use io::ErrorKind::{BrokenPipe, NotConnected, UnexpectedEof};
         let peer = self.name.clone();

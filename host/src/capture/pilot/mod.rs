@@ -183,7 +183,7 @@ fn counting(rig: &Rig, code: Option<Coding>) -> (Vec<bool>, f64) {
 /// For each value of a frame of `rig`'s camera, whether its direction is judged. Near the horizon f grows without bound;
 /// those few pixels may clip rather than darken all others.
 fn judged(rig: &Rig) -> impl Iterator<Item = bool> {
-    let channels = rig.camera.channels as usize;
+    let channels = rig.channels();
     let map = DirectionMap::of(&View::camera(rig));
     let judged = map.directions.into_iter().map(|w| w.is_ok_and(is_judged));
     judged.flat_map(move |judged| std::iter::repeat_n(judged, channels))

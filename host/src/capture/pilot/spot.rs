@@ -119,7 +119,7 @@ pub fn choose_spot(
 fn pixels(rig: &Rig, tests: &TestExposures) -> Vec<Pixel> {
     let camera = View::camera(rig);
     let (map, cut) = (DirectionMap::of(&camera), camera.cut_pixels(0.0));
-    let channels = rig.camera.channels as usize;
+    let channels = rig.channels();
     // An edge is no shape of a lobe.
     let whole = judged(rig).step_by(channels).zip(&cut);
     let judged: Vec<bool> = whole.map(|(judged, cut)| judged && cut.is_none()).collect();

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use rcg_protocol::{Info, PROTOCOL_VERSION};
+use rcg_protocol::Info;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
@@ -47,14 +47,14 @@ pub struct TriggerBoxFacts {
 }
 
 impl TriggerBoxFacts {
-    /// Those of the box at `port` that says `info`.
+    /// Those of the box at `port` that says `info` and speaks this version of the protocol.
     #[must_use]
-    pub fn new(port: &str, info: &Info) -> Self {
+    pub fn new(port: &str, info: &Info, protocol: u16) -> Self {
         let (major, minor, patch) = info.firmware;
         Self {
             port: port.to_owned(),
             firmware: format!("{major}.{minor}.{patch}"),
-            protocol: u32::from(PROTOCOL_VERSION),
+            protocol: u32::from(protocol),
             clock_hz: info.clock_hz,
             table: [info.max_steps, info.max_words],
         }

@@ -4,14 +4,20 @@
 //! The trigger box refuses what it cannot make, but knows neither names nor units; so it is checked here before, against
 //! the limits that the box tells of itself. A time that is not 0 never becomes 0 by rounding: 0 has a meaning of its own.
 
+mod further;
+#[cfg(test)]
+mod tests;
+
 use std::fmt;
 use std::str::FromStr;
 
-use rcg_protocol::{Info, Micros, Pace, Pulse, Step, Ticks};
+use rcg_protocol::{Aux, AuxPulse, Extent, Info, Line, Micros, Pace, Program, Pulse, Step, Ticks};
 
 use crate::base::blame::Blame;
 use crate::instrument::rig::Rig;
 use crate::plan::schedule::{ScheduleError, Timing};
+
+pub use further::{AuxSpan, further};
 
 /// A length of time with its unit: `5us`, `33.3 ms`, `3ticks`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,6 +88,32 @@ impl Span {
     }
 }
 
+/// An output of the trigger box.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// The projector's trigger.
+    Proj,
+    /// The camera's trigger.
+    Cam,
+    /// The first further output.
+    AuxA,
+    /// The second one.
+    AuxB,
+}
+
+impl Output {
+    /// The line.
+    #[must_use]
+    pub const fn line(self) -> Line {
+        match self {
+            Self::Proj => Line::Proj,
+            Self::Cam => Line::Cam,
+            Self::AuxA => Line::AuxA,
+            Self::AuxB => Line::AuxB,
+        }
+    }
+}
+
 /// What the trigger box can make, for one pace.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
@@ -106,6 +138,42 @@ impl Limits {
             shortest: Ticks(u64::from(shortest)),
             longest_period: info.longest_period,
         }
+    }
+
+    /// A step that pulses one `output` from its start on, or none if `width` is 0, and lasts for `period`, else twice as long as the
+    /// pulse; and what the further outputs do in it.
+    ///
+    /// # Errors
+    /// [`StepsError`] if the trigger box cannot make it.
+    pub fn pulse(self, output: Output, width: Span, period: Option<Span>) -> Result<(Step, Aux), StepsError> {
+        let width = self.ticks("--width", width)?;
+        let period = match period {
+            Some(period) => self.ticks("--period", period)?,
+            None => Ticks(width.0.saturating_mul(2)).max(self.shortest),
+        };
+        let pulse = Pulse {
+            at: Ticks::ZERO,
+            width,
+        };
+        let of = |line| if line == output { pulse } else { Pulse::NONE };
+        let aux = |line| match of(line) {
+            Pulse::NONE => AuxPulse::Off,
+            pulse => AuxPulse::InStep(pulse),
+        };
+        let step = Step {
+            proj: of(Output::Proj),
+            cam: of(Output::Cam),
+            period,
+        };
+        let aux = Aux {
+            a: aux(Output::AuxA),
+            b: aux(Output::AuxB),
+            ..Aux::default()
+        };
+        let program = Program::new(Extent::Table { steps: 1, cycles: 1 });
+        check(0, &step, self)?;
+        further(&aux, &[step], &program, self)?;
+        Ok((step, aux))
     }
 
     /// `ticks` as people read it, such as `2 ms` or `24 ns (3 ticks)`.
@@ -285,8 +353,16 @@ fn clear_of(width: Ticks, cam: Pulse, shortest: Ticks) -> Ticks {
     }
 }
 
+/// A pulse, and the names of its line and of its edges.
+type Named = (&'static str, Pulse, [&'static str; 2]);
+
 /// Whether the trigger box can make `step`, the `index`-th.
 fn check(index: usize, step: &Step, limits: Limits) -> Result<(), StepsError> {
+    check_with(index, step, &[], limits)
+}
+
+/// Whether it can with these further pulses.
+fn check_with(index: usize, step: &Step, more: &[Named], limits: Limits) -> Result<(), StepsError> {
     let words = |ticks| limits.words(ticks);
     let period = step.period;
     if period < limits.shortest || period > limits.longest_period {
@@ -310,7 +386,7 @@ fn check(index: usize, step: &Step, limits: Limits) -> Result<(), StepsError> {
             ["the leading edge of CAM", "the trailing edge of CAM"],
         ),
     ];
-    for (pulse, Pulse { at, width }, names) in pulses {
+    for &(pulse, Pulse { at, width }, names) in pulses.iter().chain(more) {
         if width == Ticks::ZERO {
             continue;
         }
@@ -343,6 +419,3 @@ fn check(index: usize, step: &Step, limits: Limits) -> Result<(), StepsError> {
         }),
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -25,8 +25,28 @@ pub use list::DirectionList;
 pub use rings::Rings;
 use rings::turned_deg;
 
+use crate::base::eight::{LANES, Vectors};
+
 /// Indices of incident directions and their weights, which are at least 0 and sum to 1.
 pub type Neighbours = [(usize, f64); 4];
+
+/// As [`Neighbours`], of eight directions, in single precision, each in the order of the indices: [neighbour][direction].
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct NeighboursOfEight {
+    pub(crate) rows: [[u32; LANES]; 4],
+    pub(crate) weights: [[f32; LANES]; 4],
+}
+
+impl NeighboursOfEight {
+    /// Those of direction `lane`.
+    fn put(&mut self, lane: usize, mut neighbours: Neighbours) {
+        neighbours.sort_by_key(|neighbour| neighbour.0);
+        let places = self.rows.iter_mut().zip(&mut self.weights);
+        for ((rows, weights), (row, weight)) in places.zip(neighbours) {
+            (rows[lane], weights[lane]) = (row as u32, weight as f32);
+        }
+    }
+}
 
 /// Incident directions as a plan and the command name them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -202,6 +222,22 @@ impl IncidentSet {
         match self {
             Self::Rings(rings) => rings.neighbours(w),
             Self::List(list) => list.neighbours(w),
+        }
+    }
+
+    /// The directions around eight unit vectors `w`, `lanes` in single precision: as [`neighbours`](Self::neighbours) finds them.
+    #[allow(clippy::inline_always)]
+    #[inline(always)]
+    pub(crate) fn neighbours_of_eight(&self, w: &[DVec3; LANES], lanes: &Vectors) -> NeighboursOfEight {
+        match self {
+            Self::Rings(rings) => rings.neighbours_of_eight(w, lanes),
+            Self::List(list) => {
+                let mut found = NeighboursOfEight::default();
+                for (lane, w) in w.iter().enumerate() {
+                    found.put(lane, list.neighbours(*w));
+                }
+                found
+            }
         }
     }
 

@@ -15,8 +15,12 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-use super::{IncidentError, Neighbours};
+use super::{IncidentError, Neighbours, NeighboursOfEight};
+use crate::base::eight::{Eight, LANES, Vectors};
 use crate::hemisphere::direction::from_degrees;
+
+/// Directions of a ring whose sides are short enough for [`Eight::tan`].
+const SHORT_SIDES: usize = 6;
 
 /// Rings of equally spaced directions.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,6 +31,9 @@ pub struct Rings {
     starts: Vec<usize>,
     /// Tangent and cosine of half the angle of a side, of each ring: look-ups by the million ask for them.
     half_sides: Vec<[f64; 2]>,
+    /// Of each ring, for eight look-ups at once: how many directions it has and the index of the first one, the angle of half a side in
+    /// rad, half of one over its tangent, and the least distance of its polygon from the pole in rad.
+    at_once: Vec<[f32; 5]>,
     /// Azimuth on the rings of the +x of the frame in which directions are, degrees.
     azimuth_deg: f64,
 }
@@ -37,6 +44,13 @@ struct Crossing {
     ends: [(usize, f64); 2],
     /// Distance from the pole in the plane, in radians.
     radius_rad: f64,
+}
+
+/// As [`Crossing`], of eight rays.
+struct Crossings {
+    rows: [[u32; LANES]; 2],
+    weights: [Eight; 2],
+    radius_rad: Eight,
 }
 
 impl Rings {
@@ -73,9 +87,23 @@ impl Rings {
         for ring in 0..rings {
             starts.push(starts[ring] + count((ring as f64 + 0.5) * step_deg, rings));
         }
+        let step_rad = step_deg.to_radians();
+        let at_once = (0..rings).map(|ring| {
+            let radius_rad = (ring as f64 + 0.5) * step_rad * half(ring).cos();
+            let count = (starts[ring + 1] - starts[ring]) as f32;
+            let half = half(ring);
+            [
+                count,
+                starts[ring] as f32,
+                half as f32,
+                (0.5 / half.tan()) as f32,
+                radius_rad as f32,
+            ]
+        });
         Ok(Self {
+            at_once: at_once.collect(),
             step_deg,
-            step_rad: step_deg.to_radians(),
+            step_rad,
             starts,
             half_sides,
             azimuth_deg: 0.0,
@@ -192,6 +220,79 @@ impl Rings {
         Crossing {
             ends: [(index(low), 1.0 - t), (index(low + 1), t)],
             radius_rad: (ring as f64 + 0.5) * self.step_rad * half_cos * (1.0 + tan * tan).sqrt(),
+        }
+    }
+
+    /// The rings between which a direction lies whose circle is that far out, in steps: `None` near the pole and the horizon, where
+    /// polygons are none, or too coarse.
+    fn plain_rings(&self) -> std::ops::Range<usize> {
+        let first = (0..self.rings()).find(|&ring| self.count(ring) >= SHORT_SIDES);
+        first.unwrap_or(self.rings())..self.rings().saturating_sub(2)
+    }
+
+    /// See [`super::IncidentSet::neighbours_of_eight`].
+    #[allow(clippy::inline_always)]
+    #[inline(always)]
+    pub(crate) fn neighbours_of_eight(&self, w: &[DVec3; LANES], lanes: &Vectors) -> NeighboursOfEight {
+        let theta_rad = lanes.theta_rad();
+        let circle = theta_rad * Eight::splat((1.0 / self.step_rad) as f32) - Eight::splat(0.5);
+        let plain = self.plain_rings();
+        let ends = [plain.start, plain.end].map(|ring| Eight::splat(ring as f32));
+        let is_plain = circle.is_less(ends[1]) & !circle.is_less(ends[0]);
+        let mut found = NeighboursOfEight::default();
+        if !plain.is_empty() {
+            let turns = lanes.x.turns(lanes.y) + Eight::splat((self.azimuth_deg / 360.0) as f32);
+            let turns = turns - turns.floor();
+            let one = Eight::splat(1.0);
+            let ring = circle.floor().max(ends[0]).min(ends[1] - one);
+            // Where the side of the ring outside lies within, it is the ring inside.
+            let outer = self.crossings(ring + one, turns);
+            let ring = theta_rad.where_less(outer.radius_rad, ring, ring + one);
+            let (inner, outer) = (self.crossings(ring, turns), self.crossings(ring + one, turns));
+            let t = (theta_rad - inner.radius_rad) / (outer.radius_rad - inner.radius_rad);
+            let t = t.max(Eight::splat(0.0)).min(one);
+            let s = one - t;
+            found = NeighboursOfEight {
+                rows: [inner.rows[0], inner.rows[1], outer.rows[0], outer.rows[1]],
+                weights: [
+                    (s * inner.weights[0]).to_array(),
+                    (s * inner.weights[1]).to_array(),
+                    (t * outer.weights[0]).to_array(),
+                    (t * outer.weights[1]).to_array(),
+                ],
+            };
+        }
+        for lane in (0..LANES).filter(|&lane| is_plain >> lane & 1 == 0) {
+            found.put(lane, self.neighbours(w[lane]));
+        }
+        found
+    }
+
+    /// As [`crossing`](Self::crossing), of eight rays; the corner with the smaller index comes first.
+    #[allow(clippy::inline_always)]
+    #[inline(always)]
+    fn crossings(&self, ring: Eight, turns: Eight) -> Crossings {
+        let mut of = [[0.0; LANES]; 5];
+        for (lane, ring) in ring.whole().into_iter().enumerate() {
+            for (of, x) in of.iter_mut().zip(self.at_once[ring as usize]) {
+                of[lane] = x;
+            }
+        }
+        let [count, start, half, half_over_tan, least_rad] = of;
+        let [count, start] = [Eight::new(count), Eight::new(start)];
+        let [half, half_over_tan] = [Eight::new(half), Eight::new(half_over_tan)];
+        let place = turns * count;
+        let low = place.floor();
+        let one = Eight::splat(1.0);
+        let tan = ((Eight::splat(2.0) * (place - low) - one) * half).tan();
+        let t = Eight::splat(0.5) + tan * half_over_tan;
+        let in_ring = |sector: Eight| start + sector.where_less(count, sector, sector - count);
+        let (a, b) = (in_ring(low), in_ring(low + one));
+        let s = one - t;
+        Crossings {
+            rows: [a.min(b).whole(), a.max(b).whole()],
+            weights: [a.where_less(b, s, t), a.where_less(b, t, s)],
+            radius_rad: Eight::new(least_rad) * (one + tan * tan).sqrt(),
         }
     }
 

@@ -302,3 +302,33 @@ fn a_list_file_is_read_and_its_faults_named() {
             .contains("no readable text")
     );
 }
+
+#[test]
+fn eight_look_ups_at_once_are_those_of_one() {
+    let all: Vec<DVec3> = places().filter(|w| w.z > 1e-12).collect();
+    for step_deg in [3.0, 10.0, 45.0] {
+        let grids = kinds(step_deg).into_iter().flat_map(|grid| {
+            let set = grid.build().unwrap();
+            let turned = set.turned(17.3).unwrap();
+            [(grid.clone(), set), (grid, turned)]
+        });
+        for (grid, set) in grids {
+            for w in all.as_chunks().0 {
+                let found = set.neighbours_of_eight(w, &Vectors::of(w));
+                for lane in 0..LANES {
+                    let mut off = std::collections::HashMap::new();
+                    for (row, weight) in set.neighbours(w[lane]) {
+                        *off.entry(row).or_insert(0.0) += weight;
+                    }
+                    let rows = found.rows.map(|rows| rows[lane]);
+                    assert!(rows.is_sorted(), "{grid} {}: {rows:?}", w[lane]);
+                    for (row, weight) in rows.into_iter().zip(found.weights) {
+                        *off.entry(row as usize).or_insert(0.0) -= f64::from(weight[lane]);
+                    }
+                    let most = off.values().fold(0.0, |most, off| f64::max(most, off.abs()));
+                    assert!(most < 3e-5, "{grid} {}: {off:?}", w[lane]);
+                }
+            }
+        }
+    }
+}

@@ -35,6 +35,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::base::blame::Blame;
+use crate::instrument::bands::MadeBy;
 use crate::instrument::rig::{Rig, RigError, Tilt};
 use crate::store::checksum::sum;
 use crate::store::whole_file::FileError;
@@ -276,10 +277,16 @@ impl Calibration {
     }
 }
 
-/// What tells a rig from every other: the SHA-256 of its file as this program writes it.
+/// What tells a rig from every other: the SHA-256 of its file as this program writes it, without what drives it and without the names of
+/// bands that the camera makes.
 #[must_use]
 pub fn rig_hash(rig: &Rig) -> String {
-    sum(rig.without_drivers().to_toml().as_bytes())
+    let mut rig = rig.without_drivers();
+    rig.bands = rig
+        .bands
+        .take()
+        .filter(|bands| bands.made_by == MadeBy::Projector);
+    sum(rig.to_toml().as_bytes())
 }
 
 /// Why a calibration cannot be used.

@@ -7,8 +7,9 @@
 //! does not show stays as the rig file has it, within [`SeenPart::TOLERANCES`].
 //!
 //! Where an edge of a patch may lie is uncertain by their covariance and by the ellipses that patches are taken for. An edge
-//! that is three standard uncertainties farther in must change little: what it changes by more than [`WORST`], or of which too
-//! little is lit, has no value.
+//! that is three standard uncertainties farther in must change little: what it changes by more than [`WORST`] of them, or of which
+//! too little is lit, has no value. An edge is on one side, and far from linear: its variance is a sum over places near and far on both
+//! sides ([`PLACES`]), as by a quadrature of Gauss and Hermite.
 
 use std::f64::consts::PI;
 
@@ -33,6 +34,18 @@ pub(crate) const FAR: f64 = 3.0;
 /// The least share that gives a value, and the largest relative standard uncertainty of one.
 const LEAST: f64 = 0.4;
 const WORST: f64 = 0.1;
+
+/// Places along each axis of the covariance, in standard uncertainties, and what the square of a change there counts in the variance:
+/// exact where the change is linear, and to 3 % where it begins at up to one standard uncertainty and is linear from there on.
+const PLACES: [(f64, f64); 4] = [
+    (FAR, 1.0 / 54.0),
+    (-FAR, 1.0 / 54.0),
+    (1.0, 1.0 / 3.0),
+    (-1.0, 1.0 / 3.0),
+];
+/// Doubts about a share: those places along each axis, and the last one.
+const ALONG: usize = PLACES.len() * UNKNOWNS;
+const DOUBTS: usize = ALONG + 1;
 
 /// Numbers in units of [`SeenPart::TOLERANCES`].
 pub(crate) type Unknowns = [f64; UNKNOWNS];
@@ -189,23 +202,20 @@ impl SeenPart {
         })
     }
 
-    /// Changes that are as far as edges are looked for: along the axes of the covariance, and what ellipses do.
-    fn doubts(&self) -> [Unknowns; UNKNOWNS + 1] {
+    /// Changes that edges are looked for at: [`PLACES`] along the axes of the covariance, and what ellipses do.
+    fn doubts(&self) -> [Unknowns; DOUBTS] {
         let scaled = Matrix6::from_fn(|row, column| {
             self.covariance[row][column] / (Self::TOLERANCES[row] * Self::TOLERANCES[column])
         });
         let axes = SymmetricEigen::new(scaled);
-        let along = |axis: usize| -> Vector6<f64> {
-            axes.eigenvectors.column(axis) * (FAR * axes.eigenvalues[axis].max(0.0).sqrt())
+        let along = |axis: usize, at: f64| -> Vector6<f64> {
+            axes.eigenvectors.column(axis) * (at * axes.eigenvalues[axis].max(0.0).sqrt())
         };
         let mut smaller = [0.0; UNKNOWNS];
         smaller[4] = -FAR * ELLIPSE / Self::TOLERANCES[4];
-        std::array::from_fn(|doubt| {
-            if doubt < UNKNOWNS {
-                along(doubt).into()
-            } else {
-                smaller
-            }
+        std::array::from_fn(|doubt| match doubt {
+            ALONG.. => smaller,
+            _ => along(doubt / PLACES.len(), PLACES[doubt % PLACES.len()].0).into(),
         })
     }
 }
@@ -251,6 +261,7 @@ impl std::fmt::Display for MeasuredArea {
 }
 
 /// Patches of pixels and of spots.
+#[derive(Clone)]
 pub(crate) struct Patches {
     seen: Vec<Option<Patch>>,
     lit: Vec<Option<LitPatch>>,
@@ -268,14 +279,14 @@ impl Patches {
 /// Shares with their uncertainties.
 pub(crate) struct Shares {
     patches: Patches,
-    doubts: [Patches; UNKNOWNS + 1],
+    doubts: [Patches; DOUBTS],
 }
 
 /// A share, and what each doubt makes of it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Share {
     share: f64,
-    doubts: [f64; UNKNOWNS + 1],
+    doubts: [f64; DOUBTS],
 }
 
 impl Shares {
@@ -315,9 +326,18 @@ impl Share {
         if self.share < LEAST {
             return None;
         }
-        let doubts = self.doubts.map(|doubt| (doubt - self.share) / (FAR * self.share));
-        let relative = doubts.map(|doubt| doubt * doubt).iter().sum::<f64>().sqrt();
-        (relative <= WORST).then_some((self.share as f32, relative as f32))
+        let off2 = self.doubts.map(|doubt| (doubt / self.share - 1.0).powi(2));
+        let (axes, smaller) = off2.split_at(ALONG);
+        let (mut variance, mut farthest2) = (smaller[0] / (FAR * FAR), smaller[0]);
+        for places in axes.chunks(PLACES.len()) {
+            variance += places
+                .iter()
+                .zip(PLACES)
+                .map(|(off2, (_, counts))| off2 * counts)
+                .sum::<f64>();
+            farthest2 += places.iter().copied().fold(0.0, f64::max);
+        }
+        (farthest2.sqrt() <= FAR * WORST).then_some((self.share as f32, variance.sqrt() as f32))
     }
 }
 
@@ -349,6 +369,51 @@ mod tests {
         let unknown = part.with_covariance(|row, column| f64::from(u8::from(row == column)));
         let unknown = Shares::new(&unknown, &rig, &lit);
         assert!(unknown.share(1, seen(65.0, 180.0)).known().is_none());
+    }
+
+    #[test]
+    fn an_edge_counts_on_whichever_side_of_an_axis_it_is() {
+        // Light that ends from so many standard uncertainties on, on one side, by 6 % for each.
+        let share = |begins: f64, side: f64| {
+            let mut doubts = [1.0; DOUBTS];
+            for (doubt, (at, _)) in doubts[8..].iter_mut().zip(PLACES) {
+                *doubt -= 0.06 * (side * at - begins).max(0.0);
+            }
+            Share { share: 1.0, doubts }
+        };
+        // By integrating over a normal distribution.
+        for (begins, expected) in [(0.0, 0.5_f64.sqrt()), (0.5, 0.458), (1.0, 0.274)] {
+            for side in [1.0, -1.0] {
+                let (_, relative) = share(begins, side).known().unwrap();
+                let expected = 0.06 * expected;
+                assert!(
+                    (f64::from(relative) / expected - 1.0).abs() < 0.05,
+                    "{begins} {side}: {relative}"
+                );
+            }
+        }
+        // What is never far from an edge has no value.
+        assert!(share(-2.5, 1.0).known().is_none() && share(-2.5, -1.0).known().is_none());
+        let mut even = share(10.0, 1.0);
+        for (doubt, (at, _)) in even.doubts[8..].iter_mut().zip(PLACES) {
+            *doubt = 1.0 + 0.06 * at;
+        }
+        let (_, relative) = even.known().unwrap();
+        assert!((relative - 0.06).abs() < 1e-6, "{relative}");
+        // Every doubt has its opposite, up to the ellipses.
+        let rig = Rig::load("rcg-3").unwrap();
+        let part = SeenPart::of(&rig)
+            .unwrap()
+            .with_covariance(|row, column| if row == column { 0.04 } else { 0.01 });
+        for sides in part.doubts()[..ALONG].chunks(2) {
+            let off = (0..UNKNOWNS)
+                .map(|at| (sides[0][at] + sides[1][at]).abs())
+                .fold(0.0, f64::max);
+            assert!(
+                off < 1e-12 && sides[0].iter().any(|by| by.abs() > 0.05),
+                "{sides:?}"
+            );
+        }
     }
 
     #[test]

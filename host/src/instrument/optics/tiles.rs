@@ -14,7 +14,7 @@ use super::map::trace_rows;
 use super::{Unmeasurable, View};
 
 /// Side of what is traced at once, pixels.
-const TILE_PX: usize = 32;
+const TILE_PX: usize = 16;
 
 /// Direction (sample frame, unit, away from the surface) or why there is none, and solid angle in steradians.
 type Traced = (Result<DVec3, Unmeasurable>, f64);

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::wired::check_wiring;
 use super::{CameraPart, ProjectorPart, Rig, RigError};
 use crate::instrument::drivers::{CameraDriver, Genicam, ProjectorDriver, Trigger};
 use crate::instrument::drivers::{LONGEST_US, SHORTEST_DELAY_US, SHORTEST_US, SYNC_LATE_US};
@@ -65,6 +66,7 @@ impl Rig {
         Self {
             trigger: Some(Trigger {
                 port: port.to_owned(),
+                ..self.trigger.clone().unwrap_or_default()
             }),
             ..self.clone()
         }
@@ -105,6 +107,9 @@ impl Rig {
             _ => {}
         }
         self.check_settings(error)?;
+        if let Some(trigger) = &self.trigger {
+            check_wiring(trigger, projector, error)?;
+        }
         if let Some(files) = &self.projector.files
             && !(0.0..=86_400.0).contains(&files.patience_s)
         {
@@ -177,6 +182,13 @@ impl Rig {
         let settings = projector.dlpc900.clone().unwrap_or_default();
         let delay_us = settings.trigger_delay_us;
         let exposure_us = settings.exposure_us.unwrap_or(SHORTEST_US);
+        if self.shows_bands() && !settings.primaries {
+            return Err(error(
+                "projector.dlpc900.primaries",
+                "true, as the projector makes the bands: the unit's outputs switch red, green and blue lights",
+                "false",
+            ));
+        }
         if delay_us < SHORTEST_DELAY_US {
             let expected = format!("{SHORTEST_DELAY_US} µs or more");
             return Err(error(

@@ -21,6 +21,7 @@ mod read;
 mod signal;
 mod tilt;
 mod validate;
+mod wired;
 
 pub use crate::instrument::parts::{
     Binned, CameraPart, Lens, Light, Mirror, Panel, ProjectorPart, Rig, Sample, Wire,

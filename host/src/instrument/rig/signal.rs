@@ -1,13 +1,58 @@
 //! What the numbers of a rig say about its signal.
 
 use super::{ROUNDING_DN2, Rig};
+use crate::instrument::bands::{MadeBy, PRIMARIES};
 use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::optics::cone_sr;
 
 impl Rig {
-    /// Shape of the camera's frames.
+    /// Whether the projector makes the bands, before a camera without colours: each pattern is shown in one primary after the other, and
+    /// the frames of all are the channels of one image.
+    #[must_use]
+    pub fn shows_bands(&self) -> bool {
+        let made_by = self.bands.as_ref().map(|bands| bands.made_by);
+        made_by == Some(MadeBy::Projector)
+    }
+
+    /// How often each pattern is shown: in each of the projector's primaries where these are the bands, else once, in white.
+    #[must_use]
+    pub fn shown_bands(&self) -> usize {
+        if self.shows_bands() { PRIMARIES } else { 1 }
+    }
+
+    /// Channels of images and results: those of the camera's frames, or the bands that the projector makes before a camera of one.
+    #[must_use]
+    pub fn channels(&self) -> usize {
+        self.camera.channels as usize * self.shown_bands()
+    }
+
+    /// This rig with bands as `other` has them, as far as the camera makes both: what they are called changes no image.
+    #[must_use]
+    pub fn with_bands_of(&self, other: &Self) -> Self {
+        let is_by_projector = self.shows_bands() || other.shows_bands();
+        Self {
+            bands: if is_by_projector {
+                &self.bands
+            } else {
+                &other.bands
+            }
+            .clone(),
+            ..self.clone()
+        }
+    }
+
+    /// Shape of the images of a measurement, all bands in one.
     #[must_use]
     pub fn frame_format(&self) -> FrameFormat {
+        FrameFormat {
+            channels: self.channels(),
+            ..self.camera_format()
+        }
+    }
+
+    /// Shape of the camera's own frames.
+    #[must_use]
+    pub fn camera_format(&self) -> FrameFormat {
         FrameFormat {
             width_px: self.camera.lens.width_px as usize,
             height_px: self.camera.lens.height_px as usize,
@@ -51,7 +96,8 @@ impl Rig {
 
     /// K of the signal model (see [`crate::assemble`]) in electrons: charge per (f in sr⁻¹ × Σ E·cosθ·Δω × exposure time in s).
     ///
-    /// `light.full_scale_f_sr` fills the well with the default exposure and a spot of 1° at normal incidence.
+    /// `light.full_scale_f_sr` fills the well with the default exposure and a spot of 1° at normal incidence: in white light, or in each
+    /// band where the projector makes them.
     #[must_use]
     pub fn sensitivity_e(&self) -> f64 {
         let irradiance = self.projector.irradiance * cone_sr(1.0);

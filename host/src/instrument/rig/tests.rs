@@ -186,7 +186,7 @@ const MISTAKES: &[(&str, &str, &str)] = &[
     (
         "[light]",
         "[licht]",
-        "licht: expected one of `name`, `mirror`, `sample`, `wire`, `obstacle`, `camera`, `projector`, `light`, `trigger`, found unknown field `licht`",
+        "licht: expected one of `name`, `mirror`, `sample`, `wire`, `obstacle`, `camera`, `projector`, `light`, `bands`, `trigger`, found unknown field `licht`",
     ),
     (
         "[camera.lens]\nwidth_px = 2048",
@@ -206,7 +206,7 @@ const MISTAKES: &[(&str, &str, &str)] = &[
     (
         "name = \"rcg-1-16bit\"",
         "name = \"rcg-1-16bit\"\nbaffle = 1",
-        "baffle: expected one of `name`, `mirror`, `sample`, `wire`, `obstacle`, `camera`, `projector`, `light`, `trigger`, found unknown field `baffle`",
+        "baffle: expected one of `name`, `mirror`, `sample`, `wire`, `obstacle`, `camera`, `projector`, `light`, `bands`, `trigger`, found unknown field `baffle`",
     ),
     (
         "spot_deg = 1.0",
@@ -237,6 +237,26 @@ const MISTAKES: &[(&str, &str, &str)] = &[
         "channels = 3 ",
         "channels = 2 ",
         "camera.channels: expected 1 or 3, found 2",
+    ),
+    (
+        "[light]",
+        "[bands]\nname = [\"red\", \"green\"]\ncentre_nm = [620, 530]\nwidth_nm = [60, 70]\n[light]",
+        "bands.name: expected 3, one for each channel, found 2",
+    ),
+    (
+        "[light]",
+        "[bands]\nname = [\"a\", \"b\", \"c\"]\ncentre_nm = [0.62, 0.53, 0.46]\nwidth_nm = [60, 70, 25]\n[light]",
+        "bands.centre_nm: expected numbers from 200 to 2500 nanometres, found 0.62",
+    ),
+    (
+        "[light]",
+        "[bands]\nname = [\"a\", \"b\", \"a\"]\ncentre_nm = [620, 530, 460]\nwidth_nm = [60, 70, 25]\n[light]",
+        "bands.name: expected names that differ, found \"a\" twice",
+    ),
+    (
+        "[light]",
+        "[bands]\nmade_by = \"projector\"\nname = [\"a\", \"b\", \"c\"]\ncentre_nm = [620, 530, 460]\nwidth_nm = [60, 70, 25]\n[light]",
+        "bands.made_by: expected \"camera\", whose channels the bands are where it has more than one, found \"projector\"",
     ),
     (
         "[1024.0, 1024.0]",

@@ -136,6 +136,7 @@ impl Rig {
             1e9 * pixels,
             "electrons per second",
         )?;
+        self.check_bands(check)?;
         check.range("camera.exposure_s", camera.exposure_s, 1e-7, 3600.0, "seconds")?;
         check.range(
             "camera.exposure_delay_s",
@@ -146,6 +147,20 @@ impl Rig {
         )?;
         check.range("camera.readout_s", camera.readout_s, 0.0, 60.0, "seconds")?;
         self.check_lens(check, "camera.lens", &camera.lens)
+    }
+
+    fn check_bands(&self, check: &Checker) -> Result<(), RigError> {
+        let Some(bands) = &self.bands else {
+            return Ok(());
+        };
+        if self.shows_bands() && self.camera.channels != 1 {
+            let expected = "\"camera\", whose channels the bands are where it has more than one";
+            return Err(check.error("bands.made_by", expected, "\"projector\""));
+        }
+        match bands.flaw(self.channels()) {
+            None => Ok(()),
+            Some((key, expected, found)) => Err(check.error(&format!("bands.{key}"), expected, found)),
+        }
     }
 
     fn check_projector_and_light(&self, check: &Checker) -> Result<(), RigError> {

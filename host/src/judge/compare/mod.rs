@@ -66,11 +66,12 @@ pub struct Compared {
 /// standard, which certificates of the same content say too.
 ///
 /// # Errors
-/// [`BrdfError`] if their azimuths do not count from the same direction, only the second has colours, both hold the same capture, or a file cannot be read.
+/// [`BrdfError`] if their azimuths do not count from the same direction, only the second has colours, their bands are of other light, both hold the same capture, or a file cannot be read.
 pub fn compare(a: &Source, b: &Brdf, same_standard: bool) -> Result<Compared, BrdfError> {
     if let Source::Measured(a) = a {
         check_azimuth(a, b)?;
         check_colours(a, b)?;
+        a.check_near_bands(b)?;
         evidence::check_apart(b, a)?;
     }
     let shares_standard = same_standard || has_same_certificate(a, b);

@@ -5,6 +5,8 @@
 //! 90 % take ten and 99 % take a hundred. What the histogram cannot resolve is said, not made up: a quantile beyond its
 //! range is *above* it, and the bound of a bin is the upper one where it says what a share lies below.
 
+use std::sync::LazyLock;
+
 use serde::{Serialize, Serializer};
 
 /// One quantile; in JSON a number where it is one, else null.
@@ -54,6 +56,44 @@ const SMALLEST: f64 = 1e-9;
 const LARGEST: f64 = 1e3;
 const BINS: usize = 2400;
 
+/// Bits of a double-precision number behind those that say where its bin is looked for: 2⁸ places an octave, fewer than bins are wide.
+const PLACE: u32 = 52 - 8;
+static SCALE: LazyLock<Scale> = LazyLock::new(Scale::new);
+
+/// Where bins begin. A logarithm for each of a thousand million numbers is most of what judging them takes.
+struct Scale {
+    /// The place of [`SMALLEST`].
+    first: u64,
+    /// Of each place the bin of its smallest number; there is at most one more.
+    bins: Vec<u16>,
+    /// Where bins begin, and the last one ends.
+    begin: Vec<f64>,
+}
+
+impl Scale {
+    fn new() -> Self {
+        let begin: Vec<f64> = (0..=BINS)
+            .map(|bin| SMALLEST * 10_f64.powf(bin as f64 / BINS_PER_DECADE))
+            .collect();
+        let [first, last] = [SMALLEST, LARGEST].map(|value: f64| value.to_bits() >> PLACE);
+        let bin = |place: u64| {
+            let smallest = f64::from_bits(place << PLACE);
+            (begin.partition_point(|begin| *begin <= smallest).max(1) - 1).min(BINS - 1) as u16
+        };
+        Self {
+            first,
+            bins: (first..=last).map(bin).collect(),
+            begin,
+        }
+    }
+
+    /// The bin of a number from [`SMALLEST`] to below [`LARGEST`].
+    fn bin(&self, value: f64) -> usize {
+        let bin = usize::from(self.bins[((value.to_bits() >> PLACE) - self.first) as usize]);
+        (bin + usize::from(value >= self.begin[bin + 1])).min(BINS - 1)
+    }
+}
+
 /// Histogram of numbers from 0 on a log scale from 1e-9 to 1e3, with those below and above counted beside it.
 #[derive(Clone, Debug)]
 pub(in crate::judge) struct LogHistogram {
@@ -80,8 +120,7 @@ impl LogHistogram {
         if value <= 0.0 {
             self.zeros += 1;
         } else if value < LARGEST {
-            let bin = ((value.max(SMALLEST) / SMALLEST).log10() * BINS_PER_DECADE) as usize;
-            self.bins[bin.min(BINS - 1)] += 1;
+            self.bins[SCALE.bin(value.max(SMALLEST))] += 1;
         }
     }
 
@@ -169,6 +208,20 @@ mod tests {
                 let ratio = bound.value().unwrap() / at(q);
                 assert!((1.0 - 1e-9..1.013).contains(&ratio), "{found:?} {q}");
             }
+        }
+    }
+
+    #[test]
+    fn numbers_are_in_the_bins_of_their_logarithms() {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(3);
+        let drawn = (0..200_000).map(|_| 10_f64.powf(rng.random_range(-9.0..3.0)));
+        for value in drawn.chain([SMALLEST, LARGEST.next_down()]) {
+            let place = (value / SMALLEST).log10() * BINS_PER_DECADE;
+            let found = SCALE.bin(value) as f64;
+            assert!(
+                found <= place + 1e-6 && place < found + 1.0 + 1e-6,
+                "{value}: {found} {place}"
+            );
         }
     }
 

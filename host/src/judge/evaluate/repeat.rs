@@ -104,6 +104,7 @@ pub(in crate::judge) fn check_directions(a: &Brdf, b: &Brdf) -> Result<(), BrdfE
             return Err(differs(field, expected.to_string(), found.to_string()));
         }
     }
+    a.check_same_bands(b)?;
     if a.disk() != b.disk() {
         let [expected, found] = [a, b].map(|brdf| brdf.azimuth().to_string());
         return Err(differs("azimuth_deg", expected, found));

@@ -14,6 +14,7 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use glam::DVec3;
 
+use super::around::Place;
 use super::{Content, Picture};
 use crate::brdf::reflectance::Reflectance;
 use crate::hemisphere::direction::{HORIZON_COS, from_degrees};
@@ -31,6 +32,70 @@ const SLOPE: f64 = 0.7;
 const WAVE: f64 = TAU * FOLDS / (2.0 * HALF_WIDTH);
 const CREST: f64 = SLOPE / WAVE;
 
+/// A sheet in a picture.
+pub(super) struct Sheet {
+    /// Half of the picture's pixels a side.
+    half: f64,
+    sin_tilt: f64,
+    cos_tilt: f64,
+}
+
+impl Sheet {
+    /// In a picture of `size` pixels a side, its upper edge leaning `tilt_deg` away from the camera.
+    pub(super) fn new(size: usize, tilt_deg: f64) -> Self {
+        let (sin_tilt, cos_tilt) = tilt_deg.to_radians().sin_cos();
+        Self {
+            half: size as f64 / 2.0,
+            sin_tilt,
+            cos_tilt,
+        }
+    }
+
+    /// From the camera's frame to that of the sheet as a whole.
+    fn to_sheet(&self, w: DVec3) -> DVec3 {
+        let (sin, cos) = (self.sin_tilt, self.cos_tilt);
+        DVec3::new(w.x, w.y * cos - w.z * sin, w.y * sin + w.z * cos)
+    }
+
+    /// And back.
+    fn to_picture(&self, w: DVec3) -> DVec3 {
+        let (sin, cos) = (self.sin_tilt, self.cos_tilt);
+        DVec3::new(w.x, w.y * cos + w.z * sin, w.z * cos - w.y * sin)
+    }
+
+    fn x(&self, column: usize) -> f64 {
+        (column as f64 + 0.5) / self.half - 1.0
+    }
+
+    /// The rows, in pixels, from and to which it covers a column.
+    pub(super) fn rows(&self, column: usize) -> (f64, f64) {
+        let x = self.x(column);
+        if x.abs() > HALF_WIDTH {
+            return (0.0, 0.0);
+        }
+        let middle = height(x) * self.sin_tilt;
+        let edge = |side: f64| self.half * (1.0 - middle + side * HALF_HEIGHT * self.cos_tilt);
+        (edge(-1.0), edge(1.0))
+    }
+
+    /// What stands in a column; `None` beside the sheet.
+    pub(super) fn place(&self, column: usize) -> Option<Place> {
+        let x = self.x(column);
+        let slope = -SLOPE * (WAVE * x).sin();
+        let tangent = DVec3::new(1.0, 0.0, slope).normalize();
+        (x.abs() <= HALF_WIDTH).then(|| Place {
+            at: DVec3::new(x, 0.0, 0.0),
+            normal: self.to_picture(tangent.cross(DVec3::Y)),
+            x: self.to_picture(tangent),
+        })
+    }
+
+    /// Whether a fold stands between a place and what is in direction `w` of it.
+    pub(super) fn is_shaded(&self, place: &Place, w: DVec3) -> bool {
+        is_shaded(place.at.x, self.to_sheet(w))
+    }
+}
+
 /// Renders a corrugated sheet of `size` pixels a side whose upper edge leans `tilt_deg` away from the camera, under a
 /// light of unit irradiance from polar angle and azimuth `light_deg` (0, 0 is behind the camera; 90 is above).
 ///
@@ -42,46 +107,24 @@ pub fn corrugated(
     tilt_deg: f64,
     light_deg: (f64, f64),
 ) -> Result<Picture, StoreError> {
-    let (sin_tilt, cos_tilt) = tilt_deg.to_radians().sin_cos();
-    // From the camera's frame to that of the sheet as a whole.
-    let to_sheet = |w: DVec3| {
-        DVec3::new(
-            w.x,
-            w.y * cos_tilt - w.z * sin_tilt,
-            w.y * sin_tilt + w.z * cos_tilt,
-        )
-    };
-    let (light, view) = (
-        to_sheet(from_degrees(light_deg.0, light_deg.1)),
-        to_sheet(DVec3::Z),
-    );
-    let half = size as f64 / 2.0;
+    let sheet = Sheet::new(size, tilt_deg);
+    let light = from_degrees(light_deg.0, light_deg.1);
     let mut radiance = vec![None; size];
-    let mut rows = vec![(0.0, 0.0); size];
     let (mut pairs, mut columns) = (Vec::new(), Vec::new());
-    for column in 0..size {
-        let x = (column as f64 + 0.5) / half - 1.0;
-        if x.abs() > HALF_WIDTH {
+    for (column, radiance) in radiance.iter_mut().enumerate() {
+        let Some(place) = sheet.place(column) else {
             continue;
-        }
-        let middle = height(x) * sin_tilt;
-        rows[column] = (
-            half * (1.0 - middle - HALF_HEIGHT * cos_tilt),
-            half * (1.0 - middle + HALF_HEIGHT * cos_tilt),
-        );
-        radiance[column] = Some(Ok([0.0; 3]));
-        let slope = -SLOPE * (WAVE * x).sin();
-        let tangent = DVec3::new(1.0, 0.0, slope).normalize();
-        let normal = tangent.cross(DVec3::Y);
-        let local = |w: DVec3| DVec3::new(w.dot(tangent), w.y, w.dot(normal));
-        if light.dot(normal) > HORIZON_COS && !is_shaded(x, light) {
+        };
+        *radiance = Some(Ok([0.0; 3]));
+        if light.dot(place.normal) > HORIZON_COS && !sheet.is_shaded(&place, light) {
             columns.push(column);
-            pairs.push((local(light), local(view)));
+            pairs.push((place.local(light), place.local(DVec3::Z)));
         }
     }
     for ((column, value), (wi, _)) in columns.into_iter().zip(material.values(&pairs)?).zip(&pairs) {
         radiance[column] = Some(value.map(|f| f.map(|f| f * wi.z as f32)));
     }
+    let rows = (0..size).map(|column| sheet.rows(column)).collect();
     Ok(Picture {
         size,
         content: Content::Columns { radiance, rows },
@@ -114,6 +157,7 @@ fn is_shaded(x: f64, light: DVec3) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::{Environment, corrugated_in};
     use super::*;
     use crate::brdf::reflectance::Value;
     use crate::brdf::sample::parse;
@@ -203,5 +247,35 @@ mod tests {
                 "{column}: {found} {expected}"
             );
         }
+    }
+
+    #[test]
+    fn a_white_sheet_in_light_from_everywhere_sees_what_its_folds_leave() {
+        let everywhere = Environment::new(64, &vec![glam::Vec3::ONE; 64 * 32]);
+        let white = parse("lambert:1").unwrap();
+        let picture = corrugated_in(&white, 96, 0.0, &everywhere).unwrap().picture;
+        let Content::Columns { radiance, .. } = picture.content else {
+            panic!("columns")
+        };
+        let mut signed = Vec::new();
+        for (column, found) in radiance.into_iter().enumerate() {
+            let Some(found) = found else { continue };
+            let x = (column as f64 + 0.5) / 48.0 - 1.0;
+            // Between edges at polar angles a and b from the normal, of a place that is the same along the folds: (sin a + sin b)/2.
+            let lean = (SLOPE * (WAVE * x).sin()).atan();
+            let edge = |side: f64| {
+                let rises = (1..3000).map(|step| {
+                    let away = f64::from(step) * 5e-4;
+                    (height(x + side * away) - height(x)) / away
+                });
+                FRAC_PI_2 - rises.fold(0.0, f64::max).atan() - side * lean
+            };
+            let expected = f64::midpoint(edge(1.0).min(FRAC_PI_2).sin(), edge(-1.0).min(FRAC_PI_2).sin());
+            let found = f64::from(found.unwrap()[1]);
+            assert!((found - expected).abs() < 0.015, "{column}: {found} {expected}");
+            signed.push(found - expected);
+        }
+        let mean = signed.iter().sum::<f64>() / signed.len() as f64;
+        assert!(signed.len() > 80 && mean.abs() < 0.002, "{mean}");
     }
 }

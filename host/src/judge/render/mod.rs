@@ -24,7 +24,7 @@ use crate::base::file_format::{FormatError, PICTURE};
 use crate::brdf::reflectance::Value;
 use crate::store::whole_file;
 
-pub use around::{Around, sphere_in};
+pub use around::{Around, corrugated_in, sphere_in, torus_in};
 pub use camera_colours::{CameraColours, ColourError};
 pub use corrugated::corrugated;
 pub use environment::{Environment, EnvironmentError};
@@ -171,7 +171,8 @@ pub fn srgb(linear: f32) -> u8 {
     } else {
         1.055 * l.powf(1.0 / 2.4) - 0.055
     };
-    (coded * 255.0).round() as u8
+    // Not `round`, which not every processor has an instruction for.
+    (coded * 255.0 + 0.5) as u8
 }
 
 /// An exposure that puts the brightest hundredth of the pictures at white.
@@ -184,10 +185,12 @@ pub fn automatic_exposure(rows: &[Vec<Picture>]) -> f32 {
         .filter_map(|value| Some(value.ok()?[1]))
         .filter(|&level| level > 0.0)
         .collect();
-    levels.sort_by(f32::total_cmp);
-    levels
-        .get(levels.len() * 97 / 100)
-        .map_or(1.0, |&level| 1.0 / level.max(1e-6))
+    if levels.is_empty() {
+        return 1.0;
+    }
+    let place = levels.len() * 97 / 100;
+    let (_, level, _) = levels.select_nth_unstable_by(place, f32::total_cmp);
+    1.0 / level.max(1e-6)
 }
 
 /// Share of the lit pixels of the pictures that have a value; the others are hatched. `None` if nothing is lit.

@@ -3,6 +3,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::around::Place;
 use super::{Content, Picture};
 use crate::brdf::reflectance::Reflectance;
 use crate::brdf::reflectance::Value;
@@ -25,6 +26,17 @@ pub(super) fn normal(size: usize, place: usize) -> Option<DVec3> {
 pub(super) fn frame(normal: DVec3) -> [DVec3; 2] {
     let tangent = DVec3::Y.cross(normal).normalize_or(DVec3::X);
     [tangent, normal.cross(tangent)]
+}
+
+/// What stands at a pixel of a picture of `size` pixels a side.
+pub(super) fn place(size: usize, pixel: usize) -> Option<Place> {
+    let normal = normal(size, pixel)?;
+    let [x, _] = frame(normal);
+    Some(Place {
+        at: normal,
+        normal,
+        x,
+    })
 }
 
 /// The places of a sphere's picture that a light reaches, and the directions that matter there.

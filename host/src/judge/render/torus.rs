@@ -8,6 +8,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
+use super::around::Place;
 use super::{Content, Picture};
 use crate::brdf::reflectance::Reflectance;
 use crate::hemisphere::direction::{HORIZON_COS, from_degrees};
@@ -55,29 +56,51 @@ fn frame(p: DVec3) -> (DVec3, DVec3) {
     )
 }
 
+/// From the camera's frame to the ring's, whose axis is z.
+fn to_ring(w: DVec3) -> DVec3 {
+    let (sin, cos) = LEAN_DEG.to_radians().sin_cos();
+    DVec3::new(w.x, w.y * cos + w.z * sin, w.z * cos - w.y * sin)
+}
+
+/// And back.
+fn from_ring(w: DVec3) -> DVec3 {
+    let (sin, cos) = LEAN_DEG.to_radians().sin_cos();
+    DVec3::new(w.x, w.y * cos - w.z * sin, w.z * cos + w.y * sin)
+}
+
+/// What stands at a pixel of a picture of `size` pixels a side; `None` beside the ring.
+pub(super) fn place(size: usize, pixel: usize) -> Option<Place> {
+    let half = size as f64 / 2.0;
+    let x = ((pixel % size) as f64 + 0.5) / half - 1.0;
+    let y = 1.0 - ((pixel / size) as f64 + 0.5) / half;
+    let p = hit(to_ring(DVec3::new(x, y, 1.5)), -to_ring(DVec3::Z))?;
+    let (normal, x) = frame(p);
+    Some(Place {
+        at: from_ring(p),
+        normal: from_ring(normal),
+        x: from_ring(x),
+    })
+}
+
+/// Whether the ring stands between a place and what is in direction `w` of it.
+pub(super) fn is_shaded(place: &Place, w: DVec3) -> bool {
+    // A step away from the surface, so that it does not shade itself.
+    hit(to_ring(place.at + 1e-3 * place.normal), to_ring(w)).is_some()
+}
+
 /// Renders a ring of `size` pixels a side under a light of unit irradiance from polar angle and azimuth `light_deg` (0, 0 is behind the
 /// camera; azimuth 90 is above).
 ///
 /// # Errors
 /// [`StoreError`] if the BRDF cannot be read.
 pub fn torus(material: &dyn Reflectance, size: usize, light_deg: (f64, f64)) -> Result<Picture, StoreError> {
-    let (sin, cos) = LEAN_DEG.to_radians().sin_cos();
-    // From the camera's frame to the ring's, whose axis is z.
-    let to_ring = |w: DVec3| DVec3::new(w.x, w.y * cos + w.z * sin, w.z * cos - w.y * sin);
-    let (light, view) = (to_ring(from_degrees(light_deg.0, light_deg.1)), to_ring(DVec3::Z));
-    let half = size as f64 / 2.0;
+    let light = from_degrees(light_deg.0, light_deg.1);
     let seen: Vec<Option<Option<(DVec3, DVec3)>>> = (0..size * size)
         .into_par_iter()
-        .map(|place| {
-            let x = ((place % size) as f64 + 0.5) / half - 1.0;
-            let y = 1.0 - ((place / size) as f64 + 0.5) / half;
-            let p = hit(to_ring(DVec3::new(x, y, 1.5)), -view)?;
-            let (n, x) = frame(p);
-            let y = n.cross(x);
-            let local = |w: DVec3| DVec3::new(w.dot(x), w.dot(y), w.dot(n));
-            // A step away from the surface, so that it does not shade itself.
-            let is_lit = light.dot(n) > HORIZON_COS && hit(p + 1e-3 * n, light).is_none();
-            Some(is_lit.then(|| (local(light), local(view))))
+        .map(|pixel| {
+            let place = place(size, pixel)?;
+            let is_lit = light.dot(place.normal) > HORIZON_COS && !is_shaded(&place, light);
+            Some(is_lit.then(|| (place.local(light), place.local(DVec3::Z))))
         })
         .collect();
     let pairs: Vec<(DVec3, DVec3)> = seen.iter().flatten().flatten().copied().collect();

@@ -12,8 +12,8 @@
 //! Light and pixels flatten a lobe, which each σ states and which all samples of the lobe share: no factor of all values, but one
 //! that a fit would find. So only samples count for s around which the truth is flat.
 //!
-//! An offset by the lamp in the black frames or by stray light is shared by all samples too and is no factor, but least squares in f
-//! = s·truth find one. So s may be off by what the budget of the file states of that.
+//! An offset by the lamp in the black frames, by stray light, or by light that returns onto the sample is shared by all samples too
+//! and is no factor, but least squares in f = s·truth find one. So s may be off by what the budget of the file states of that.
 //!
 //! Samples of one incident direction share errors, and so do those of one cell of the disk. So the uncertainty of s is found from the sums of
 //! what is left over of each row and of each cell (two-way clusters: Cameron, Gelbach, Miller 2011), and is no less than
@@ -240,10 +240,7 @@ fn weights(row: &[Compared], common: f64) -> Vec<f64> {
 /// # Errors
 /// [`StoreError`] if the file cannot be read or contradicts itself.
 pub fn judge(brdf: &Brdf, sample: &dyn Sample) -> Result<Judgement, StoreError> {
-    // Light that returns onto the sample is as wrong as the standards are, and more of a dark sample with a bright lobe.
-    let stated = brdf
-        .common_uncertainty()
-        .map(|stated| stated.max(brdf.standards_uncertainty().unwrap_or(0.0)));
+    let stated = brdf.common_uncertainty();
     let scale = scale(brdf, sample, stated)?;
     let factor = scale.map_or(1.0, |scale| scale.taken_out());
     // What standards do to such a sample is no factor of all values, and stays.

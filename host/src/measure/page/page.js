@@ -488,7 +488,7 @@
   if (!ball) without("sphere");
 
   // ---- words --------------------------------------------------------------------------------------------------------
-  const NAMES = channels === 1 ? ["f"] : ["red", "green", "blue"];
+  const NAMES = channels === 1 ? ["f"] : facts.bands || ["red", "green", "blue"];
   const say = () => {
     const [theta, phi] = lights[view.light];
     const parts = [`Light from θ ${theta.toFixed(1)}°, φ ${phi.toFixed(1)}° (${lights.length} of ${facts.incident_measured} directions are here).`];

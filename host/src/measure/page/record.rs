@@ -39,6 +39,13 @@ pub(super) fn record_html(measurement: &Measurement) -> Result<String, Measureme
             .iter()
             .map(|facts| ("trigger box", box_text(facts))),
     );
+    rows.extend(
+        measurement
+            .rig
+            .bands
+            .as_ref()
+            .map(|bands| ("bands", bands.words())),
+    );
     let mut html = format!("<h2>Who, what, when</h2>\n<table>\n{}</table>\n", table(&rows));
     html.push_str(&attachments_html(measurement, &record));
     html.push_str(&sums_html(measurement)?);

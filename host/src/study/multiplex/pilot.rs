@@ -104,7 +104,7 @@ impl Singles {
         let patterns: Vec<Vec<u32>> = chosen.iter().map(|lit| lit.pixels.clone()).collect();
         let tests = TestExposures::take(rig, &patterns, instrument)?;
 
-        let channels = rig.camera.channels as usize;
+        let channels = rig.channels();
         let camera = DirectionMap::of(&View::camera(rig));
         let judged: Vec<(usize, glam::DVec3)> = camera
             .measurable()

@@ -23,7 +23,7 @@ pub(super) use shining::Shining;
 
 use pixel::{Pixel, pixels};
 
-use super::areas::{LitArea, SeenArea};
+use super::areas::LitArea;
 use super::crosstalk::Crosstalk;
 use super::flaws::Pupils;
 use super::held::{Held, Reflections};
@@ -78,10 +78,13 @@ pub(super) struct Scene {
     maps: Option<PixelMaps>,
     /// Electrons per (f in sr⁻¹ × irradiance × second).
     sensitivity: f64,
+    /// What each colour counts in a camera without them: a third of white light, or as much as all of it where the projector shows one
+    /// after the other.
+    colour_weight: f64,
     interreflection: Option<Interreflection>,
     reflections: Option<Reflections>,
-    /// f × irradiance of the black projector pixels, [pixel of `pixels`, channel]; nothing if they are black.
-    black: Option<Vec<[f64; 3]>>,
+    /// What the camera gets of the black projector pixels, see [`Scene::shown`]; nothing if they are black.
+    black: Option<Vec<f32>>,
     stray: Option<Stray>,
 }
 
@@ -95,13 +98,16 @@ impl Scene {
         let Truth { rig, flaws, .. } = truth;
         let pupils = flaws.pupils.are_wide().then(|| flaws.pupils.clone());
         let rays = rays(rig, pupils.is_some());
-        let format = rig.frame_format();
+        let format = rig.camera_format();
         let figure = flaws.figure.of(rig);
         let views = |rig: &Rig| {
             [View::camera(rig), View::projector(rig)].map(|view| view.with_figure(figure.clone()))
         };
         let [view, projector] = views(&rays);
-        let pixels = pixels(&view, flaws, format, pupils.as_ref());
+        let pixels = match held {
+            Held::Trap => Vec::new(),
+            _ => pixels(&view, flaws, format, pupils.as_ref()),
+        };
         let projector = DirectionTiles::of(projector);
         let mut scene = Self {
             interreflection: match &held {
@@ -112,7 +118,7 @@ impl Scene {
             },
             reflections: match held {
                 Held::Mirror(mirror) => Some(Reflections::of(rig, &views(rig), mirror)),
-                Held::Sample(_) => None,
+                Held::Sample(_) | Held::Trap => None,
             },
             held,
             format,
@@ -128,12 +134,20 @@ impl Scene {
             polarisation: flaws.polarisation,
             maps: PixelMaps::of(&flaws.pixels, rig),
             sensitivity: rig.sensitivity_e(),
+            colour_weight: if rig.shows_bands() { 1.0 } else { 1.0 / 3.0 },
             black: None,
             stray: Stray::of(flaws, format),
         };
         if flaws.black_level > 0.0 {
-            let [_, projector] = views(&rays.with_coarse_projector(COARSE_PX));
-            scene.black = Some(scene.black_pixels(&DirectionTiles::of(projector)));
+            let mut image = vec![0.0; format.len()];
+            if let Held::Sample(_) = scene.held {
+                let [_, projector] = views(&rays.with_coarse_projector(COARSE_PX));
+                let light = scene.black_pixels(&DirectionTiles::of(projector));
+                for (pixel, f) in scene.pixels.iter().zip(light) {
+                    scene.add(&mut image, pixel.index, DVec3::from(f));
+                }
+            }
+            scene.black = Some(scene.shown(image, scene.shining.black_direct * DVec3::ONE));
         }
         scene
     }
@@ -171,6 +185,9 @@ impl Scene {
                 intensity[pixel as usize] = (level * self.shining.lit[pixel as usize]) as f32;
             }
             return AtSample::Image(reflections.image(&intensity).into());
+        }
+        if let Held::Trap = self.held {
+            return AtSample::default();
         }
         let intensity = |pixel: usize| level * self.shining.lit[pixel];
         let lights = Light::spots(lit, &self.projector, self.blur_px, &intensity);
@@ -225,7 +242,8 @@ impl Scene {
         let of = |pixel: &Pixel| {
             let mut sum = [0.0; 3];
             for (spot, lobes) in spots.iter().zip(&lobes) {
-                let f = self.f(spot, lobes, pixel, SeenArea::share_of_many);
+                let share = pixel.share(spot, |seen, lit| seen.share_of_many(lit, self.sample_radius_m));
+                let f = self.f(spot, lobes, pixel, share, Pixel::mean_f_of_many);
                 for (sum, f) in sum.iter_mut().zip(f) {
                     *sum += spot.light.irradiance * f;
                 }
@@ -235,21 +253,20 @@ impl Scene {
         self.pixels.par_iter().map(of).collect()
     }
 
-    /// f of what is both seen and lit, which is a share as `share_of` has it, with what interreflection adds to it, in sr⁻¹ × throughput;
-    /// from the lobes of the directions of light.
+    /// f of what is both seen and lit, which is this `share`, with what interreflection adds to it, in sr⁻¹ × throughput;
+    /// from the lobes of the directions of light, by `mean_f`.
     fn f(
         &self,
         spot: &Spot,
         lobes: &[Box<dyn Outgoing + '_>; 4],
         pixel: &Pixel,
-        share_of: impl Fn(&SeenArea, &LitArea, f64) -> f64,
+        share: f64,
+        mean_f: impl Fn(&Pixel, &[Box<dyn Outgoing + '_>; 4]) -> [f64; 3],
     ) -> [f64; 3] {
-        let areas = pixel.area.as_ref().zip(spot.area.as_ref());
-        let share = areas.map_or(1.0, |(seen, lit)| share_of(seen, lit, self.sample_radius_m));
         if share <= 0.0 {
             return [0.0; 3];
         }
-        let mut f = pixel.mean_f(lobes);
+        let mut f = mean_f(pixel, lobes);
         if self.polarisation.is_any() {
             let directions = [spot.light.nodes[0], pixel.one];
             let axes = [spot.axis, pixel.axis];
@@ -270,10 +287,6 @@ impl Scene {
     /// Digital numbers of `shot`, [row, column, channel].
     pub(super) fn frame(&self, shot: &Shot, noise: Noise) -> Vec<u16> {
         let mut charge_e = self.charge_e(shot);
-        if self.format.channels == 3 {
-            self.crosstalk
-                .leak(&mut charge_e, self.format.width_px, self.format.height_px);
-        }
         let mut offset_e = Vec::new();
         if let Some(maps) = &self.maps {
             maps.expose(&mut charge_e, shot.exposure_s);
@@ -283,72 +296,87 @@ impl Scene {
             .digitise(&charge_e, &offset_e, shot.exposure_s, noise, shot.seed)
     }
 
-    /// Electrons of light in every pixel, [row, column, channel], before any of it leaks.
+    /// Electrons of light in every pixel, [row, column, channel].
     fn charge_e(&self, shot: &Shot) -> Vec<f32> {
-        let channels = self.format.channels;
         let mut charge_e = vec![0.0; self.format.len()];
         let light_e = self.sensitivity * shot.lamp;
-        for (shown, visible_s) in &shot.seen {
-            let image = shown.image(|glow| self.image(glow));
-            let scale = (light_e * visible_s) as f32;
+        let mut add = |image: &[f32], seconds: f64| {
+            let scale = (light_e * seconds) as f32;
             for (charge_e, light) in charge_e.iter_mut().zip(image) {
                 *charge_e += scale * light;
             }
+        };
+        for (shown, visible_s) in &shot.seen {
+            add(shown.image(|glow| self.image(glow)), *visible_s);
         }
         if let Some(black) = &self.black {
-            let scale = light_e * shot.exposure_s;
-            for (pixel, f) in self.pixels.iter().zip(black) {
-                let out = &mut charge_e[pixel.index * channels..][..channels];
-                for (out, f) in out.iter_mut().zip(self.as_seen(DVec3::from(*f))) {
-                    *out += (scale * f) as f32;
-                }
-            }
+            add(black, shot.exposure_s);
         }
+        charge_e
+    }
+
+    /// The image `light` of what the sample sends, f × irradiance, [row, column, channel], as the sensor shows it: with stray light,
+    /// `direct` light of the projector among it, and what leaks between colours. All of that grows with the light, so that it is
+    /// done once for each pattern.
+    fn shown(&self, mut light: Vec<f32>, direct: DVec3) -> Vec<f32> {
+        let FrameFormat {
+            width_px,
+            height_px,
+            channels,
+            ..
+        } = self.format;
         if let Some(stray) = &self.stray {
-            stray.add(&mut charge_e);
-            let lit: DVec3 = shot
-                .seen
-                .iter()
-                .map(|(shown, visible_s)| shown.glow.direct * visible_s * DVec3::from(shown.glow.colour))
-                .sum();
-            let all = self.as_seen(light_e * (lit + self.shining.black_direct * shot.exposure_s));
+            if !matches!(self.held, Held::Trap) {
+                stray.add(&mut light);
+            }
+            let all = self.as_seen(direct);
             if let Some(direct) = stray.direct() {
-                for (out, share) in charge_e.chunks_exact_mut(channels).zip(direct) {
+                for (out, share) in light.chunks_exact_mut(channels).zip(direct) {
                     for (out, all) in out.iter_mut().zip(all) {
                         *out += (all * share) as f32;
                     }
                 }
             }
         }
-        charge_e
+        if channels == 3 {
+            self.crosstalk.leak(&mut light, width_px, height_px);
+        }
+        light
+    }
+
+    /// Adds `light`, by colours, to the pixel with this index.
+    fn add(&self, image: &mut [f32], index: usize, light: DVec3) {
+        let channels = self.format.channels;
+        let out = &mut image[index * channels..][..channels];
+        for (out, light) in out.iter_mut().zip(self.as_seen(light)) {
+            *out += light as f32;
+        }
     }
 
     /// Colours as the camera's channels show them.
     fn as_seen(&self, light: DVec3) -> [f64; 3] {
         if self.format.channels == 1 {
-            [light.element_sum() / 3.0; 3]
+            [light.element_sum() * self.colour_weight; 3]
         } else {
             light.to_array()
         }
     }
 
-    /// f × irradiance of a pattern in every pixel, [row, column, channel].
+    /// What the camera gets of a pattern, see [`Scene::shown`].
     fn image(&self, glow: &Glow) -> Vec<f32> {
-        let channels = self.format.channels;
         let mut light = vec![0.0; self.format.len()];
+        if glow.is_black() {
+            return light;
+        }
         let colour = DVec3::from(glow.colour);
-        let mut add = |pixel: &Pixel, f: DVec3| {
-            let out = &mut light[pixel.index * channels..][..channels];
-            for (out, f) in out.iter_mut().zip(self.as_seen(f * colour)) {
-                *out += f as f32;
-            }
-        };
+        let mut add = |pixel: &Pixel, f: DVec3| self.add(&mut light, pixel.index, f * colour);
         match (&glow.at_sample, &self.held) {
             (AtSample::Spots(spots), Held::Sample(sample)) => {
                 for spot in spots.iter() {
                     let lobes = spot.light.nodes.map(|node| sample.incident(node));
                     for pixel in &self.pixels {
-                        let f = self.f(spot, &lobes, pixel, SeenArea::share);
+                        let share = pixel.share(spot, |seen, lit| seen.share(lit, self.sample_radius_m));
+                        let f = self.f(spot, &lobes, pixel, share, Pixel::mean_f);
                         add(pixel, spot.light.irradiance * DVec3::from(f));
                     }
                 }
@@ -361,9 +389,9 @@ impl Scene {
                     );
                 }
             }
-            (AtSample::Spots(_), Held::Mirror(_)) => {}
+            (AtSample::Spots(_), Held::Mirror(_) | Held::Trap) => {}
         }
-        light
+        self.shown(light, glow.direct * colour)
     }
 }
 
@@ -378,8 +406,10 @@ mod tests {
         let truth = Truth::drawn(&rig, Tolerances::DRAWN, 5).unwrap();
         let sample = Arc::from(crate::brdf::sample::parse("ggx:satin").unwrap());
         let scene = Scene::new(&truth, Held::Sample(sample));
-        let all = scene.black_pixels(&scene.projector);
-        let found = scene.black.as_ref().expect("black is not black");
+        let [all, found] = [1, COARSE_PX].map(|coarse_px| {
+            let rig = rays(&rig, true).with_coarse_projector(coarse_px);
+            scene.black_pixels(&DirectionTiles::of(View::projector(&rig)))
+        });
         assert!(found.len() > 100);
         let sum = |light: &[[f64; 3]]| light.iter().map(|f| f[0]).sum::<f64>();
         // Edges of mirror and sample are coarser.
@@ -387,9 +417,9 @@ mod tests {
         let far = found.iter().zip(&all).filter(far).count();
         assert!(far < found.len() / 20, "{far} of {}", found.len());
         assert!(
-            (sum(found) / sum(&all) - 1.0).abs() < 0.02,
+            (sum(&found) / sum(&all) - 1.0).abs() < 0.02,
             "{} {}",
-            sum(found),
+            sum(&found),
             sum(&all)
         );
     }

@@ -2,12 +2,13 @@
 
 use glam::DVec3;
 
-use crate::brdf::quadrature::mean_f;
+use crate::brdf::quadrature::{PLACES, mean_f};
 use crate::brdf::sample::Outgoing;
 use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::optics::View;
-use crate::virtual_rig::areas::SeenArea;
+use crate::virtual_rig::areas::{LitArea, SeenArea};
 use crate::virtual_rig::flaws::{Flaws, Pupils};
+use crate::virtual_rig::light::Spot;
 use crate::virtual_rig::polarisation::axis;
 
 /// Offset of the two Gauss points from the centre of a pixel: 1/(2√3).
@@ -43,6 +44,29 @@ impl Pixel {
             }
         }
         sum
+    }
+
+    /// The same over one light among many, whose means come to the same together: of many parts each is looked at from two of its
+    /// directions, at each place once, so that what an edge cuts off is what it is.
+    pub(super) fn mean_f_of_many(&self, lobes: &[Box<dyn Outgoing + '_>; 4]) -> [f64; 3] {
+        if self.parts.len() < lobes.len() {
+            return self.mean_f(lobes);
+        }
+        let mut sum = DVec3::ZERO;
+        for (part, pair) in self.parts.iter().zip([[0, 1], [2, 3]].into_iter().cycle()) {
+            for lobe in pair {
+                for wo in PLACES[lobe].into_iter().filter_map(|place| part[place]) {
+                    sum += DVec3::from(lobes[lobe].f(wo));
+                }
+            }
+        }
+        (sum / (4 * self.parts.len()) as f64).to_array()
+    }
+
+    /// What of it is both seen and lit by `spot`, as `share_of` has it.
+    pub(super) fn share(&self, spot: &Spot, share_of: impl FnOnce(&SeenArea, &LitArea) -> f64) -> f64 {
+        let areas = self.area.as_ref().zip(spot.area.as_ref());
+        areas.map_or(1.0, |(seen, lit)| share_of(seen, lit))
     }
 }
 

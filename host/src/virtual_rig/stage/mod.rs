@@ -11,7 +11,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_distr::StandardNormal;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rcg_firmware::virtual_time::StrobeEdge;
-use rcg_protocol::{Level, Line, Ticks};
+use rcg_protocol::{Input, Level, Line, Ticks};
 
 use super::Behaviour;
 use super::flaws::Lamp;
@@ -163,6 +163,22 @@ impl Stage {
     /// The first edge of the projector's vsync at or after `at`.
     pub(super) const fn next_sync(&self, at: Ticks) -> Ticks {
         Ticks(at.0.div_ceil(self.sync_period.0) * self.sync_period.0)
+    }
+
+    /// What stands at SYNC at `now`, with its edges since `since`: each vsync is active for a tenth of the time to the next.
+    pub(super) fn sync_seen(&self, since: Ticks, now: Ticks, active_low: bool) -> Input {
+        let (period, active) = (self.sync_period.0, self.sync_period.0 / 10);
+        // Edges up to a time, from the clock's start on: leading ones and trailing ones, each at its place in the period.
+        let edges_by = |at: u64| 2 * (at / period) + 1 + u64::from(at % period >= active);
+        let count = edges_by(now.0) - edges_by(since.0);
+        let edge = |number: u64| Ticks(number / 2 * period + number % 2 * active);
+        let last = |back: u64| (count >= back).then(|| edge(edges_by(now.0) - back));
+        Input {
+            high: edges_by(now.0) % 2 == 1,
+            pulled_up: active_low,
+            edges: Some(u32::try_from(count).unwrap_or(u32::MAX)),
+            last: [last(2), last(1)],
+        }
     }
 
     /// An output of the controller takes a level, at `at` on its clock; times never decrease.

@@ -27,6 +27,8 @@ pub(super) enum Via {
 #[allow(clippy::struct_excessive_bools)] // each is an option
 pub(super) struct Case {
     pub(super) rig: &'static str,
+    /// Whether its camera has no colours and its projector makes them, one after the other.
+    pub(super) bands: bool,
     /// A model, or `FILE` for a measured file.
     pub(super) sample: &'static str,
     /// A grid, or `LIST` for a file of directions.
@@ -59,6 +61,7 @@ const DARK: &str = "lambert:0.005";
 /// What is measured unless a feature says otherwise.
 pub(super) const USUAL: Case = Case {
     rig: "rcg-1-16bit",
+    bands: false,
     sample: "lambert:0.5",
     grid: "theta-phi",
     adaptive: false,
@@ -80,11 +83,12 @@ pub(super) const USUAL: Case = Case {
 /// A feature's name, and the values that are not the usual one with what they change.
 type Feature = (&'static str, &'static [(&'static str, fn(&mut Case))]);
 
-pub(super) const FEATURES: [Feature; 17] = [
+pub(super) const FEATURES: [Feature; 18] = [
     (
         "rig",
         &[("rcg-2", |c| c.rig = "rcg-2"), ("dmd", |c| c.rig = "dmd")],
     ),
+    ("bands", &[("in turn", |c| c.bands = true)]),
     (
         "sample",
         &[
@@ -204,6 +208,8 @@ impl Case {
     pub(super) fn contradiction(&self) -> Option<&'static str> {
         let is_bracketed = self.brackets.is_some();
         match self.via {
+            // It is of the camera with colours; this one's photometry cannot be calibrated.
+            _ if self.bands && self.world == World::Calibrated => Some("calibration"),
             _ if is_bracketed && self.exposure_ms.is_some() => {
                 Some("--exposure-ms: expected none beside --brackets")
             }

@@ -2,18 +2,19 @@
 //! refused in one sentence that says why.
 //!
 //! # Design
-//! A table of features ([`features`]) makes some 440 pairs of values that are not the usual ones. Each pair is tried with
+//! A table of features ([`features`]) makes some 480 pairs of values that are not the usual ones. Each pair is tried with
 //! images of 24 pixels. A run of the tests draws [`DRAWN`] of them; `RCG_FULL=1` tries all, `RCG_SEED=N` draws others, and
 //! `RCG_PAIR=feature=value,feature=value` tries one.
 
 mod features;
+mod lab;
 
 use std::fmt::Write as _;
 use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, OnceLock};
 
 use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
@@ -22,9 +23,9 @@ use rcg::store::provenance::Provenance;
 
 use crate::command::{is_full, rcg, run, text};
 use crate::judge::{Scores, scores};
-use crate::tensor_file::{bytes, material};
 use crate::tree::{count, files};
 use features::{Case, FILE, LIST, Value, Via, World, name, pairs};
+use lab::Lab;
 
 /// Pairs that a run of the tests draws.
 const DRAWN: usize = 10;
@@ -34,101 +35,6 @@ const AT_ONCE: usize = 2;
 const TILTS: &str = "12:30:5,51:84:40";
 /// What was captured.
 const SEEN: [Provenance; 2] = [Provenance::Measured, Provenance::Merged];
-
-/// The files that cases share, made once.
-struct Lab {
-    folder: PathBuf,
-}
-
-impl Lab {
-    fn open() -> Self {
-        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("matrix");
-        fs::remove_dir_all(&folder).ok();
-        fs::create_dir_all(&folder).unwrap();
-        fs::write(folder.join("material.bsdf"), bytes(&material(0.2))).unwrap();
-        // Some in the hole, some beside the wire; no symmetry.
-        let list: String = (0..14)
-            .map(|at| {
-                format!(
-                    "{} {}\n",
-                    20.0 + 4.3 * f64::from(at),
-                    137.5 * f64::from(at) % 360.0
-                )
-            })
-            .collect::<Vec<_>>()
-            .concat();
-        fs::write(folder.join("directions.txt"), list).unwrap();
-        Self { folder }
-    }
-
-    fn at(&self, name: &str) -> String {
-        text(&self.folder.join(name)).to_owned()
-    }
-
-    fn truth(&self, rig: &str) -> String {
-        self.at(&format!("{rig}.truth.toml"))
-    }
-
-    /// The calibration of `rig` as it really is; made when it is first asked for.
-    fn calibration(&self, rig: &'static str) -> Result<String, String> {
-        static MADE: [OnceLock<Result<(), String>>; 3] = [OnceLock::new(), OnceLock::new(), OnceLock::new()];
-        let place = ["rcg-1-16bit", "rcg-2", "dmd"]
-            .iter()
-            .position(|name| *name == rig)
-            .unwrap();
-        let folder = self.at(&format!("{rig}.calibration"));
-        let made = MADE[place].get_or_init(|| {
-            let truth = self.truth(rig);
-            for (what, size, rest) in [
-                ("geometry", "96", &[][..]),
-                ("photometry", "48", &["--tilts", TILTS]),
-            ] {
-                if what == "geometry" && !is_full() {
-                    continue;
-                }
-                let all = [
-                    "calibrate",
-                    what,
-                    "--rig",
-                    rig,
-                    "--out",
-                    &folder,
-                    "--truth",
-                    &truth,
-                ];
-                let outcome = run(&[&all[..], &["--image-size", size], rest].concat(), "");
-                if outcome.code != Some(0) {
-                    return Err(format!("calibrate {what} of {rig}: {}", outcome.stderr));
-                }
-            }
-            Ok(())
-        });
-        made.clone().map(|()| folder)
-    }
-
-    /// Draws how `rig` really is.
-    fn draw_truth(&self, rig: &str) {
-        let out = self.truth(rig);
-        // Geometry takes long to calibrate: where pairs are drawn, only light and throughput are uneven.
-        let still: &[&str] = if is_full() {
-            &[]
-        } else {
-            &["--position-mm", "0", "--angle-deg", "0", "--without", "figure"]
-        };
-        run(
-            &[&["truth", "--rig", rig, "--seed", "2", "--out", &out][..], still].concat(),
-            "",
-        )
-        .done();
-    }
-
-    fn sample(&self, case: &Case) -> String {
-        match case.sample {
-            FILE => self.at("material.bsdf"),
-            model => model.to_owned(),
-        }
-    }
-}
 
 /// One case on its way.
 struct Trial<'a> {
@@ -150,10 +56,22 @@ impl Trial<'_> {
         run(arguments, "")
     }
 
+    /// The rig file, and how it really is.
+    fn rig(&self) -> (String, String) {
+        let Case { rig, bands, .. } = self.case;
+        if bands {
+            let file = self.lab.in_bands(rig);
+            let truth = self.lab.truth(&format!("{rig}.bands"));
+            return (file, truth);
+        }
+        (rig.to_owned(), self.lab.truth(rig))
+    }
+
     /// What is measured, as `measure`, `plan` and `multiplex` take it.
     fn request(&self) -> Vec<String> {
         let (case, lab) = (&self.case, self.lab);
-        let mut all = vec!["--rig".to_owned(), case.rig.to_owned()];
+        let (rig, truth) = self.rig();
+        let mut all = vec!["--rig".to_owned(), rig];
         let mut put = |option: &str, value: &str| all.extend([option.to_owned(), value.to_owned()]);
         put("--sample", &lab.sample(case));
         match case.grid {
@@ -174,7 +92,7 @@ impl Trial<'_> {
             }
         }
         if case.world != World::AsFiled {
-            put("--truth", &lab.truth(case.rig));
+            put("--truth", &truth);
         }
         if case.world == World::Calibrated {
             put("--calibration", &lab.calibration(case.rig).unwrap());
@@ -283,7 +201,7 @@ impl Trial<'_> {
             ]
             .map(str::to_owned)
             .to_vec();
-            again.extend(["--rig".to_owned(), self.case.rig.to_owned()]);
+            again.extend(["--rig".to_owned(), self.rig().0]);
             // What is taken again draws other noise.
             again.extend(self.faults());
             if self.case.world == World::Calibrated {
@@ -447,7 +365,9 @@ fn chosen() -> Vec<[Value; 2]> {
 fn options_work_in_pairs_or_are_refused() {
     let lab = Lab::open();
     for rig in ["rcg-1-16bit", "rcg-2", "dmd"] {
-        lab.draw_truth(rig);
+        lab.write_in_bands(rig);
+        Lab::draw_truth(rig, &lab.truth(rig));
+        Lab::draw_truth(&lab.in_bands(rig), &lab.truth(&format!("{rig}.bands")));
     }
     let all = chosen();
     let (next, table) = (AtomicUsize::new(0), Mutex::new(Vec::new()));

@@ -4,9 +4,9 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use serde::Serialize;
 
-use super::facets::{Facets, WAYS};
-use super::table::Table;
-use crate::brdf::format::round_trip::{RoundTrip, Trial};
+use super::facets::Facets;
+use super::table::{Table, Tried};
+use crate::brdf::format::round_trip::RoundTrip;
 use crate::brdf::format::{ExportError, Exporting, Resolution};
 
 /// Points along each side of the half vectors, polar angles and azimuths of light, if nobody says otherwise: as few as leave an error of
@@ -146,23 +146,6 @@ impl Table {
             why,
         }
     }
-
-    /// Of tables of these sides, each once it is asked for.
-    fn candidates<'a>(
-        &'a self,
-        exporting: &'a Exporting,
-        trial: &'a Trial,
-        sides: &'a [usize],
-    ) -> impl Iterator<Item = Result<Candidate, ExportError>> + 'a {
-        let expected = self.expected(exporting, trial, sides).zip(sides);
-        expected.map(|(expected, side)| {
-            Ok(Candidate {
-                side: *side,
-                bytes: self.bytes(*side),
-                expected: expected?,
-            })
-        })
-    }
 }
 
 /// The smallest compact table that is as good as the `dense` one, or, if none is, the best of those of `usual` side.
@@ -176,24 +159,40 @@ impl Compact {
     fn of(
         exporting: &Exporting,
         resolution: Resolution,
-        trial: &Trial,
         dense: &Candidate,
+        facets: Vec<Facets>,
     ) -> Result<Option<Self>, ExportError> {
         let own = [resolution.side];
         let (sides, usual) = match resolution.side {
             0 => (SIDES.as_slice(), COMPACT_SIDE),
             side => (own.as_slice(), side),
         };
+        let tables: Vec<Table> = facets
+            .into_iter()
+            .map(|facets| {
+                let table = self::dense(exporting, resolution)?;
+                Ok(Table { facets, ..table })
+            })
+            .collect::<Result<_, ExportError>>()?;
+        let expected = if exporting.is_read_each_time() {
+            all_at_once(exporting, &tables, sides)?
+        } else {
+            Vec::new()
+        };
         let mut best: Option<Self> = None;
-        for way in WAYS {
-            let Some(facets) = Facets::of(exporting, way)? else {
-                continue;
-            };
-            let mut table = self::dense(exporting, resolution)?;
-            table.facets = facets;
+        for (way, mut table) in tables.into_iter().enumerate() {
+            let trial = exporting.trial()?;
+            let tried = expected.is_empty().then(|| Tried::of(&table, trial, sides));
             let mut found = None;
-            for candidate in table.candidates(exporting, trial, sides) {
-                let candidate = candidate?;
+            for (number, side) in sides.iter().enumerate() {
+                let candidate = Candidate {
+                    side: *side,
+                    bytes: table.bytes(*side),
+                    expected: match &tried {
+                        Some(tried) => tried.ask(exporting, trial, number)?,
+                        None => expected[way][number],
+                    },
+                };
                 // With a side that somebody asked for, the warp is all that it is larger by.
                 let is_as_good =
                     candidate.is_as_good_as(dense) && (resolution.side > 0 || candidate.bytes < dense.bytes);
@@ -233,30 +232,70 @@ impl Compact {
     }
 }
 
+/// How far each of the `tables` with each of the `sides` is from its source, of which all entries are asked for together.
+fn all_at_once(
+    exporting: &Exporting,
+    tables: &[Table],
+    sides: &[usize],
+) -> Result<Vec<Vec<RoundTrip>>, ExportError> {
+    let trial = exporting.trial()?;
+    let all: Vec<Tried> = tables
+        .iter()
+        .map(|table| Tried::of(table, trial, sides))
+        .collect();
+    let (mut asked, mut counts) = (Vec::new(), Vec::new());
+    for tried in &all {
+        for side in 0..sides.len() {
+            let pairs = tried.asked(side);
+            counts.push(pairs.len());
+            asked.extend(pairs);
+        }
+    }
+    let found = exporting.peek(&asked)?;
+    let (mut rest, mut counts) = (found.as_slice(), counts.into_iter());
+    let mut next = || {
+        let (own, others) = rest.split_at(counts.next().unwrap_or(0));
+        rest = others;
+        own
+    };
+    let told = |tried: &Tried| -> Vec<RoundTrip> {
+        let sides = 0..sides.len();
+        sides.map(|side| tried.told(trial, side, next())).collect()
+    };
+    Ok(all.iter().map(told).collect())
+}
+
 /// The table that is written of what is exported.
 pub(super) fn choose(
     exporting: &Exporting,
     resolution: Resolution,
 ) -> Result<(Table, Tabulation), ExportError> {
-    let mut table = dense(exporting, resolution)?;
+    let table = dense(exporting, resolution)?;
     if resolution.form == Some(Form::Dense) {
         let told = table.tabulation(Form::Dense, "it was asked for".to_owned());
         return Ok((table, told));
     }
-    let trial = Trial::of(exporting)?;
-    let side = [table.side];
-    let expected = table.expected(exporting, &trial, &side).next().transpose()?;
-    let known = expected.map(|expected| Candidate {
+    // One asking may be one reading of a file.
+    exporting.progress.begin("choose a table", 3, "askings");
+    let trial = exporting.trial()?;
+    exporting.progress.reach(1);
+    let tried = Tried::of(&table, trial, &[table.side]);
+    let mut asked = tried.asked(0);
+    let own = asked.len();
+    asked.extend(Facets::asked(exporting.is_isotropic()));
+    let found = exporting.peek(&asked)?;
+    let (own, seen) = found.split_at(own);
+    let known = Candidate {
         side: table.side,
         bytes: table.bytes(table.side),
-        expected,
-    });
-    let compact = known
-        .as_ref()
-        .map(|dense| Compact::of(exporting, resolution, &trial, dense))
-        .transpose()?
-        .flatten();
-    let (Some(known), Some(compact)) = (known, compact) else {
+        expected: tried.told(trial, 0, own),
+    };
+    exporting.progress.reach(2);
+    let facets = Facets::all(exporting.is_isotropic(), seen);
+    let compact = Compact::of(exporting, resolution, &known, facets)?;
+    exporting.progress.reach(3);
+    exporting.progress.end();
+    let Some(compact) = compact else {
         let why = "nothing is thrown back, from which a warp could be made".to_owned();
         let told = table.tabulation(Form::Dense, why);
         return Ok((table, told));
@@ -277,7 +316,6 @@ pub(super) fn choose(
         let told = compact.table.tabulation(Form::Compact, why);
         return Ok((compact.table, told));
     }
-    table.side = known.side;
     let why = format!(
         "no smaller one is as good ({} against {} compact)",
         words[0], words[1]

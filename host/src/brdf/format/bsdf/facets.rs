@@ -5,7 +5,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::brdf::format::{ExportError, Exporting, luminance};
+use crate::brdf::format::luminance;
 use crate::brdf::sample::rgl::Tables;
 use crate::brdf::sample::warp::Density;
 use crate::hemisphere::direction::from_angles;
@@ -43,6 +43,64 @@ pub(super) enum Detail {
     Smooth,
     /// Even: the table is warped by what can be seen alone.
     Even,
+}
+
+impl Detail {
+    /// Rows and columns of the distribution.
+    const fn size(self, is_isotropic: bool) -> [usize; 2] {
+        match (self, is_isotropic) {
+            (Self::Even, _) => [0, 0],
+            (Self::Sharp, true) => [2, 512],
+            (Self::Sharp, false) => [256, 256],
+            (Self::Smooth, true) => [2, 64],
+            (Self::Smooth, false) => [64, 64],
+        }
+    }
+
+    const fn places(self, is_isotropic: bool) -> usize {
+        let [rows, columns] = self.size(is_isotropic);
+        rows * columns
+    }
+
+    /// The facets' normals, row by row.
+    fn seen(self, is_isotropic: bool) -> impl Iterator<Item = DVec3> {
+        let [rows, columns] = self.size(is_isotropic);
+        let last = (LAST_RAD / FRAC_PI_2).sqrt();
+        vertices(rows).flat_map(move |v| vertices(columns).map(move |u| half(u.min(last), v)))
+    }
+}
+
+/// Distribution of facets and their projected area by the retroreflection of Dupuy and Jakob's section 4.1: D·F·G = 4·f·cos²θ where light and
+/// view are at the facet's normal. `None` if nothing is thrown back.
+fn distribution(
+    detail: Detail,
+    is_isotropic: bool,
+    values: &[Option<[f32; 3]>],
+) -> Option<(Tables<f32>, Tables<f32>)> {
+    let [rows, columns] = detail.size(is_isotropic);
+    let known: Vec<Option<f64>> = values
+        .iter()
+        .zip(detail.seen(is_isotropic))
+        .map(|(f, m)| Some(4.0 * luminance((*f)?).max(0.0) * m.z * m.z))
+        .collect();
+    let mut values = filled(&known, columns)?;
+    if detail == Detail::Smooth {
+        for _ in 0..2 {
+            values = smoothed(&values, columns);
+        }
+    }
+    let most = values.iter().copied().fold(0.0, f64::max);
+    if most <= 0.0 {
+        return None;
+    }
+    let share = |value: &f64| ((value + LEAST * most) / most) as f32;
+    let ndf = Tables {
+        rows,
+        columns,
+        values: values.iter().map(share).collect(),
+    };
+    let sigma = projected(&ndf, is_isotropic);
+    Some((ndf, sigma))
 }
 
 /// Distribution of facets and their projected area, as [`bsdf`](super) has them.
@@ -95,55 +153,35 @@ impl Facets {
         }
     }
 
-    /// Of what is exported; `None` if nothing of it is thrown back.
-    pub(super) fn of(
-        exporting: &Exporting,
-        (detail, lobe): (Detail, f64),
-    ) -> Result<Option<Self>, ExportError> {
-        let (rows, columns) = match (detail, exporting.is_isotropic()) {
-            (Detail::Even, _) => return Ok(Some(Self::around(Self::none()))),
-            (Detail::Sharp, true) => (2, 512),
-            (Detail::Sharp, false) => (256, 256),
-            (Detail::Smooth, true) => (2, 64),
-            (Detail::Smooth, false) => (64, 64),
+    /// The pairs of directions by which facets are found, of all [`WAYS`].
+    pub(super) fn asked(is_isotropic: bool) -> Vec<(DVec3, DVec3)> {
+        let seen = |detail: Detail| detail.seen(is_isotropic).map(|m| (m, m));
+        [Detail::Sharp, Detail::Smooth]
+            .into_iter()
+            .flat_map(seen)
+            .collect()
+    }
+
+    /// Those of all [`WAYS`] of a sample with these values at the pairs that are [`asked`](Self::asked) for; but for the last none if
+    /// nothing of it is thrown back.
+    pub(super) fn all(is_isotropic: bool, values: &[Option<[f32; 3]>]) -> Vec<Self> {
+        let (sharp, smooth) = values.split_at(Detail::Sharp.places(is_isotropic));
+        let sharp = distribution(Detail::Sharp, is_isotropic, sharp);
+        let smooth = distribution(Detail::Smooth, is_isotropic, smooth);
+        let of = |(detail, lobe): (Detail, f64)| {
+            let (ndf, sigma) = match detail {
+                Detail::Even => return Some(Self::around(Self::none())),
+                Detail::Sharp => sharp.clone(),
+                Detail::Smooth => smooth.clone(),
+            }?;
+            Some(Self::around(Self {
+                ndf,
+                sigma,
+                vertices: Vec::new(),
+                lobe,
+            }))
         };
-        // The retroreflection of Dupuy and Jakob's section 4.1: D·F·G = 4·f·cos²θ where light and view are at the facet's normal.
-        let seen: Vec<DVec3> = vertices(rows)
-            .flat_map(|v| vertices(columns).map(move |u| (u, v)))
-            .map(|(u, v)| half(u.min((LAST_RAD / FRAC_PI_2).sqrt()), v))
-            .collect();
-        let pairs: Vec<_> = seen.iter().map(|m| (*m, *m)).collect();
-        let values = exporting.peek(&pairs)?.into_iter().zip(&seen);
-        let known: Vec<Option<f64>> = values
-            .map(|(f, m)| Some(4.0 * luminance(f?).max(0.0) * m.z * m.z))
-            .collect();
-        let Some(mut values) = filled(&known, columns) else {
-            return Ok(None);
-        };
-        if detail == Detail::Smooth {
-            for _ in 0..2 {
-                values = smoothed(&values, columns);
-            }
-        }
-        let most = values.iter().copied().fold(0.0, f64::max);
-        if most <= 0.0 {
-            return Ok(None);
-        }
-        let ndf = Tables {
-            rows,
-            columns,
-            values: values
-                .iter()
-                .map(|value| ((value + LEAST * most) / most) as f32)
-                .collect(),
-        };
-        let sigma = projected(&ndf, exporting.is_isotropic());
-        Ok(Some(Self::around(Self {
-            ndf,
-            sigma,
-            vertices: Vec::new(),
-            lobe,
-        })))
+        WAYS.into_iter().filter_map(of).collect()
     }
 
     /// With the vertices of warps.

@@ -34,10 +34,10 @@ mod table;
 use std::io::{BufWriter, Write};
 use std::ops::Range;
 
+use glam::DVec3;
 use rayon::prelude::*;
 
 use self::table::{Point, Table};
-use super::table::BATCH;
 use super::{ExportError, Exporting, Resolution};
 use crate::brdf::sample::rgl::Tables;
 use crate::brdf::sample::tensor_writer::{Head, Kind, header};
@@ -134,19 +134,51 @@ impl Slices for Asked<'_> {
     }
 
     fn entries(&self, slices: Range<usize>) -> Result<Vec<Entry>, ExportError> {
-        let points: Vec<Point> = slices
+        let seen: Vec<Seen> = slices
             .into_par_iter()
-            .flat_map_iter(|slice| self.0.points(slice))
+            .map(|slice| Seen::of(&self.0.points(slice)))
             .collect();
-        let pairs: Vec<_> = points.iter().filter_map(Point::pair).collect();
-        let mut found = self.1.values(&pairs)?.into_iter();
-        let entry = |point: &Point| {
-            let f = point.pair().and_then(|_| found.next().flatten());
-            let f = f.unwrap_or_default();
-            let weighted = f.map(|f| (f * point.weight() as f32).max(0.0));
-            (weighted, (super::luminance(f) * point.drawn()) as f32)
+        let mut pairs = Vec::with_capacity(seen.iter().map(|slice| slice.pairs.len()).sum());
+        let mut weights = Vec::with_capacity(seen.len());
+        for slice in seen {
+            pairs.extend(slice.pairs);
+            weights.push(slice.weights);
+        }
+        let values = self.1.values(&pairs)?;
+        drop(pairs);
+        let mut found = values.into_iter();
+        let entry = |weights: &Option<[f32; 2]>| {
+            let Some([weight, drawn]) = weights else {
+                return ([0.0; 3], 0.0);
+            };
+            let f = found.next().flatten().unwrap_or_default();
+            let luminance = super::luminance(f) as f32;
+            (f.map(|f| (f * weight).max(0.0)), luminance * drawn)
         };
-        Ok(points.iter().map(entry).collect())
+        Ok(weights.iter().flatten().map(entry).collect())
+    }
+}
+
+/// What is asked for of a slice.
+struct Seen {
+    pairs: Vec<(DVec3, DVec3)>,
+    /// Of each point what its f and its luminance are multiplied by; `None` where nothing is seen.
+    weights: Vec<Option<[f32; 2]>>,
+}
+
+impl Seen {
+    fn of(points: &[Point]) -> Self {
+        Self {
+            pairs: points.iter().filter_map(Point::pair).collect(),
+            weights: points
+                .iter()
+                .map(|point| {
+                    point
+                        .pair()
+                        .map(|_| [point.weight() as f32, point.drawn() as f32])
+                })
+                .collect(),
+        }
     }
 }
 
@@ -204,7 +236,7 @@ fn stream(
     file.write_all(&rgb_gap).map_err(failed)?;
     let cells = layout.side * layout.side;
     let mut luminance: Vec<f32> = Vec::with_capacity(layout.slices() * cells);
-    let at_once = (BATCH / cells).max(1);
+    let at_once = (exporting.at_once() / cells).max(1);
     exporting
         .progress
         .begin("export", layout.slices(), "incident directions");

@@ -158,40 +158,58 @@ impl Table {
         };
         sides.iter().map(entries).collect()
     }
+}
 
-    /// How far tables of that many points a side are from their source, in the order asked, each once it is asked for: by the entries
-    /// around each pair of the trial alone.
-    pub(super) fn expected<'a>(
+/// The entries around each pair of a trial, in tables of some sides: by these alone it is known how far a table would be from its source.
+pub(super) struct Tried {
+    /// Of each pair, side by side.
+    all: Vec<Vec<Between>>,
+}
+
+impl Tried {
+    /// Those of tables as `table` with so many points along each side of the half vectors.
+    pub(super) fn of(table: &Table, trial: &Trial, sides: &[usize]) -> Self {
+        let between = |(wi, wo): &(DVec3, DVec3)| table.between(*wi, *wo, sides);
+        Self {
+            all: trial.pairs.par_iter().map(between).collect(),
+        }
+    }
+
+    fn entries(&self, side: usize) -> impl Iterator<Item = &(Point, f64)> {
+        self.all.iter().flat_map(move |of| of[side].entries.iter())
+    }
+
+    /// The pairs of directions of the entries of side number `side`.
+    pub(super) fn asked(&self, side: usize) -> Vec<(DVec3, DVec3)> {
+        self.entries(side)
+            .filter(|(_, share)| *share > 0.0)
+            .filter_map(|(point, _)| point.pair())
+            .collect()
+    }
+
+    /// How far that table is from its source, which has these values at the pairs that are [`asked`](Self::asked) for.
+    pub(super) fn told(&self, trial: &Trial, side: usize, found: &[Option<[f32; 3]>]) -> RoundTrip {
+        let mut found = found.iter();
+        let mut value = |(point, share): &(Point, f64)| {
+            if *share <= 0.0 || point.pair().is_none() {
+                return 0.0;
+            }
+            let f = found.next().copied().flatten().map_or(0.0, luminance);
+            share * f * point.weight()
+        };
+        let places = self.all.iter().map(|of| &of[side]);
+        let read = places.map(|place| place.scale * place.entries.iter().map(&mut value).sum::<f64>());
+        trial.against(read.collect::<Vec<f64>>())
+    }
+
+    /// The same, asked for by itself.
+    pub(super) fn ask(
         &self,
-        exporting: &'a Exporting,
-        trial: &'a Trial,
-        sides: &[usize],
-    ) -> impl Iterator<Item = Result<RoundTrip, ExportError>> + 'a {
-        let all: Vec<Vec<Between>> = trial
-            .pairs
-            .par_iter()
-            .map(|(wi, wo)| self.between(*wi, *wo, sides))
-            .collect();
-        (0..sides.len()).map(move |side| {
-            let places = || all.iter().map(|of| &of[side]);
-            let points = || places().flat_map(|place| place.entries.iter());
-            let asked: Vec<_> = points()
-                .filter(|(_, share)| *share > 0.0)
-                .filter_map(|(point, _)| point.pair())
-                .collect();
-            let mut found = exporting.peek(&asked)?.into_iter();
-            let mut value = |(point, share): &(Point, f64)| {
-                if *share <= 0.0 || point.pair().is_none() {
-                    return 0.0;
-                }
-                let f = found.next().flatten().map_or(0.0, luminance);
-                share * f * point.weight()
-            };
-            let read: Vec<f64> = places()
-                .map(|place| place.scale * place.entries.iter().map(&mut value).sum::<f64>())
-                .collect();
-            Ok(trial.against(read))
-        })
+        exporting: &Exporting,
+        trial: &Trial,
+        side: usize,
+    ) -> Result<RoundTrip, ExportError> {
+        Ok(self.told(trial, side, &exporting.peek(&self.asked(side))?))
     }
 }
 

@@ -72,7 +72,7 @@ struct Facets {
 }
 
 /// Equally large 2-D tables one after another.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Tables<T> {
     /// Along the axis before the last one.
     pub(crate) rows: usize,

@@ -53,7 +53,7 @@ impl MeasuredRgl {
         let sigma = read("sigma", &[side, side], 0.0)?;
         let vndf = read("vndf", &[p, t, side, side], 0.0)?;
         let rgb = if wavelengths_nm.is_empty() {
-            read("rgb", &[p, t, Exactly(3), side, side], f32::MIN)?.interleaved()
+            colours(&mut file, [p, t])?
         } else {
             seen(&mut file, [p, t], &spectra::weights(&wavelengths_nm, path)?)?
         };
@@ -122,19 +122,27 @@ fn seen<R: Read + Seek>(
     })
 }
 
-impl Tables<f32> {
-    /// Three tables for each slice become one of three channels, which takes one look-up.
-    fn interleaved(&self) -> Tables<[f32; 3]> {
-        let size = self.rows * self.columns;
-        let slices = self.values.chunks_exact(3 * size);
-        let values =
-            slices.flat_map(|slice| (0..size).map(|i| [slice[i], slice[size + i], slice[2 * size + i]]));
-        Tables {
-            rows: self.rows,
-            columns: self.columns,
-            values: values.collect(),
+/// The tables of `rgb`, of which three for each slice become one of three channels, which takes one look-up.
+fn colours<R: Read + Seek>(
+    file: &mut TensorFile<R>,
+    [p, t]: [Extent; 2],
+) -> Result<Tables<[f32; 3]>, SampleError> {
+    let side = Extent::AtLeast(2);
+    let mut values: Vec<[f32; 3]> = Vec::new();
+    let extents = [p, t, Extent::Exactly(3), side, side];
+    let shape = file.each_f32("rgb", &extents, f32::MIN, |shape, at, value| {
+        let size = shape[3] * shape[4];
+        if at % (3 * size) == 0 {
+            values.resize(values.len() + size, [0.0; 3]);
         }
-    }
+        let first = values.len() - size;
+        values[first + at % size][at / size % 3] = value;
+    })?;
+    Ok(Tables {
+        rows: shape[3],
+        columns: shape[4],
+        values,
+    })
 }
 
 /// The values of the 1-D field `name`, of which there must be at least one, each greater than the one before.

@@ -8,7 +8,9 @@
 //! is far off counts as far, and no farther.
 //!
 //! A standard that is tilted tells the offset along another normal. Patches at h and at −h differ in the second order only: which of both
-//! it is, is less certain than how far, and hardly matters, because the shares are the same.
+//! it is, is less certain than how far. Where a fit that begins on one side leaves much, the others that could be are tried too.
+
+use std::iter;
 
 use glam::DVec3;
 use nalgebra::DVector;
@@ -19,12 +21,13 @@ use crate::base::linear_fit::least_squares;
 use crate::instrument::calibration::{SeenPart, terms};
 use crate::instrument::optics::SampleFrame;
 
-/// Heights that are tried, metres: up to this, in such steps, and then around the best few. Where the height is right within some
+/// Heights that are tried, metres: up to this, in such steps, and then around those of least cost. Where the height is right within some
 /// 0.2 mm the cost falls to a tenth of what it is beside it, and a plateau lies where all should be lit.
 const HIGHEST_M: f64 = 9e-3;
 const STEP_M: f64 = 3e-4;
 const FINE_M: f64 = 7.5e-5;
-const FEW: usize = 4;
+/// Heights that are told apart, at most.
+const MINIMA: usize = 4;
 /// Least part of a normal across the others that tells anything.
 const NEW: f64 = 0.3;
 /// Pairs that take part, about, and the least of them that are wholly lit.
@@ -88,31 +91,44 @@ pub(super) fn normal(seen: &Seen) -> DVec3 {
     SampleFrame::of(&seen.rig.sample).to_mirror(DVec3::Z)
 }
 
-/// `part` with the height of the standard, at each stand of `seen` that tells one.
-pub(in super::super) fn with_height(seen: &[Seen], part: SeenPart) -> SeenPart {
-    let mut part = part;
-    for (stand, axis) in known_axes(seen) {
-        // Along what no stand before knows of, so far that it is so high along the normal.
-        let step = axis / axis.dot(normal(&seen[stand]));
-        if let Some(height_m) = seen[stand].height_m(&part, step) {
-            part = part.displaced(step * height_m);
-        }
+/// `part` with the height of the standard, at each stand of `seen` that tells one: as it explains best what is lit, and after that with
+/// one of the heights as it does only better than what is a little higher or lower.
+pub(in super::super) fn with_heights(seen: &[Seen], part: SeenPart) -> impl Iterator<Item = SeenPart> {
+    // Along what no stand before knows of, so far that it is so high along the normal.
+    let of = |(stand, axis): (usize, DVec3)| (&seen[stand], axis / axis.dot(normal(&seen[stand])));
+    let known: Vec<(&Seen, DVec3)> = known_axes(seen).into_iter().map(of).collect();
+    let at_best = |part: SeenPart, heights_m: &[f64], step: DVec3| match heights_m.first() {
+        Some(height_m) => part.displaced(step * *height_m),
+        None => part,
+    };
+    let mut best = part;
+    let mut others = Vec::new();
+    for (at, (seen, step)) in known.iter().enumerate() {
+        let heights_m = seen.heights_m(&best, *step);
+        let next = at_best(best.clone(), &heights_m, *step);
+        let other = |height_m: &f64| (at + 1, best.displaced(*step * *height_m));
+        others.extend(heights_m.iter().skip(1).map(other));
+        best = next;
     }
-    part
+    iter::once(best).chain(others.into_iter().map(move |(next, part)| {
+        known[next..].iter().fold(part, |part, (seen, step)| {
+            let heights_m = seen.heights_m(&part, *step);
+            at_best(part, &heights_m, *step)
+        })
+    }))
 }
 
 impl Seen<'_> {
-    /// The height in metres that explains best which pairs are lit; a height of 1 moves the sample by `step`.
-    fn height_m(&self, part: &SeenPart, step: DVec3) -> Option<f64> {
+    /// The heights in metres that explain which pairs are lit better than those beside them, best first, [`MINIMA`] at most; a height of 1
+    /// moves the sample by `step`.
+    fn heights_m(&self, part: &SeenPart, step: DVec3) -> Vec<f64> {
         let spotted = self.spotted();
-        let cost = |height_m: f64| self.cost(&part.displaced(step * height_m), &spotted);
-        let by_cost = |heights: Vec<f64>| {
-            let mut costs: Vec<(f64, f64)> = heights
+        let costs = |heights: Vec<f64>| -> Vec<(f64, f64)> {
+            let cost = |height_m: f64| self.cost(&part.displaced(step * height_m), &spotted);
+            heights
                 .into_par_iter()
-                .filter_map(|height_m| Some((cost(height_m)?, height_m)))
-                .collect();
-            costs.sort_by(|a, b| a.0.total_cmp(&b.0));
-            costs
+                .map(|height_m| (cost(height_m).unwrap_or(f64::INFINITY), height_m))
+                .collect()
         };
         let around = |middle_m: f64, reach_m: f64, step_m: f64| -> Vec<f64> {
             let steps = (reach_m / step_m).round() as i32;
@@ -120,13 +136,26 @@ impl Seen<'_> {
                 .map(|step| f64::from(step).mul_add(step_m, middle_m))
                 .collect()
         };
-        let coarse = by_cost(around(0.0, HIGHEST_M, STEP_M));
-        let near = coarse.iter().take(FEW);
-        let fine = by_cost(
-            near.flat_map(|(_, at_m)| around(*at_m, 0.5 * STEP_M, FINE_M))
-                .collect(),
-        );
-        fine.first().map(|(_, height_m)| *height_m)
+        let by_cost = |a: &(f64, f64), b: &(f64, f64)| a.0.total_cmp(&b.0);
+        let coarse = costs(around(0.0, HIGHEST_M, STEP_M));
+        let is_least = |at: usize| {
+            let beside = [at.checked_sub(1), Some(at + 1)];
+            let mut beside = beside.into_iter().flatten().filter_map(|at| coarse.get(at));
+            coarse[at].0.is_finite() && beside.all(|beside| coarse[at].0 <= beside.0)
+        };
+        let mut minima: Vec<(f64, f64)> = (0..coarse.len())
+            .filter(|at| is_least(*at))
+            .map(|at| coarse[at])
+            .collect();
+        minima.sort_by(by_cost);
+        minima.truncate(MINIMA);
+        let fine = minima.iter().filter_map(|(_, at_m)| {
+            let fine = costs(around(*at_m, STEP_M, FINE_M));
+            fine.into_iter().min_by(by_cost)
+        });
+        let mut fine: Vec<(f64, f64)> = fine.collect();
+        fine.sort_by(by_cost);
+        fine.into_iter().map(|(_, height_m)| height_m).collect()
     }
 
     /// Pairs of the first channel, and those that are dark, thinned.

@@ -22,7 +22,7 @@ use glam::DVec3;
 use nalgebra::DVector;
 
 pub(super) use fit::{Fields, Held, fit};
-pub(super) use height::{unknown_axes, with_height};
+pub(super) use height::{unknown_axes, with_heights};
 
 use area::Area;
 
@@ -52,6 +52,7 @@ const FIT: f64 = 5e-4;
 const EDGE_DEG: f64 = 1.0;
 
 /// One value of a frame of the standard.
+#[derive(Clone)]
 struct Pair {
     /// Index of the camera pixel and of the incident direction.
     pixel: u32,
@@ -100,6 +101,7 @@ type SeenPixel = (usize, [f64; 2], DVec3, bool);
 pub(super) type Spot = ([f64; 2], f64);
 
 /// Frames of a standard as far as they were seen.
+#[derive(Clone)]
 pub(super) struct Seen<'a> {
     pub(super) stand: &'a Stand,
     pub(super) exposure_s: f64,

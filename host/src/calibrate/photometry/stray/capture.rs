@@ -115,11 +115,9 @@ fn within(width: usize, height: usize, is_within: impl Fn(f64, f64) -> bool) -> 
 }
 
 impl StrayViews {
-    /// How they will be exposed on the rig `full`; `trap` is held for darkness, and no longer exposed than `exposure_s`
-    /// seconds.
+    /// How they will be exposed on the rig `full`, the trap no longer than `exposure_s` seconds.
     pub(in super::super) fn plan(
         full: &Rig,
-        trap: &Held,
         exposure_s: f64,
         bench: &mut dyn Bench,
     ) -> Result<Self, CalibrateError> {
@@ -129,9 +127,9 @@ impl StrayViews {
             rig.projector.lens.width_px as usize,
             rig.projector.lens.height_px as usize,
         );
-        let longest = |held: &Held, pattern: fn(usize, (usize, usize)) -> Vec<u32>, bench: &mut dyn Bench| {
+        let longest = |held: Held, pattern: fn(usize, (usize, usize)) -> Vec<u32>, bench: &mut dyn Bench| {
             let patterns: Vec<Vec<u32>> = (0..PATTERNS).map(|number| pattern(number, size)).collect();
-            let mut instrument = bench.open(&rig, held.clone(), None)?;
+            let mut instrument = bench.open(&rig, held, None)?;
             let tests = TestExposures::take(&rig, &patterns, &mut instrument)?;
             if tests.is_too_bright {
                 return Err(CalibrateError::Views {
@@ -143,13 +141,13 @@ impl StrayViews {
             Ok::<f64, CalibrateError>((SHARE * tests.longest_s).max(SHORTEST_EXPOSURE_S))
         };
         // Whoever puts them in does so once.
-        let watching_side = watching_side(&rig, trap, exposure_s, bench)?;
-        let parts_s = longest(trap, part, bench)?.min(exposure_s);
+        let watching_side = watching_side(&rig, exposure_s, bench)?;
+        let parts_s = longest(Held::Trap, part, bench)?.min(exposure_s);
         Ok(Self {
             watching_side,
             watched_s: exposure_s,
             image_size,
-            discs_s: longest(&mirror(), disc, bench)?.min(full.camera.exposure_s),
+            discs_s: longest(mirror(), disc, bench)?.min(full.camera.exposure_s),
             parts_s,
         })
     }
@@ -174,12 +172,12 @@ impl StrayViews {
         Ok(full.with_image_size(self.image_size)?)
     }
 
-    /// Takes the segments that show the mirror, or those that show the `trap`, on the rig `full` at the `bench`, which was opened so many
+    /// Takes the segments that show the mirror, or those that show the trap, on the rig `full` at the `bench`, which was opened so many
     /// times for the views before; `reach` is told how many exposures are taken. Returns them with the clock of the trigger box.
     pub(in super::super) fn take(
         &self,
         full: &Rig,
-        part: Part<'_>,
+        part: Part,
         bench: &mut dyn Bench,
         opened: u32,
         reach: &dyn Fn(usize),
@@ -188,8 +186,8 @@ impl StrayViews {
         let watched = watching(&rig, self.watching_side);
         let (held, series) = match part {
             Part::Mirror => (mirror(), vec![(0, 0..DISCS, self.discs_s)]),
-            Part::Trap(trap) => (
-                trap.clone(),
+            Part::Trap => (
+                Held::Trap,
                 vec![
                     (1, DISCS..FIRST_PARTED, self.discs_s),
                     (2, FIRST_PARTED..WATCHED, self.parts_s),
@@ -232,33 +230,28 @@ impl StrayViews {
 
 /// The part of the views of stray light that shows one target.
 #[derive(Clone, Copy)]
-pub(in super::super) enum Part<'a> {
+pub(in super::super) enum Part {
     Mirror,
-    Trap(&'a Held),
+    Trap,
 }
 
-impl Part<'_> {
+impl Part {
     /// The segments that show it.
     pub(in super::super) const fn segments(self) -> std::ops::Range<usize> {
         match self {
             Self::Mirror => 0..DISCS,
-            Self::Trap(_) => DISCS..SEGMENTS,
+            Self::Trap => DISCS..SEGMENTS,
         }
     }
 }
 
-/// Side in pixels of the squares that watch the lamp on `rig` in exposures of `exposure_s` seconds; `trap` is held for darkness.
-fn watching_side(
-    rig: &Rig,
-    trap: &Held,
-    exposure_s: f64,
-    bench: &mut dyn Bench,
-) -> Result<u32, CalibrateError> {
+/// Side in pixels of the squares that watch the lamp on `rig` in exposures of `exposure_s` seconds.
+fn watching_side(rig: &Rig, exposure_s: f64, bench: &mut dyn Bench) -> Result<u32, CalibrateError> {
     let largest = watching(rig, BLOCK_PX);
     if largest.is_empty() {
         return Ok(0);
     }
-    let mut instrument = bench.open(rig, trap.clone(), None)?;
+    let mut instrument = bench.open(rig, Held::Trap, None)?;
     let tests = TestExposures::take(rig, &[Vec::new(), largest], &mut instrument)?;
     let mean = |dn: &[u16]| dn.iter().map(|dn| f64::from(*dn)).sum::<f64>() / dn.len() as f64;
     let light_dn = mean(&tests.shots[1].dn) - mean(&tests.shots[0].dn);

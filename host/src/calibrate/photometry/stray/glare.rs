@@ -72,6 +72,17 @@ struct Dark {
     weight: Vec4,
 }
 
+impl Dark {
+    /// What the columns of the Gaussians have of it in one channel; nothing in that of the ghost.
+    fn row(&self, channel: usize) -> [f64; COLUMNS] {
+        let mut row = [0.0; COLUMNS];
+        for (value, gaussian) in row.iter_mut().zip(&self.gaussians) {
+            *value = f64::from(gaussian[channel]);
+        }
+        row
+    }
+}
+
 /// Shares of each channel, their covariance, and the weighted sum of squares that is left.
 struct Shares {
     /// [channel][column].
@@ -103,9 +114,9 @@ impl Mirrored {
     /// Shares of the halo, [channel][width], their relative uncertainty, and the ghost.
     pub(super) fn fit(&self) -> (Vec<Vec<f64>>, f64, Option<GhostFound>) {
         let mut dark = self.dark();
-        let mut shares = self.shares(&dark, None);
+        let mut shares = self.shares(&dark, &self.halo(&dark), None);
         self.weigh(&mut dark, &shares, None);
-        shares = self.shares(&dark, None);
+        shares = self.shares(&dark, &self.halo(&dark), None);
         let shift = self.look_for_ghost(&dark, &shares);
         let mut ghost = None;
         if let Some(shift) = shift {
@@ -113,7 +124,7 @@ impl Mirrored {
             let (share, uncertainty) = with.ghost;
             if share > (CLEAR * uncertainty).max(LEAST_GHOST) {
                 self.weigh(&mut dark, &with, Some(refined));
-                shares = self.shares(&dark, Some(refined));
+                shares = self.shares(&dark, &self.halo(&dark), Some(refined));
                 let half = self.size_px.0 as f64 / 2.0;
                 ghost = Some((
                     refined,
@@ -173,34 +184,49 @@ impl Mirrored {
         all.into_iter().flatten().collect()
     }
 
-    /// What the ghost of share 1, displaced by `shift` pixels, adds to each frame.
-    fn ghosts(&self, shift: Option<[f64; 2]>) -> Option<Vec<Vec<Vec4>>> {
+    /// The ghost of share 1, displaced by `shift` pixels, if there is one.
+    fn ghost(&self, shift: Option<[f64; 2]>) -> Option<Shifted> {
         let (width, height) = self.size_px;
-        let shifted = Shifted::new(shift?.map(|px| 2.0 * px / width as f64), width, height);
-        let of = |source: &Vec<Vec4>| {
-            let mut out = vec![Vec4::ZERO; source.len()];
-            shifted.add(source, Vec4::ONE, &mut out);
-            out
-        };
-        Some(self.sources.par_iter().map(of).collect())
+        let shift = shift?.map(|px| 2.0 * px / width as f64);
+        Some(Shifted::new(shift, width, height))
     }
 
-    /// Shares by least squares, with a ghost displaced by `shift` pixels if there is one; none is below 0.
-    fn shares(&self, dark: &[Dark], shift: Option<[f64; 2]>) -> Shares {
-        let ghosts = self.ghosts(shift);
+    /// What the `ghost` of share 1 adds to a pixel.
+    fn added(&self, ghost: Option<&Shifted>, dark: &Dark) -> Vec4 {
+        ghost.map_or(Vec4::ZERO, |ghost| {
+            ghost.at(&self.sources[dark.frame as usize], dark.pixel as usize)
+        })
+    }
+
+    /// What the Gaussians make of the equations of each channel.
+    fn halo(&self, dark: &[Dark]) -> Vec<Normal> {
         let mut normals = vec![Normal::default(); self.channels];
         for dark in dark {
-            let ghost = ghosts.as_ref().map_or(Vec4::ZERO, |ghosts| {
-                ghosts[dark.frame as usize][dark.pixel as usize]
-            });
             for (channel, normal) in normals.iter_mut().enumerate() {
-                let mut row = [0.0; COLUMNS];
-                for (value, gaussian) in row.iter_mut().zip(&dark.gaussians) {
-                    *value = f64::from(gaussian[channel]);
-                }
-                row[WIDTHS.len()] = f64::from(ghost[channel]);
                 normal.add(
-                    &row,
+                    &dark.row(channel),
+                    f64::from(dark.shown[channel]),
+                    f64::from(dark.weight[channel]),
+                );
+            }
+        }
+        normals
+    }
+
+    /// Shares by least squares, with a ghost displaced by `shift` pixels if there is one; none is below 0. The `halo` is that of `dark`.
+    fn shares(&self, dark: &[Dark], halo: &[Normal], shift: Option<[f64; 2]>) -> Shares {
+        let ghost = self.ghost(shift);
+        let mut normals = halo.to_vec();
+        for dark in dark {
+            let added = self.added(ghost.as_ref(), dark);
+            // Discs have ghosts as large as they are: most pixels show none.
+            if added == Vec4::ZERO {
+                continue;
+            }
+            for (channel, normal) in normals.iter_mut().enumerate() {
+                normal.add_ghost(
+                    &dark.row(channel),
+                    f64::from(added[channel]),
                     f64::from(dark.shown[channel]),
                     f64::from(dark.weight[channel]),
                 );
@@ -218,16 +244,16 @@ impl Mirrored {
 
     /// Weights of what should be dark by noise and by a share of what `shares` say that it is.
     fn weigh(&self, dark: &mut [Dark], shares: &Shares, shift: Option<[f64; 2]>) {
-        let ghosts = self.ghosts(shift);
+        let ghost = self.ghost(shift);
         for dark in dark {
-            let model = Self::model(dark, shares, ghosts.as_deref());
+            let model = Self::model(dark, shares, self.added(ghost.as_ref(), dark));
             let own = model * RELATIVE;
             dark.weight = (own * own + Vec4::splat(self.variance)).recip();
         }
     }
 
-    /// What a pixel should show.
-    fn model(dark: &Dark, shares: &Shares, ghosts: Option<&[Vec<Vec4>]>) -> Vec4 {
+    /// What a pixel should show to which the ghost of share 1 has `added` so much.
+    fn model(dark: &Dark, shares: &Shares, added: Vec4) -> Vec4 {
         let mut lanes = [0.0_f32; 4];
         for (channel, columns) in shares.all.iter().enumerate() {
             let halo: f64 = dark
@@ -236,10 +262,7 @@ impl Mirrored {
                 .zip(columns)
                 .map(|(gaussian, share)| f64::from(gaussian[channel]) * share)
                 .sum();
-            let ghost = ghosts.map_or(0.0, |ghosts| {
-                f64::from(ghosts[dark.frame as usize][dark.pixel as usize][channel]) * columns[WIDTHS.len()]
-            });
-            lanes[channel] = (halo + ghost) as f32;
+            lanes[channel] = (halo + f64::from(added[channel]) * columns[WIDTHS.len()]) as f32;
         }
         Vec4::from_array(lanes)
     }
@@ -250,7 +273,7 @@ impl Mirrored {
         let left: Vec<(usize, usize, f32, f32)> = dark
             .iter()
             .map(|dark| {
-                let left = luminance(dark.shown - Self::model(dark, shares, None));
+                let left = luminance(dark.shown - Self::model(dark, shares, Vec4::ZERO));
                 (
                     dark.frame as usize,
                     dark.pixel as usize,
@@ -291,12 +314,13 @@ impl Mirrored {
 
     /// The displacement near `shift` that leaves least, and the shares with it.
     fn refine(&self, dark: &[Dark], shift: [f64; 2]) -> ([f64; 2], Shares) {
-        let mut best = (shift, self.shares(dark, Some(shift)));
+        let halo = self.halo(dark);
+        let mut best = (shift, self.shares(dark, &halo, Some(shift)));
         let mut step = 0.5;
         while step > 0.05 {
             let [x, y] = best.0;
             let around = [[x - step, y], [x + step, y], [x, y - step], [x, y + step]];
-            let found = around.map(|shift| (shift, self.shares(dark, Some(shift))));
+            let found = around.map(|shift| (shift, self.shares(dark, &halo, Some(shift))));
             let least = found.into_iter().min_by(|a, b| a.1.left.total_cmp(&b.1.left));
             match least {
                 Some(least) if least.1.left < best.1.left => best = least,
@@ -308,13 +332,13 @@ impl Mirrored {
 
     /// What is left of means over blocks, relative to what the halo says.
     fn relative_uncertainty(&self, dark: &[Dark], shares: &Shares, shift: Option<[f64; 2]>) -> f64 {
-        let ghosts = self.ghosts(shift);
+        let ghost = self.ghost(shift);
         let (width, height) = self.size_px;
         let columns = width.div_ceil(BLOCK_PX);
         let blocks = columns * height.div_ceil(BLOCK_PX);
         let mut sums = vec![(0.0_f64, 0.0_f64, 0_u32); blocks * self.shown.len()];
         for dark in dark {
-            let model = luminance(Self::model(dark, shares, ghosts.as_deref()));
+            let model = luminance(Self::model(dark, shares, self.added(ghost.as_ref(), dark)));
             let pixel = dark.pixel as usize;
             let block = pixel / width / BLOCK_PX * columns + pixel % width / BLOCK_PX;
             let sum = &mut sums[dark.frame as usize * blocks + block];
@@ -351,6 +375,16 @@ impl Default for Normal {
 }
 
 impl Normal {
+    /// Adds to a row that is in it what the column of the ghost has of that.
+    fn add_ghost(&mut self, row: &[f64; COLUMNS], ghost: f64, target: f64, weight: f64) {
+        const GHOST: usize = WIDTHS.len();
+        for (sum, value) in self.matrix[GHOST].iter_mut().zip(row).take(GHOST) {
+            *sum += weight * ghost * value;
+        }
+        self.matrix[GHOST][GHOST] += weight * ghost * ghost;
+        self.right[GHOST] += weight * ghost * target;
+    }
+
     fn add(&mut self, row: &[f64; COLUMNS], target: f64, weight: f64) {
         for (i, a) in row.iter().enumerate() {
             for (j, b) in row.iter().enumerate().take(i + 1) {

@@ -50,10 +50,15 @@ impl Shifted {
         upper.lerp(lower, self.y.1)
     }
 
+    /// What the copy of `image` shows at `pixel`.
+    pub(crate) fn at(&self, image: &[Vec4], pixel: usize) -> Vec4 {
+        self.between(self.around(image, pixel))
+    }
+
     /// Adds the copy of `image`, × `share`, to `out`.
     pub(crate) fn add(&self, image: &[Vec4], share: Vec4, out: &mut [Vec4]) {
         for (pixel, out) in out.iter_mut().enumerate() {
-            *out += share * self.between(self.around(image, pixel));
+            *out += share * self.at(image, pixel);
         }
     }
 

@@ -256,11 +256,11 @@ fn rank(alternative: &Alternative) -> f64 {
     alternative.uncertainty.unwrap_or(f64::INFINITY)
 }
 
-/// Time in s of `exposures` exposures of `exposure_s` seconds.
+/// Time in s of `exposures` exposures of `exposure_s` seconds, all bands of them.
 fn pass_s(rig: &Rig, exposures: usize, exposure_s: f64) -> Result<f64, MultiplexError> {
     let timing =
         Timing::new(rig, exposure_s).map_err(|error| MeasurementError::from(PlanError::from(error)))?;
-    Ok(timing.period_s * exposures as f64)
+    Ok(timing.period_s * (exposures * rig.shown_bands()) as f64)
 }
 
 /// Exposure time in s, at most `longest_s`, and repeats with which passes of `exposures` exposures fill `time_s`.
