@@ -3,6 +3,7 @@
 //! Names are `device::topic::what`. Every figure is printed at the end and written to `target/hil-figures.json` and `.txt`.
 
 mod camera_faults;
+mod cameras;
 mod chain;
 mod image;
 mod limits;
@@ -85,6 +86,7 @@ fn main() -> ExitCode {
         stream::TRIALS,
         chain::TRIALS,
         table::TRIALS,
+        cameras::TRIALS,
         camera_faults::TRIALS,
         image::TRIALS,
     ];

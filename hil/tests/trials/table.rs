@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 
 use rcg::instrument::rig::Rig;
 use rcg::plan::Virtual;
@@ -26,7 +26,6 @@ crate::trials!("table":
     a_camera_that_dies_ends_the_run_and_a_resumed_one_completes_it [Emulator FastLink Camera],
     a_rig_on_the_table_is_calibrated_by_hand_as_the_simulated_one [Emulator FastLink Camera],
     what_is_not_as_the_rig_file_says_is_named [Emulator FastLink Camera],
-    the_command_tries_cameras_of_ours_and_of_others [Emulator FastLink Camera],
 );
 
 /// Pixels a side of the camera's image.
@@ -336,89 +335,6 @@ fn what_is_not_as_the_rig_file_says_is_named(bench: &mut Bench) -> Outcome {
     }
     table.clear()?;
     Ok(())
-}
-
-/// A camera that others wrote: the one that comes with libaravis, at the usual address of this machine.
-struct Others(Child);
-
-impl Others {
-    /// Switches it on, where it is installed (Debian: aravis-tools).
-    fn start() -> Option<Self> {
-        let fake = Command::new("arv-fake-gv-camera-0.8")
-            .args(["-i", "127.0.0.1", "-s", "others"])
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn();
-        fake.ok().map(Self)
-    }
-}
-
-impl Drop for Others {
-    fn drop(&mut self) {
-        self.0.kill().ok();
-        self.0.wait().ok();
-    }
-}
-
-fn the_command_tries_cameras_of_ours_and_of_others(bench: &mut Bench) -> Outcome {
-    let folder = tempfile::tempdir()?;
-    let settings = Settings {
-        address: own_address(),
-        sensor_px: (96, 64),
-        // One of them hears broadcasts.
-        broadcast: false,
-        ..Settings::default()
-    };
-    let ours = GigeCamera::start(settings)?;
-    let others = Others::start();
-    let mut addresses = vec![ours.address().ip().to_string()];
-    addresses.extend(others.is_some().then(|| "127.0.0.1".to_owned()));
-    if others.is_some() {
-        // It takes a moment until it hears.
-        std::thread::sleep(std::time::Duration::from_millis(500));
-        let listed = rcg(&["camera", "list"])?;
-        if !listed.contains("others") {
-            return Err(format!("a camera that others wrote is not listed: {listed}").into());
-        }
-    }
-    let picture = folder.path().join("frame.png").to_string_lossy().into_owned();
-    for address in &addresses {
-        let ask = |arguments: &[&str]| -> Result<Value> {
-            let printed = rcg(&[arguments, &["--device", address, "--json", "-q"]].concat())?;
-            Ok(serde_json::from_str(&printed)?)
-        };
-        let info = ask(&["camera", "info"])?;
-        let grabbed = ask(&["camera", "grab", "--exposure-ms", "1", "--out", &picture])?;
-        let region = &grabbed["region_px"];
-        let (width, height) = (region[0].as_u64(), region[1].as_u64());
-        if info["sensor_px"] != *region || info["pixel_format"] != "Mono8" {
-            return Err(format!("{address}: {info}, {grabbed}").into());
-        }
-        let image = std::fs::read(&picture)?;
-        // Width and height of a PNG (third edition, 11.2.1).
-        let number = |at: usize| {
-            u64::from(u32::from_be_bytes([
-                image[at],
-                image[at + 1],
-                image[at + 2],
-                image[at + 3],
-            ]))
-        };
-        if (Some(number(16)), Some(number(20))) != (width, height) {
-            return Err(format!("{address}: a picture of {}×{} pixels", number(16), number(20)).into());
-        }
-        let ran = ask(&["camera", "bench", "--seconds", "1", "--frames-per-s", "20"])?;
-        let frames = ran["frames"].as_u64().unwrap_or(0);
-        if !(1..=60).contains(&frames) || ran["lost"] != 0 {
-            return Err(format!("{address}: {ran}").into());
-        }
-    }
-    bench.figure(
-        "cameras that the command tried, ours and that of libaravis where it is installed",
-        addresses.len() as f64,
-        "cameras",
-        Limit::AtLeast(1.0),
-    )
 }
 
 /// Somebody puts the targets in that the command asks for, one after the other; returns how it ended.
