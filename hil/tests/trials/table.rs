@@ -11,7 +11,7 @@ use rcg_hil::bench::{Bench, Outcome};
 use rcg_hil::dlpc900::Dlpc900;
 use rcg_hil::dut::EmulatedPico;
 use rcg_hil::figures::Limit;
-use rcg_hil::gige::{Faults, GigeCamera, Settings};
+use rcg_hil::gige::{Faults, Settings};
 use rcg_hil::places;
 use rcg_hil::table::{HOLDER, Projection, Table, own_address};
 use serde_json::Value;

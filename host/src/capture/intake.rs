@@ -234,7 +234,9 @@ mod tests {
                 while asked && began.elapsed() < Duration::from_mins(1) {
                     intake.take(&mut frames)?;
                 }
-                thread::sleep(Duration::from_millis(5));
+                while !intake.thread.is_finished() {
+                    thread::yield_now();
+                }
                 intake.end(&mut frames)
             });
             assert!(said.unwrap_err().to_string().contains("the connection has ended"));

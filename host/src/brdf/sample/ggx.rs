@@ -81,22 +81,8 @@ impl Ggx {
         }
     }
 
-    /// From what follows the colon in `spec`.
-    pub(super) fn from_arguments(spec: &str, arguments: Option<&str>) -> Result<Self, SampleError> {
-        let ggx = Self::from_values(spec::values(spec, arguments, &PARAMETERS, &PRESETS)?);
-        let total = ggx.f0 + ggx.rho_d;
-        if total > 1.0 {
-            return Err(spec::error(spec, "f0 + rd", "at most 1", &format!("{total}")));
-        }
-        Ok(ggx)
-    }
-}
-
-impl Sample for Ggx {
-    fn incident(&self, wi: DVec3) -> Box<dyn Outgoing + '_> {
-        if below_horizon(wi) {
-            return Box::new(Unlit);
-        }
+    /// Under light from `wi`, above the horizon.
+    fn lit(&self, wi: DVec3) -> Lit {
         let lit = Lit {
             wi,
             diffuse: self.rho_d * FRAC_1_PI,
@@ -109,7 +95,56 @@ impl Sample for Ggx {
             masking: 0.0,
         };
         let masking = lit.masking(wi);
-        Box::new(Lit { masking, ..lit })
+        Lit { masking, ..lit }
+    }
+
+    /// From what follows the colon in `spec`.
+    pub(super) fn from_arguments(spec: &str, arguments: Option<&str>) -> Result<Self, SampleError> {
+        let ggx = Self::from_values(spec::values(spec, arguments, &PARAMETERS, &PRESETS)?);
+        let total = ggx.f0 + ggx.rho_d;
+        if total > 1.0 {
+            return Err(spec::error(spec, "f0 + rd", "at most 1", &format!("{total}")));
+        }
+        Ok(ggx)
+    }
+}
+
+/// Of a lobe under one incident direction what it has at f0 = 0, and by how much more it has at f0 = 1, in sr⁻¹, in place of the first
+/// two channels: f is linear in f0.
+pub(crate) struct LobeParts(Lit);
+
+impl LobeParts {
+    /// Of roughness `alpha_x` and `alpha_y`; nothing of light from below.
+    pub(crate) fn incident([alpha_x, alpha_y]: [f64; 2], wi: DVec3) -> Box<dyn Outgoing> {
+        let lobe = Ggx {
+            f0: 0.0,
+            alpha_x,
+            alpha_y,
+            rho_d: 0.0,
+        };
+        if below_horizon(wi) {
+            return Box::new(Unlit);
+        }
+        Box::new(Self(lobe.lit(wi)))
+    }
+}
+
+impl Outgoing for LobeParts {
+    fn f(&self, wo: DVec3) -> [f64; 3] {
+        if below_horizon(wo) {
+            return [0.0; 3];
+        }
+        let [facets, grazing5, _] = self.0.facets(wo);
+        [facets * grazing5, facets * (1.0 - grazing5), 0.0]
+    }
+}
+
+impl Sample for Ggx {
+    fn incident(&self, wi: DVec3) -> Box<dyn Outgoing + '_> {
+        if below_horizon(wi) {
+            return Box::new(Unlit);
+        }
+        Box::new(self.lit(wi))
     }
 
     fn is_isotropic(&self) -> bool {
@@ -142,6 +177,12 @@ impl Lit {
 
     /// f of the surface alone, and the cosine of the angle to the half vector.
     fn surface(&self, wo: DVec3) -> [f64; 2] {
+        let [facets, grazing5, cos] = self.facets(wo);
+        [facets * (self.f0 + (1.0 - self.f0) * grazing5), cos]
+    }
+
+    /// f of the surface if its facets were perfect mirrors, Schlick's (1 − ωi·h)⁵, and ωi·h.
+    fn facets(&self, wo: DVec3) -> [f64; 3] {
         let h = self.wi + wo;
         let length2 = h.length_squared();
         // D is homogeneous of degree −4 in h, so h need not be normalised.
@@ -152,9 +193,9 @@ impl Lit {
         let cos = 0.5 * length2.sqrt();
         let grazing = (1.0 - cos).max(0.0);
         let grazing2 = grazing * grazing;
-        let fresnel = self.f0 + (1.0 - self.f0) * grazing2 * grazing2 * grazing;
         [
-            self.distribution * fresnel / (ellipse * ellipse * visibility),
+            self.distribution / (ellipse * ellipse * visibility),
+            grazing2 * grazing2 * grazing,
             cos,
         ]
     }

@@ -32,6 +32,7 @@ use crate::hemisphere::direction::{from_angles, is_above_horizon};
 
 pub use certified::{Certified, Contribution, Mean, USUAL, mean_of};
 pub use ggx::Ggx;
+pub(crate) use ggx::LobeParts;
 pub use lambert::Lambert;
 pub use rgl::MeasuredRgl;
 pub use satin::Satin;

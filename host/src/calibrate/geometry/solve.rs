@@ -22,13 +22,21 @@ use super::sightings::{Match, Sightings};
 use crate::instrument::optics::{View, reflect};
 use crate::instrument::rig::Rig;
 
-/// Rounds of weights.
+/// Rounds of weights, at most.
 const ROUNDS: usize = 6;
-/// Difference for a derivative, in tolerances.
+/// Weights have settled when their scales change by less than this, relative.
+const SETTLED: f64 = 1e-4;
+/// Matches of each view with which a fit begins: most of the way goes as well with them, and without edges, of which another may be the
+/// nearest after each step.
+const BEGUN: usize = 700;
+/// Difference for a derivative, in tolerances: directions change by 10⁻⁶ rad, and the derivative along it by 10⁻⁵ of itself.
 const STEP: f64 = 1e-5;
-/// A round has converged when unknowns and sum of squares change by less than this, relative: weights change by more, and derivatives
-/// by differences are no more exact.
+/// A round has converged when the sum of squares changes by less than this, relative, or the unknowns by less than that: weights
+/// change by more.
 const CONVERGED: f64 = 1e-9;
+const UNKNOWNS_CONVERGED: f64 = 1e-7;
+/// The first step of a search, in tolerances or in what the unknowns are already, at most.
+const FIRST_STEP: f64 = 10.0;
 /// An edge position that passes every edge by more than this belongs to none of them (to the sample's, for one).
 const EDGE_RAD: f64 = 0.06;
 /// Least scale of residuals: rounding.
@@ -194,12 +202,43 @@ impl Task<'_> {
     }
 }
 
+impl<'a> Problem<'a> {
+    /// At these unknowns, without weights.
+    const fn at(task: Task<'a>, unknowns: DVector<f64>) -> Self {
+        Self {
+            task,
+            unknowns,
+            weights: Vec::new(),
+        }
+    }
+}
+
 impl Problem<'_> {
+    /// With the unknowns and the weights that belong together, and the scales of matches and edges; `None` if there is no convergence.
+    fn settled(mut self) -> Option<(Self, [f64; 2])> {
+        let mut scales_rad = self.weigh();
+        for _ in 0..ROUNDS {
+            self = self.minimized()?;
+            let before = std::mem::replace(&mut scales_rad, self.weigh());
+            let changes = before
+                .iter()
+                .zip(scales_rad)
+                .map(|(before, now)| (now / before - 1.0).abs());
+            if changes.fold(0.0, f64::max) < SETTLED {
+                break;
+            }
+        }
+        Some((self, scales_rad))
+    }
+
     /// With the unknowns at which these weights have their least sum of squares; `None` if there is no convergence.
     fn minimized(self) -> Option<Self> {
+        // Tolerances are the scales: with those of the derivatives a search would begin with steps of a hundredth of what it needs.
         let (solved, report) = LevenbergMarquardt::new()
             .with_ftol(CONVERGED)
-            .with_xtol(CONVERGED)
+            .with_xtol(UNKNOWNS_CONVERGED)
+            .with_scale_diag(false)
+            .with_stepbound(FIRST_STEP)
             .minimize(self);
         let is_done = report.termination.was_successful();
         if !is_done {
@@ -276,19 +315,18 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     fn jacobian(&self) -> Option<DMatrix<f64>> {
         let rig = self.task.rig(&self.unknowns);
         let looks = self.task.look(&rig);
+        let here = self.task.missed(&looks, self.task.leans(&self.unknowns));
+        let here = self.rows(&here, &self.unknowns);
         let column = |at: usize| {
-            let side = |by: f64| {
-                let mut unknowns = self.unknowns.clone();
-                unknowns[at] += by;
-                // How the mirrors stand changes nothing of what is seen.
-                let beside = (at < self.task.parameters.len())
-                    .then(|| self.task.look_beside(&self.task.rig(&unknowns), (&rig, &looks)));
-                let residuals = self
-                    .task
-                    .missed(beside.as_ref().unwrap_or(&looks), self.task.leans(&unknowns));
-                self.rows(&residuals, &unknowns)
-            };
-            (side(STEP) - side(-STEP)) / (2.0 * STEP)
+            let mut unknowns = self.unknowns.clone();
+            unknowns[at] += STEP;
+            // How the mirrors stand changes nothing of what is seen.
+            let beside = (at < self.task.parameters.len())
+                .then(|| self.task.look_beside(&self.task.rig(&unknowns), (&rig, &looks)));
+            let residuals = self
+                .task
+                .missed(beside.as_ref().unwrap_or(&looks), self.task.leans(&unknowns));
+            (self.rows(&residuals, &unknowns) - &here) / STEP
         };
         let columns: Vec<DVector<f64>> = (0..self.unknowns.len()).into_par_iter().map(column).collect();
         Some(DMatrix::from_columns(&columns))
@@ -307,11 +345,10 @@ pub(super) struct Sketch {
 
 /// Fits roughly; `None` if that does not converge.
 pub(super) fn sketch(task: Task) -> Option<Sketch> {
-    let mut problem = Problem {
+    let mut problem = Problem::at(
         task,
-        unknowns: DVector::zeros(task.parameters.len() + 2 * task.mounts.len()),
-        weights: Vec::new(),
-    };
+        DVector::zeros(task.parameters.len() + 2 * task.mounts.len()),
+    );
     for _ in 0..2 {
         problem.weigh();
         problem = problem.minimized()?;
@@ -327,16 +364,10 @@ pub(super) fn sketch(task: Task) -> Option<Sketch> {
 /// not converge.
 pub(super) fn solve(task: Task) -> Option<Solution> {
     let unknowns = task.parameters.len() + 2 * task.mounts.len();
-    let mut problem = Problem {
-        task,
-        unknowns: DVector::zeros(unknowns),
-        weights: Vec::new(),
-    };
-    let mut scales_rad = problem.weigh();
-    for _ in 0..ROUNDS {
-        problem = problem.minimized()?;
-        scales_rad = problem.weigh();
-    }
+    let few = task.seen.thinned(BEGUN);
+    let begun = Problem::at(Task { seen: &few, ..task }, DVector::zeros(unknowns)).settled();
+    let begun = begun.map_or_else(|| DVector::zeros(unknowns), |(begun, _)| begun.unknowns);
+    let (mut problem, scales_rad) = Problem::at(task, begun).settled()?;
     let seen = problem.residuals()?;
     // Without what is stated of the unknowns.
     let seen = seen.rows(0, seen.len() - unknowns);

@@ -224,7 +224,7 @@ mod tests {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(5);
         let standard = Held::Sample(Arc::from(crate::brdf::sample::parse("lambert:0.98").unwrap()));
         let (mut found, mut smaller, mut refused) = (0, 0, 0);
-        for draw in 0..24 {
+        for draw in 0..12 {
             let mut rig = drawn(["rcg-1-16bit", "rcg-2", "rcg-3", "dmd"][draw % 4], &mut rng);
             if draw % 3 == 0 {
                 // A little brighter than the shortest series takes, with whole spots.
@@ -260,7 +260,7 @@ mod tests {
         }
         println!("{found} found, {smaller} of them with smaller spots, {refused} refused");
         assert!(
-            found >= 12 && smaller >= 2 && refused >= 1,
+            found >= 6 && smaller >= 1 && refused >= 1,
             "{found} {smaller} {refused}"
         );
     }

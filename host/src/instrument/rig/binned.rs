@@ -26,7 +26,9 @@ const BITS: u8 = 16;
 /// without which the low noise of a mean would leave the same rounding in all frames.
 pub(crate) const ROUNDING_DN2: f64 = 1.0 / 6.0;
 /// Terms of the series for rounding; without any noise those left out hold 5 % of its variance.
-const TERMS: u32 = 12;
+const TERMS: f64 = 12.0;
+/// Noise, in steps, times the number of the term from which on terms are below 10⁻¹⁷: exp(−½(2π·1.41)²).
+const FADED: f64 = 1.41;
 
 /// `camera` with its image binned to `size_px` × `size_px` pixels, of which its sensor has as many at least.
 pub(super) fn camera(camera: &CameraPart, size_px: u32) -> CameraPart {
@@ -98,7 +100,7 @@ impl Binned {
         }
         let noise = self.read_noise_e / self.step_e;
         let term = |k: f64| (-(TAU * k * noise).powi(2)).exp() / (TAU * k * PI * k);
-        self.step_e * self.step_e * (1..=TERMS).map(|k| term(f64::from(k))).sum::<f64>()
+        self.step_e * self.step_e * (1..=TERMS as u32).map(|k| term(f64::from(k))).sum::<f64>()
     }
 
     /// The mean error by rounding, in electrons of one pixel, where one pixel holds `charge_e` electrons with noise of a
@@ -112,12 +114,21 @@ impl Binned {
         if noise < 0.01 {
             return (at.round() - at) * self.step_e;
         }
-        let term = |k: u32| {
+        // Σₖ (−1)ᵏ sin(kα)/(πk)·q^(k²): both by recurrence, up to where no term changes a digit of the sum.
+        let (sin, cos) = (TAU * at).sin_cos();
+        let q = (-0.5 * (TAU * noise).powi(2)).exp();
+        let (mut before, mut sine) = (0.0, sin);
+        let (mut faded, mut ratio) = (q, q * q * q);
+        let mut sum = 0.0;
+        let last = (FADED / noise).min(TERMS) as u32;
+        for k in 1..=last.max(1) {
             let sign = if k.is_multiple_of(2) { 1.0 } else { -1.0 };
-            let k = f64::from(k);
-            sign * (TAU * k * at).sin() / (PI * k) * (-0.5 * (TAU * k * noise).powi(2)).exp()
-        };
-        self.step_e * (1..=TERMS).map(term).sum::<f64>()
+            sum += sign * sine / (PI * f64::from(k)) * faded;
+            (before, sine) = (sine, 2.0 * cos * sine - before);
+            faded *= ratio;
+            ratio *= q * q;
+        }
+        self.step_e * sum
     }
 }
 

@@ -5,7 +5,7 @@ use std::f64::consts::FRAC_1_PI;
 use super::observations::Observation;
 use super::shape::Shape;
 use crate::brdf::quadrature::mean_f;
-use crate::brdf::sample::{Ggx, Sample, Turned, Ward};
+use crate::brdf::sample::{Ggx, LobeParts, Sample, Turned, Ward};
 
 /// Which model is fitted.
 ///
@@ -68,15 +68,17 @@ impl Model {
     /// Means over light and pixel of the parts of f = ρd/π + `0` + strength·`1`, in sr⁻¹.
     pub(super) fn parts(self, shape: Shape, seen: &Observation) -> [f64; 2] {
         let (light, places) = (shape.along_axes(&seen.light), shape.along_axes(&seen.places));
-        let mean = |strength| {
-            let sample = self.along_axes(shape.alpha, 0.0, strength);
-            mean_f(&light.map(|wi| sample.incident(wi)), &places.map(Some))[0]
-        };
-        let none = match self {
-            Self::Ward => 0.0,
-            Self::Ggx => mean(0.0),
-        };
-        [none, mean(1.0) - none]
+        let (places, alpha) = (places.map(Some), shape.alpha);
+        match self {
+            Self::Ward => {
+                let lobe = self.along_axes(alpha, 0.0, 1.0);
+                [0.0, mean_f(&light.map(|wi| lobe.incident(wi)), &places)[0]]
+            }
+            Self::Ggx => {
+                let [none, rise, _] = mean_f(&light.map(|wi| LobeParts::incident(alpha, wi)), &places);
+                [none, rise]
+            }
+        }
     }
 }
 

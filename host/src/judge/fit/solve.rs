@@ -86,6 +86,20 @@ fn shape(unknowns: &DVector<f64>) -> Shape {
     Shape::of_unknowns([unknowns[0], unknowns[1], unknowns[2]])
 }
 
+impl<'a> Problem<'a> {
+    fn new(model: Model, seen: &'a Observations, sharp: &'a Observations, range: Range) -> Self {
+        Self {
+            model,
+            seen,
+            sharp,
+            weights: Vec::new(),
+            range,
+            unknowns: DVector::zeros(SHAPE + 2 * seen.channels),
+            parts: Vec::new(),
+        }
+    }
+}
+
 impl Problem<'_> {
     fn parts_at(&self, shape: Shape, seen: &Observations) -> Vec<[f64; 2]> {
         seen.all
@@ -118,6 +132,13 @@ impl Problem<'_> {
             .alpha
             .iter()
             .all(|alpha| ALPHA.contains(alpha))
+    }
+
+    /// At the unknowns `from`, with the weights that belong to them.
+    fn started(mut self, from: &DVector<f64>) -> Self {
+        self.set_params(from);
+        self.weigh();
+        self
     }
 
     /// Where a search from here ends, and whether that is a minimum.
@@ -272,6 +293,28 @@ pub(super) fn unknowns(
     Ok((found.problem.unknowns, found.is_converged))
 }
 
+/// Where a search from `from` ends in few of the samples: most of the way goes as well with them. Where it leaves the range of lobes, or finds
+/// no end, all of them have to say so, and it is `from`.
+fn near(
+    model: Model,
+    seen: &Observations,
+    sharp: &Observations,
+    from: &DVector<f64>,
+    range: Range,
+) -> DVector<f64> {
+    if seen.all.len() <= 2 * TRIED {
+        return from.clone();
+    }
+    let stride = seen.all.len().div_ceil(TRIED);
+    let (few, sharp) = (seen.every(stride), sharp.every(stride));
+    let (rough, is_found) = Problem::new(model, &few, &sharp, range).started(from).minimized();
+    if is_found && rough.is_in_range() {
+        rough.unknowns
+    } else {
+        from.clone()
+    }
+}
+
 /// The minimum that [`solve`] is about.
 ///
 /// # Errors
@@ -283,17 +326,8 @@ fn minimum<'a>(
     from: &DVector<f64>,
     range: Range,
 ) -> Result<Minimum<'a>, FitError> {
-    let mut problem = Problem {
-        model,
-        seen,
-        sharp,
-        weights: Vec::new(),
-        range,
-        unknowns: from.clone(),
-        parts: Vec::new(),
-    };
-    problem.set_params(from);
-    problem.weigh();
+    let begin = near(model, seen, sharp, from, range);
+    let mut problem = Problem::new(model, seen, sharp, range).started(&begin);
     let mut is_converged = true;
     // Once more with the weights that belong to the solution.
     for _ in 0..2 {
@@ -405,15 +439,7 @@ fn covariance(
 pub(super) fn start(model: Model, seen: &Observations, range: Range) -> DVector<f64> {
     let seen = &seen.every(seen.all.len().div_ceil(TRIED));
     let channels = seen.channels;
-    let mut problem = Problem {
-        model,
-        seen,
-        sharp: seen,
-        weights: Vec::new(),
-        range,
-        unknowns: DVector::zeros(SHAPE + 2 * channels),
-        parts: Vec::new(),
-    };
+    let mut problem = Problem::new(model, seen, seen, range);
     // The variances of the values as they are: only the start depends on them.
     problem.weights = (0..seen.all.len() * channels)
         .map(|at| {
