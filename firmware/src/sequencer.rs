@@ -14,7 +14,7 @@ use crate::pulse::{Outline, StepWords, WordFormat};
 use crate::store::Store;
 
 /// Sequencer and the schedule that it plays.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Sequencer {
     state: State,
     program: Option<Program>,

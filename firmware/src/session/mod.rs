@@ -102,7 +102,7 @@ pub enum EngineCommand {
 }
 
 /// One controller's end of the conversation.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Session {
     clock_hz: u32,
     unit: Unit,
