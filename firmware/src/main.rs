@@ -42,6 +42,7 @@ async fn main(spawner: embassy_executor::Spawner) {
         kept,
     } = board::Board::take();
     controller::install(clock, seed, unit, kept, pulse);
+    controller::recall(clock, unit.reset == rcg_protocol::Reset::PowerOn);
     uart::spawn(spawner, uart);
     usb::spawn(spawner, usb, unit.serial);
 

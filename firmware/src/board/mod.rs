@@ -29,6 +29,7 @@ mod last_resort;
 pub(crate) mod programs;
 mod vectors;
 
+pub(crate) use kept::schedule;
 pub(crate) use last_resort::{boot_loader, reset};
 
 use embassy_rp::clocks::{ClockConfig, RoscRng, clk_sys_freq};

@@ -11,7 +11,7 @@ use rcg_firmware::kept::Kept;
 use rcg_firmware::progress::Progress;
 use rcg_firmware::pulse::{SYNC_LATENCY, SYNC_READY};
 use rcg_firmware::session::Session;
-use rcg_protocol::{Extent, Input, Inputs, Pace, Pulse, Start, Step, StepId, Ticks};
+use rcg_protocol::{Extent, Input, Inputs, Pace, Pulse, Start, Step, StepId, Stored, Ticks};
 
 /// From one moment to the next: a millisecond, after which a poll is due.
 pub(crate) const HALF: u64 = 125_000;
@@ -57,6 +57,8 @@ enum Seen {
 /// What really happened in a run. Times count from its origin, as those of records do.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Truth {
+    /// Steps of the schedule, unless it is a stream.
+    pub(crate) total: Option<u64>,
     /// Starts of its steps.
     pub(crate) steps: Vec<u64>,
     /// Leading and trailing edges of STROBE.
@@ -417,7 +419,10 @@ impl PulseEngine for Engine {
             wrong: self.wrong,
             ..Self::new()
         };
-        self.truths.push(Truth::default());
+        self.truths.push(Truth {
+            total: self.total,
+            ..Truth::default()
+        });
     }
 
     fn go(&mut self, start: Start, session: &mut Session) {
@@ -462,6 +467,16 @@ impl PulseEngine for Engine {
         if self.phase != Phase::Resting {
             self.wrong = Some("a polarity is kept while a run goes on");
         }
+    }
+
+    fn store(&mut self, _: u16, _: &[u8]) {
+        if self.phase != Phase::Resting {
+            self.wrong = Some("a page is written while a run goes on");
+        }
+    }
+
+    fn stored(&mut self) -> Option<Stored> {
+        None
     }
 
     fn inputs(&mut self) -> Inputs {
