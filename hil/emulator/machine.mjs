@@ -88,14 +88,14 @@ export class Machine {
     this.world.at(this.cycle + NOISE_CYCLES, hear);
   }
 
-  startChip() {
+  startChip({ powerWasOff } = {}) {
     const before = this.chip;
     if (before) {
       this.overruns += before.uart.overruns;
       const { reads, misses } = this.flashReads;
       this.flash = { reads, misses };
     }
-    this.chip = new Chip(this, this.wires, before, this.options);
+    this.chip = new Chip(this, this.wires, before, { ...this.options, powerWasOff });
     this.wires.connect(this.chip.mcu);
     this.chip.mcu.onBreak = (code) => this.halt(`BKPT ${code}`);
     this.chip.mcu.onLockup = (address) => this.halt(`lockup at 0x${address.toString(16)}`);
@@ -210,9 +210,14 @@ export class Machine {
     this.resetRequested = true;
   }
 
-  reset() {
+  /** The power goes off and comes back. */
+  power() {
+    this.reset({ powerWasOff: true });
+  }
+
+  reset({ powerWasOff = false } = {}) {
     this.resetRequested = false;
-    this.startChip();
+    this.startChip({ powerWasOff });
     this.chip.boot();
     this.cpuFree = this.cycle;
     this.why = 'reset';

@@ -177,6 +177,11 @@ const HANDLERS = {
     return {};
   },
 
+  power(_, machine) {
+    machine.power();
+    return {};
+  },
+
   levels(_, { wires }) {
     const gpio = {};
     for (const pin of Object.values(LINES)) gpio[pin] = { level: wires.levels[pin], driven: wires.isDriven(pin) };
