@@ -17,7 +17,7 @@ export const LINES = { proj: 2, cam: 3, sync: 4, strobe: 5, auxA: 6, auxB: 7, ph
 const PINS = 30;
 /** Lines that the box listens to. */
 export const INPUTS = new Set([LINES.sync, LINES.strobe, LINES.photo, LINES.start]);
-const OUTPUTS = new Set([LINES.proj, LINES.cam, LINES.auxA, LINES.auxB]);
+export const OUTPUTS = new Set([LINES.proj, LINES.cam, LINES.auxA, LINES.auxB]);
 const WATCHED = new Set([...OUTPUTS, ...INPUTS]);
 /** Cycles of the input synchroniser: two flip-flops. */
 const SYNC_CYCLES = 2;
@@ -66,6 +66,8 @@ export class Machine {
     this.world = new World((cycle) => this.expect(cycle));
     this.wires = new Wires(PINS, WATCHED, (pin, level) => this.edge(pin, level));
     if (inputSync) this.wires.later = (action) => this.world.at(this.stamp + SYNC_CYCLES, action);
+    /** Outputs with a wire to an input. */
+    this.jumpers = new Map();
     this.strobe = null;
     this.vsync = null;
     this.profile = null;
@@ -238,6 +240,7 @@ export class Machine {
     if (!OUTPUTS.has(pin) && this.wires.outside[pin] < 0) return;
     this.edges.push(this.stamp, pin, level);
     if (pin === LINES.cam) this.strobe?.camEdge(this.stamp, level);
+    if (this.jumpers.has(pin)) this.drive(this.jumpers.get(pin), level, this.stamp + 1);
     if (OUTPUTS.has(pin) && this.until.has('edge')) this.why ??= 'edge';
   }
 
@@ -258,6 +261,12 @@ export class Machine {
 
   drive(pin, level, cycle = this.stamp) {
     this.world.at(Math.max(cycle, this.stamp), () => this.wires.drive(pin, level));
+  }
+
+  /** A wire from an output to an input, which has its level from the next cycle on. */
+  jumper(from, to) {
+    this.jumpers.set(from, to);
+    this.drive(to, this.wires.levels[from]);
   }
 
   setStrobe(parameters) {

@@ -1,6 +1,6 @@
 // What a client may ask for: one JSON object per request, one per answer. hil/emulator/README.md has the table.
 import { Profile } from './profile.mjs';
-import { INPUTS, LINES } from './machine.mjs';
+import { INPUTS, LINES, OUTPUTS } from './machine.mjs';
 import { Rtt } from './rtt.mjs';
 
 const RAM = 0x20000000;
@@ -19,6 +19,7 @@ const KINDS = {
   word: [(value) => isInteger(value) && value >= 0 && value <= 0xffffffff, 'an unsigned 32-bit integer'],
   level: [(value) => value === 0 || value === 1, '0 or 1'],
   input: [(value) => INPUTS.has(value), `one of ${[...INPUTS].join(', ')}`],
+  output: [(value) => OUTPUTS.has(value), `one of ${[...OUTPUTS].join(', ')}`],
   list: [isList, 'a list of integers'],
   flag: [(value) => typeof value === 'boolean', 'true or false'],
   hex: [(value) => typeof value === 'string' && /^([0-9a-f]{2})*$/i.test(value), 'bytes in hexadecimal'],
@@ -92,6 +93,11 @@ const HANDLERS = {
   drive(_, machine, request) {
     const pin = take(request, 'gpio', 'input');
     machine.drive(pin, take(request, 'level', 'level'), take(request, 'at', 'cycle', machine.stamp));
+    return {};
+  },
+
+  jumper(_, machine, request) {
+    machine.jumper(take(request, 'from', 'output'), take(request, 'to', 'input'));
     return {};
   },
 

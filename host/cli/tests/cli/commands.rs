@@ -215,6 +215,8 @@ fn of_trigger_box(action: &str, records: &[String]) -> Vec<String> {
         }
         "stop" | "update" => return Vec::new(),
         "bench" => "--count 3",
+        "store" => "--steps 3 --start-on-line --repeat 2",
+        "forget" => "",
         "pulse" => "proj --width 5us --count 3",
         "hold" => "cam high --for 2ms",
         "probe" => "--for 30ms --every 10ms",
