@@ -13,6 +13,9 @@ import { UartLine } from './link/uart-line.mjs';
 import { UsbHost } from './link/usb-host.mjs';
 import { randomFrom } from './random.mjs';
 
+/** The watchdog's reason where software has forced the reset. */
+const FORCED = 2;
+
 export const LINES = { proj: 2, cam: 3, sync: 4, strobe: 5, auxA: 6, auxB: 7, photo: 8, start: 9, led: 25 };
 const PINS = 30;
 /** Lines that the box listens to. */
@@ -62,6 +65,7 @@ export class Machine {
     this.until = new Set();
     this.why = null;
     this.resetRequested = false;
+    this.inBootLoader = false;
     this.plugged = true;
     this.world = new World((cycle) => this.expect(cycle));
     this.wires = new Wires(PINS, WATCHED, (pin, level) => this.edge(pin, level));
@@ -212,8 +216,24 @@ export class Machine {
     this.resetRequested = true;
   }
 
+  /** The firmware leaves for the boot loader. */
+  requestBootLoader() {
+    this.inBootLoader = true;
+    this.resetRequested = true;
+  }
+
+  /** The boot loader writes `image` to flash and starts it, with the watchdog's help. */
+  take(image) {
+    this.image = image;
+    this.chip.load(image);
+    this.chip.watchdog.reason = FORCED;
+    this.inBootLoader = false;
+    this.reset();
+  }
+
   /** The power goes off and comes back. */
   power() {
+    this.inBootLoader = false;
     this.reset({ powerWasOff: true });
   }
 
@@ -221,8 +241,10 @@ export class Machine {
     this.resetRequested = false;
     this.startChip({ powerWasOff });
     this.chip.boot();
+    // The boot loader is not played: the CPU waits for what does not come.
+    this.core.waiting = this.inBootLoader;
     this.cpuFree = this.cycle;
-    this.why = 'reset';
+    this.why = this.inBootLoader ? 'boot' : 'reset';
   }
 
   halt(reason) {

@@ -1,6 +1,6 @@
-// What firmware finds of the boot ROM: its mark, and a table of functions. Those that copy, erase and program are there; all others do nothing
+// What firmware finds of the boot ROM: its mark, and a table of functions. Those that copy, erase, program and leave for the boot loader are there; all others do nothing
 // but return. The boot itself is not played.
-import { FLASH_REQUEST } from './ssi.mjs';
+import { BOOT_REQUEST, FLASH_REQUEST } from './ssi.mjs';
 
 const code = (name) => name.charCodeAt(0) | (name.charCodeAt(1) << 8);
 const word = (value) => [value & 0xffff, value >>> 16];
@@ -11,6 +11,7 @@ const LOOK_UP = 0x80;
 const TABLE = 0xa0;
 const ERASE = 0xd0;
 const PROGRAM = 0xe0;
+const BOOT_LOADER = 0xf0;
 
 /** Thumb code and words by address. */
 const CODE = {
@@ -24,12 +25,15 @@ const CODE = {
     ['C4', COPY],
     ['RE', ERASE],
     ['RP', PROGRAM],
+    ['UB', BOOT_LOADER],
     [null, RETURN],
   ].flatMap(([name, address]) => [...word(name ? code(name) : 0), ...word(address | 1)]),
   // Erases r1 bytes of flash from r0 on: r3 = FLASH_REQUEST; r0, r1 and 0 go there.
   [ERASE]: [0x4b02, 0x6018, 0x6059, 0x2000, 0x6098, 0x4770, ...word(FLASH_REQUEST)],
   // Programs r2 bytes of flash from r0 on with those at r1: r3 = FLASH_REQUEST; r0, r2 and r1 go there.
   [PROGRAM]: [0x4b02, 0x6018, 0x605a, 0x6099, 0x4770, 0xbf00, ...word(FLASH_REQUEST)],
+  // Leaves for the boot loader: r3 = BOOT_REQUEST; anything goes there, and nothing comes after it.
+  [BOOT_LOADER]: [0x4b01, 0x6018, 0xe7fe, 0xbf00, ...word(BOOT_REQUEST)],
 };
 
 /** The words from address 0 on. */

@@ -61,6 +61,7 @@ export class Chip {
       return pio;
     });
     mcu.peripherals[SSI] = new Ssi(mcu, 'SSI', options.uniqueId ?? UNIQUE_ID);
+    mcu.peripherals[SSI].onBootLoader = () => time.requestBootLoader();
     mcu.bootrom.set(bootRom());
     mcu.uart = mcu.uart.map((stock) => new Uart(mcu, stock.name, stock.irq, stock.dreq));
     mcu.peripherals[UART0] = mcu.uart[0];

@@ -21,6 +21,9 @@ const DR_END = 0xf0;
 export const FLASH_REQUEST = 0x18000100;
 const REQUEST = FLASH_REQUEST & 0xfff;
 
+/** What is written here leaves for the boot loader. */
+export const BOOT_REQUEST = FLASH_REQUEST + 0x10;
+
 const SECTOR = 4096;
 const PAGE = 256;
 
@@ -38,6 +41,8 @@ export class Ssi extends BasePeripheral {
   constructor(rp2040, name, uniqueId) {
     super(rp2040, name);
     this.values = new Map();
+    /** The boot loader is to be entered. */
+    this.onBootLoader = () => {};
     this.answers = {
       [READ_STATUS_1]: [0, 0],
       [READ_STATUS_2]: [0, QUAD_ENABLED],
@@ -80,6 +85,10 @@ export class Ssi extends BasePeripheral {
   }
 
   writeUint32(offset, value) {
+    if (offset === (BOOT_REQUEST & 0xfff)) {
+      this.onBootLoader();
+      return;
+    }
     if (offset >= REQUEST) {
       this.values.set(offset, value >>> 0);
       const [from, length] = [0, 4].map((word) => this.values.get(REQUEST + word));

@@ -12,7 +12,7 @@ export const ELF =
 export const withoutFirmware = fs.existsSync(ELF) ? false : `no firmware at ${ELF}: build it with "cargo fw"`;
 
 const REQUEST = {
-  hello: 0, status: 3, load: 4, append: 5, arm: 6, start: 7, stop: 8, abort: 9, keep: 16, keepAux: 19, repeat: 22, store: 23, stored: 24,
+  hello: 0, status: 3, load: 4, append: 5, arm: 6, start: 7, stop: 8, abort: 9, describe: 1, boot: 15, keep: 16, keepAux: 19, repeat: 22, store: 23, stored: 24,
 };
 
 /** A postcard integer. */

@@ -1,7 +1,9 @@
 // The flash is written by the boot ROM: what the firmware keeps there is there after the power was off.
 import assert from 'node:assert/strict';
+import fs from 'node:fs';
 import { test } from 'node:test';
-import { Box, crc32, frame, kept, loading, step, varint, withoutFirmware } from '../rig/box.mjs';
+import { readImage } from '../image.mjs';
+import { Box, ELF, crc32, frame, kept, loading, step, varint, withoutFirmware } from '../rig/box.mjs';
 
 const skip = withoutFirmware;
 const HZ = 125_000_000;
@@ -83,4 +85,43 @@ test('one bit that is lost of a schedule, and nothing runs', { skip }, () => {
   box.power().run(HZ / 10);
   assert.deepEqual(rises(box), []);
   assert.deepEqual(box.hello().request('stored').slice(1), [0]);
+});
+
+const OTHER = `${ELF}-200mhz`;
+const skipUpdate = skip || (fs.existsSync(OTHER) ? false : `no other firmware at ${OTHER}`);
+
+test('it leaves for its boot loader, takes another firmware and comes back with what it kept', { skip: skipUpdate }, () => {
+  const box = new Box().hello();
+  box.request('keep', [0, 1, 0, 0]);
+  store(box, 0);
+  const clock = (hz) => Buffer.from(box.request('describe')).includes(Buffer.from(varint(hz)));
+  assert.ok(clock(HZ) && !clock(200_000_000));
+  box.request('boot');
+  assert.equal(box.run(HZ / 5), 'boot');
+  // There the outputs float.
+  assert.ok(OUTPUTS.every((pin) => !box.machine.wires.isDriven(pin)));
+  assert.equal(box.run(HZ), 'cycles');
+  box.machine.take(readImage(OTHER));
+  box.run(HZ / 5);
+  box.edges.length = 0;
+  box.hello();
+  assert.ok(clock(200_000_000) && !clock(HZ));
+  assert.deepEqual(levels(box), [0, 1, 0, 0]);
+  // What was meant for another clock is not run, nor after an update.
+  box.run(HZ / 10);
+  assert.deepEqual(rises(box), []);
+  assert.deepEqual(box.request('stored').slice(1), [0]);
+});
+
+test('an update does not begin a schedule that is kept', { skip }, () => {
+  const box = new Box().hello();
+  store(box, 0);
+  box.request('boot');
+  assert.equal(box.run(HZ / 5), 'boot');
+  box.machine.take(readImage(ELF));
+  box.run(HZ / 5);
+  assert.deepEqual(rises(box), []);
+  assert.equal(box.hello().request('stored')[1], 1);
+  box.power().run(HZ / 50);
+  assert.ok(rises(box).length > 0);
 });
