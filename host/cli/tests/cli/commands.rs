@@ -208,7 +208,7 @@ impl Scene {
 /// Words behind an action of the trigger box; none where there is nothing to be stopped, and nothing that takes another firmware.
 fn of_trigger_box(action: &str, records: &[String]) -> Vec<String> {
     let words = match action {
-        "info" | "status" | "abort" => "",
+        "info" | "status" | "abort" | "forget" => "",
         "run" => {
             let lines = records.iter().map(|file| format!("--steps 3 --records {file}"));
             return lines.collect();
@@ -216,7 +216,6 @@ fn of_trigger_box(action: &str, records: &[String]) -> Vec<String> {
         "stop" | "update" => return Vec::new(),
         "bench" => "--count 3",
         "store" => "--steps 3 --start-on-line --repeat 2",
-        "forget" => "",
         "pulse" => "proj --width 5us --count 3",
         "hold" => "cam high --for 2ms",
         "probe" => "--for 30ms --every 10ms",
