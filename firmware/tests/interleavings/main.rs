@@ -99,7 +99,7 @@ fn search(world: World, asks: &[Request]) -> Found {
 /// What happened on the way.
 fn told(way: &[Stop]) -> String {
     let taken = way.iter().filter_map(|stop| stop.taken.as_ref());
-    taken.map(|step| format!("\n  {step:?}")).collect()
+    taken.fold(String::new(), |told, step| format!("{told}\n  {step:?}"))
 }
 
 /// A table of so many cycles of two steps, and a host that has to be heard every five moments.

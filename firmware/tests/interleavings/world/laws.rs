@@ -186,7 +186,7 @@ impl World {
     pub(crate) fn check_rest(&self) -> Result<(), String> {
         let sequencer = self.session.sequencer();
         law!(!self.is_live(), "a run never ends: {}", self.state());
-        let triggers: u64 = self.engine.truths.iter().map(|truth| truth.triggers()).sum();
+        let triggers: u64 = self.engine.truths.iter().map(Truth::triggers).sum();
         let lost = u64::from(self.session.counters().records_lost);
         law!(
             triggers == self.records + lost,
