@@ -180,6 +180,8 @@ impl World {
     /// With a link that takes one message at a time, of which so many wait already.
     pub(crate) fn slow(mut self, waiting: u32) -> Self {
         self.slow = true;
+        // With more there may be no place for an answer, which is then given when it is asked for again.
+        self.lossy = waiting > 12;
         self.budget.asks = u8::MAX;
         for number in 0..waiting {
             self.take(&Move::Ask(Request::Ping(number))).expect("a ping");
