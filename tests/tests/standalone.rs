@@ -207,7 +207,7 @@ fn a_host_finds_it_running_and_ends_it() {
     let (mut unit, _) = Cabled::on(device.link().unit.memory().clone(), CLOCK_HZ);
     assert!(unit.wait(200)[0].is_empty(), "it is forgotten");
     // The box that was switched off before still had it.
-    assert_eq!(Cabled::on(memory, CLOCK_HZ).0.wait(100)[0].len(), 6 * 2);
+    assert_eq!(Cabled::on(memory, CLOCK_HZ).0.wait(120)[0].len(), 6 * 2);
 }
 
 #[test]
