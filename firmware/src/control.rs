@@ -5,7 +5,7 @@
 //! whoever goes on until there is none leaves no halt behind that is not told of, and a request that comes then finds
 //! the run at its end.
 
-use rcg_protocol::{Input, Inputs, Request, Start, Ticks, ToDevice};
+use rcg_protocol::{Fault, Input, Inputs, Request, Start, Stored, Ticks, ToDevice};
 
 use crate::kept::Kept;
 use crate::session::{EngineCommand, Session};
@@ -30,6 +30,12 @@ pub trait PulseEngine {
     /// [`EngineCommand::Keep`].
     fn keep(&mut self, kept: Kept);
 
+    /// Writes `bytes` to `page` of the memory that schedules are kept in, and erases the sector first that it begins. The engine rests.
+    fn store(&mut self, page: u16, bytes: &[u8]);
+
+    /// What that memory keeps, if it is whole.
+    fn stored(&mut self) -> Option<Stored>;
+
     /// What stands at the inputs.
     fn inputs(&mut self) -> Inputs;
 
@@ -39,14 +45,37 @@ pub trait PulseEngine {
 
 /// Passes `message` on to `session`, with what it needs to know of `engine`, and carries out what comes of it.
 pub fn request(engine: &mut impl PulseEngine, session: &mut Session, now: Ticks, message: &ToDevice) {
-    if message.request == Request::Inputs {
+    // Not by `==`, which would compare the steps of schedules, too, and takes as much code.
+    if matches!(message.request, Request::Inputs) {
         session.seen(engine.inputs());
     }
-    if message.request == Request::Photo {
+    if matches!(message.request, Request::Photo) {
         session.photo_seen(engine.photo());
     }
     session.request(now, message);
+    if let &Request::Store { page, ref bytes } = &message.request
+        && session.takes_page()
+    {
+        engine.store(page, bytes);
+        // Pages of what is not described yet are nobody's schedule.
+        session.set_stored(if page == 0 { engine.stored() } else { None });
+    }
     obey(engine, session);
+}
+
+/// Makes a request that was kept, and carries out what comes of it.
+///
+/// # Errors
+/// Why it was refused.
+pub fn recall(
+    engine: &mut impl PulseEngine,
+    session: &mut Session,
+    now: Ticks,
+    request: &Request,
+) -> Result<(), Fault> {
+    session.recall(now, request)?;
+    obey(engine, session);
+    Ok(())
 }
 
 /// Lets `engine` do one small piece of work, and carries out what comes of it. Returns whether there may be more.

@@ -18,13 +18,14 @@ use heapless::Deque;
 use rcg_firmware::control;
 use rcg_firmware::kept::Kept;
 use rcg_firmware::session::Session;
+use rcg_firmware::stored;
 use rcg_protocol::{
     Decoder, Event, Fault, FrameError, Request, Response, Seq, SessionId, State, ToDevice, ToHost, Unit,
     decode, encode,
 };
 use static_cell::{ConstStaticCell, StaticCell};
 
-use crate::board::engine::Engine;
+use crate::board::{self, engine::Engine};
 use crate::board::{Clock, PulseParts};
 use crate::links::{self, LinkId};
 
@@ -63,6 +64,31 @@ pub(crate) fn install(clock: Clock, seed: u32, unit: Unit, kept: Kept, pulse: Pu
     CONTROLLER.lock(|cell| cell.replace(Some(controller)));
     // SAFETY: the handler takes the lock like everybody else, and no code relies on this interrupt being off.
     unsafe { interrupt::DMA_IRQ_0.enable() };
+}
+
+/// Lets the schedule that is kept, if there is one, run as if a host had asked for it. To be called once, at boot; after another reset than
+/// a power-up it is only told of.
+#[unsafe(link_section = ".boot_text")]
+#[inline(never)]
+pub(crate) fn recall(clock: Clock, powered_up: bool) {
+    let Some((stored, requests)) = board::schedule(clock.hz()) else {
+        return;
+    };
+    with(|controller| controller.session.set_stored(Some(stored)));
+    if !powered_up {
+        return;
+    }
+    let made = stored::recall(requests, |request| {
+        let made = with(|controller| {
+            control::recall(&mut controller.engine, controller.session, clock.now(), request)
+        });
+        service();
+        made.unwrap_or(Ok(()))
+    });
+    match made {
+        Ok(()) => defmt::info!("runs the schedule that is kept"),
+        Err(_) => defmt::error!("the schedule that is kept is refused"),
+    }
 }
 
 /// Runs `work` on the controller, alone.

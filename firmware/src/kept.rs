@@ -21,15 +21,19 @@ const AUX_MARK: u32 = 0x5243_4640;
 pub const fn words(kept: Kept) -> [u32; 4] {
     let Kept { lines, aux } = kept;
     let word = MARK
-        | lines.proj_active_low as u32
-        | (lines.cam_active_low as u32) << 1
-        | (lines.sync_active_low as u32) << 2
-        | (lines.strobe_active_low as u32) << 3;
+        | bits([
+            lines.proj_active_low,
+            lines.cam_active_low,
+            lines.sync_active_low,
+            lines.strobe_active_low,
+        ]);
     let further = AUX_MARK
-        | aux.a_active_low as u32
-        | (aux.b_active_low as u32) << 1
-        | (aux.photo_active_low as u32) << 2
-        | (aux.start_active_low as u32) << 3;
+        | bits([
+            aux.a_active_low,
+            aux.b_active_low,
+            aux.photo_active_low,
+            aux.start_active_low,
+        ]);
     [word, !word, further, !further]
 }
 
@@ -37,29 +41,38 @@ pub const fn words(kept: Kept) -> [u32; 4] {
 #[must_use]
 pub const fn kept(words: [u32; 4]) -> Kept {
     let [word, inverted, further, further_inverted] = words;
-    let bits = if word == !inverted && word & !15 == MARK {
-        word & 15
+    let [proj, cam, sync, strobe] = marked(MARK, word, inverted);
+    let [a, b, photo, start] = marked(AUX_MARK, further, further_inverted);
+    Kept {
+        lines: Polarity {
+            proj_active_low: proj,
+            cam_active_low: cam,
+            sync_active_low: sync,
+            strobe_active_low: strobe,
+        },
+        aux: AuxPolarity {
+            a_active_low: a,
+            b_active_low: b,
+            photo_active_low: photo,
+            start_active_low: start,
+        },
+    }
+}
+
+/// Four lines as bits, the first one lowest.
+const fn bits(lines: [bool; 4]) -> u32 {
+    let [a, b, c, d] = lines;
+    a as u32 | (b as u32) << 1 | (c as u32) << 2 | (d as u32) << 3
+}
+
+/// The four lines of `word`, if that has `mark` and is `inverted` behind it; else none.
+const fn marked(mark: u32, word: u32, inverted: u32) -> [bool; 4] {
+    let word = if word == !inverted && word & !15 == mark {
+        word
     } else {
         0
     };
-    let lines = Polarity {
-        proj_active_low: bits & 1 != 0,
-        cam_active_low: bits & 2 != 0,
-        sync_active_low: bits & 4 != 0,
-        strobe_active_low: bits & 8 != 0,
-    };
-    let bits = if further == !further_inverted && further & !15 == AUX_MARK {
-        further & 15
-    } else {
-        0
-    };
-    let aux = AuxPolarity {
-        a_active_low: bits & 1 != 0,
-        b_active_low: bits & 2 != 0,
-        photo_active_low: bits & 4 != 0,
-        start_active_low: bits & 8 != 0,
-    };
-    Kept { lines, aux }
+    [word & 1 != 0, word & 2 != 0, word & 4 != 0, word & 8 != 0]
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@
 //! - [`edges`]: what the PIO counted, as times of edges
 //! - [`kept`]: the polarity that is kept over resets
 //! - [`sequencer`]: idle → loaded → armed → running → done | stopped | aborted | fault
+//! - [`stored`]: a schedule that is kept and run without a host
 //! - [`usb_watch`]: whether USB still gets on
 //! - [`vsync`]: whether SYNC comes as regularly as it should
 //! - [`witness`]: what the camera's STROBE line says about each trigger
@@ -22,7 +23,7 @@
 //! - [`packets`]: frames cut into packets, and what is lost when nobody takes them
 //! - [`session`]: requests in, responses, events and engine commands out
 //! - `uf2`: firmware as a file that the boot loader takes
-//! - `virtual_time`: the box without a board, for tests and what stands in for one
+//! - `virtual_flash`, `virtual_time`: the box without a board, for tests and what stands in for one
 
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
@@ -40,9 +41,12 @@ pub mod sequencer;
 pub mod session;
 pub mod starts;
 pub mod store;
+pub mod stored;
 #[cfg(not(target_os = "none"))]
 pub mod uf2;
 pub mod usb_watch;
+#[cfg(not(target_os = "none"))]
+pub mod virtual_flash;
 #[cfg(not(target_os = "none"))]
 pub mod virtual_time;
 pub mod vsync;

@@ -37,11 +37,13 @@ async fn main(spawner: embassy_executor::Spawner) {
         pulse,
         mut led,
         mut watchdog,
+        powered_up,
         seed,
         unit,
         kept,
     } = board::Board::take();
     controller::install(clock, seed, unit, kept, pulse);
+    controller::recall(clock, powered_up);
     uart::spawn(spawner, uart);
     usb::spawn(spawner, usb, unit.serial);
 

@@ -5,6 +5,8 @@
 //! from its first record on, so it is filled where it will be sent from: a full one is long, and to move it costs a
 //! small CPU as much as to make half of it.
 
+use core::fmt;
+
 use heapless::{Deque, Vec};
 use rcg_protocol::{Event, RECORDS_PER_EVENT, RunId, StepRecord, ToHost};
 
@@ -23,7 +25,7 @@ const EMPTY: ToHost = ToHost::Event(Event::Records {
 });
 
 /// Messages, first in, first out.
-#[derive(Debug)]
+#[derive(Clone)]
 pub struct Outbox {
     /// Slots of the messages that wait, in their order.
     waiting: Deque<u8, OUTBOX>,
@@ -32,6 +34,16 @@ pub struct Outbox {
     /// The slot of the batch; it always holds [`Event::Records`].
     batch: u8,
     slots: [ToHost; SLOTS],
+}
+
+/// What waits and then the batch: which slots these are in is nobody's business.
+impl fmt::Debug for Outbox {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let used = self.waiting.iter().chain([&self.batch]);
+        f.debug_list()
+            .entries(used.map(|&slot| &self.slots[usize::from(slot)]))
+            .finish()
+    }
 }
 
 impl Default for Outbox {

@@ -32,7 +32,7 @@ struct Ahead {
 }
 
 /// The steps of a run that are on their way through the DMA, and how many are through.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Progress {
     pace: Pace,
     words: u32,

@@ -14,7 +14,7 @@ use crate::pulse::{Outline, StepWords, WordFormat};
 use crate::store::Store;
 
 /// Sequencer and the schedule that it plays.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Sequencer {
     state: State,
     program: Option<Program>,
@@ -166,9 +166,12 @@ impl Sequencer {
         use State::{Aborted, Armed, Done, Idle, Loaded, Running, Stopped};
         let streaming = self.program.is_some_and(|p| p.extent == Extent::Stream);
         let legal = match command {
-            Command::Load | Command::Clear | Command::Watch | Command::Boot | Command::Keep => {
-                !matches!(self.state, Armed | Running)
-            }
+            Command::Load
+            | Command::Clear
+            | Command::Watch
+            | Command::Boot
+            | Command::Keep
+            | Command::Store => !matches!(self.state, Armed | Running),
             Command::Append => {
                 self.program.is_some()
                     && !self.store.is_complete()

@@ -16,7 +16,7 @@ pub const MAX_STEPS: usize = 4096;
 pub const MAX_WORDS: usize = 16_384;
 
 /// Words, first in, first out.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 struct Words {
     first: usize,
     len: usize,
@@ -77,7 +77,7 @@ impl Words {
 }
 
 /// Steps as words.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Store {
     /// Index of the next step that may be appended.
     appended: u64,

@@ -11,11 +11,13 @@ extern crate alloc;
 use alloc::collections::VecDeque;
 
 use rcg_protocol::{
-    Decoder, Input, Inputs, Line, MAX_FRAME, Pace, Polarity, Request, Start, Ticks, ToDevice, encode,
+    Decoder, Fault, Input, Inputs, Line, MAX_FRAME, Pace, Polarity, Request, Start, Ticks, ToDevice, encode,
 };
 
 use crate::pulse::{Edge, Played, Reader, SYNC_LATENCY, StepWords, WordFormat};
 use crate::session::{Action, EngineCommand, Session};
+use crate::stored;
+use crate::virtual_flash::VirtualFlash;
 
 /// An edge of the STROBE line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -150,6 +152,7 @@ pub struct VirtualBox<P> {
     /// Since when edges of the inputs are counted, and those of STROBE.
     counts_since: Ticks,
     strobe: Tally,
+    memory: VirtualFlash,
 }
 
 impl<P: Pins> VirtualBox<P> {
@@ -166,7 +169,37 @@ impl<P: Pins> VirtualBox<P> {
             polarity: Polarity::default(),
             counts_since: now,
             strobe: Tally::default(),
+            memory: VirtualFlash::default(),
         }
+    }
+
+    /// The same, switched on with what is kept in `memory`; what it says is handed to `say`, a frame each.
+    ///
+    /// # Errors
+    /// What is wrong with a schedule that is kept; it runs nothing then.
+    pub fn switched_on(
+        mut self,
+        memory: VirtualFlash,
+        mut say: impl FnMut(&[u8]),
+    ) -> (Self, Result<(), Fault>) {
+        self.memory = memory;
+        let memory = self.memory.clone();
+        let Some((stored, requests)) = stored::read(memory.bytes(), self.clock_hz) else {
+            return (self, Ok(()));
+        };
+        self.session.set_stored(Some(stored));
+        let made = stored::recall(requests, |request| {
+            self.session.recall(self.now, request)?;
+            self.act(&mut say);
+            Ok(())
+        });
+        (self, made)
+    }
+
+    /// What is kept over power-downs.
+    #[must_use]
+    pub const fn memory(&self) -> &VirtualFlash {
+        &self.memory
     }
 
     /// What stands at the inputs.
@@ -231,6 +264,13 @@ impl<P: Pins> VirtualBox<P> {
                         self.session.photo_seen(seen.unwrap_or_default());
                     }
                     self.session.request(self.now, &message);
+                    if let &Request::Store { page, ref bytes } = &message.request
+                        && self.session.takes_page()
+                    {
+                        self.memory.store(page, bytes);
+                        let stored = stored::read(self.memory.bytes(), self.clock_hz).filter(|_| page == 0);
+                        self.session.set_stored(stored.map(|(stored, _)| stored));
+                    }
                 }
                 Some(Err(_)) => self.session.corrupt_frame(),
                 None => {}

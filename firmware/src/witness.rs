@@ -59,7 +59,7 @@ pub enum Sighting {
 }
 
 /// Holds triggers against strobes. All times count from the start of the run.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Witness {
     /// The strobe that is on is a spurious one, or of a trigger that is settled already.
     ignore_off: bool,

@@ -13,11 +13,14 @@ import { UartLine } from './link/uart-line.mjs';
 import { UsbHost } from './link/usb-host.mjs';
 import { randomFrom } from './random.mjs';
 
+/** The watchdog's reason where software has forced the reset. */
+const FORCED = 2;
+
 export const LINES = { proj: 2, cam: 3, sync: 4, strobe: 5, auxA: 6, auxB: 7, photo: 8, start: 9, led: 25 };
 const PINS = 30;
 /** Lines that the box listens to. */
 export const INPUTS = new Set([LINES.sync, LINES.strobe, LINES.photo, LINES.start]);
-const OUTPUTS = new Set([LINES.proj, LINES.cam, LINES.auxA, LINES.auxB]);
+export const OUTPUTS = new Set([LINES.proj, LINES.cam, LINES.auxA, LINES.auxB]);
 const WATCHED = new Set([...OUTPUTS, ...INPUTS]);
 /** Cycles of the input synchroniser: two flip-flops. */
 const SYNC_CYCLES = 2;
@@ -62,10 +65,13 @@ export class Machine {
     this.until = new Set();
     this.why = null;
     this.resetRequested = false;
+    this.inBootLoader = false;
     this.plugged = true;
     this.world = new World((cycle) => this.expect(cycle));
     this.wires = new Wires(PINS, WATCHED, (pin, level) => this.edge(pin, level));
     if (inputSync) this.wires.later = (action) => this.world.at(this.stamp + SYNC_CYCLES, action);
+    /** Outputs with a wire to an input. */
+    this.jumpers = new Map();
     this.strobe = null;
     this.vsync = null;
     this.profile = null;
@@ -88,14 +94,14 @@ export class Machine {
     this.world.at(this.cycle + NOISE_CYCLES, hear);
   }
 
-  startChip() {
+  startChip({ powerWasOff } = {}) {
     const before = this.chip;
     if (before) {
       this.overruns += before.uart.overruns;
       const { reads, misses } = this.flashReads;
       this.flash = { reads, misses };
     }
-    this.chip = new Chip(this, this.wires, before, this.options);
+    this.chip = new Chip(this, this.wires, before, { ...this.options, powerWasOff });
     this.wires.connect(this.chip.mcu);
     this.chip.mcu.onBreak = (code) => this.halt(`BKPT ${code}`);
     this.chip.mcu.onLockup = (address) => this.halt(`lockup at 0x${address.toString(16)}`);
@@ -210,12 +216,35 @@ export class Machine {
     this.resetRequested = true;
   }
 
-  reset() {
+  /** The firmware leaves for the boot loader. */
+  requestBootLoader() {
+    this.inBootLoader = true;
+    this.resetRequested = true;
+  }
+
+  /** The boot loader writes `image` to flash and starts it, with the watchdog's help. */
+  take(image) {
+    this.image = image;
+    this.chip.load(image);
+    this.chip.watchdog.reason = FORCED;
+    this.inBootLoader = false;
+    this.reset();
+  }
+
+  /** The power goes off and comes back. */
+  power() {
+    this.inBootLoader = false;
+    this.reset({ powerWasOff: true });
+  }
+
+  reset({ powerWasOff = false } = {}) {
     this.resetRequested = false;
-    this.startChip();
+    this.startChip({ powerWasOff });
     this.chip.boot();
+    // The boot loader is not played: the CPU waits for what does not come.
+    this.core.waiting = this.inBootLoader;
     this.cpuFree = this.cycle;
-    this.why = 'reset';
+    this.why = this.inBootLoader ? 'boot' : 'reset';
   }
 
   halt(reason) {
@@ -233,6 +262,7 @@ export class Machine {
     if (!OUTPUTS.has(pin) && this.wires.outside[pin] < 0) return;
     this.edges.push(this.stamp, pin, level);
     if (pin === LINES.cam) this.strobe?.camEdge(this.stamp, level);
+    if (this.jumpers.has(pin)) this.drive(this.jumpers.get(pin), level, this.stamp + 1);
     if (OUTPUTS.has(pin) && this.until.has('edge')) this.why ??= 'edge';
   }
 
@@ -253,6 +283,12 @@ export class Machine {
 
   drive(pin, level, cycle = this.stamp) {
     this.world.at(Math.max(cycle, this.stamp), () => this.wires.drive(pin, level));
+  }
+
+  /** A wire from an output to an input, which has its level from the next cycle on. */
+  jumper(from, to) {
+    this.jumpers.set(from, to);
+    this.drive(to, this.wires.levels[from]);
   }
 
   setStrobe(parameters) {

@@ -1,6 +1,7 @@
 // What a client may ask for: one JSON object per request, one per answer. hil/emulator/README.md has the table.
 import { Profile } from './profile.mjs';
-import { INPUTS, LINES } from './machine.mjs';
+import { INPUTS, LINES, OUTPUTS } from './machine.mjs';
+import { readImage } from './image.mjs';
 import { Rtt } from './rtt.mjs';
 
 const RAM = 0x20000000;
@@ -19,8 +20,10 @@ const KINDS = {
   word: [(value) => isInteger(value) && value >= 0 && value <= 0xffffffff, 'an unsigned 32-bit integer'],
   level: [(value) => value === 0 || value === 1, '0 or 1'],
   input: [(value) => INPUTS.has(value), `one of ${[...INPUTS].join(', ')}`],
+  output: [(value) => OUTPUTS.has(value), `one of ${[...OUTPUTS].join(', ')}`],
   list: [isList, 'a list of integers'],
   flag: [(value) => typeof value === 'boolean', 'true or false'],
+  path: [(value) => typeof value === 'string' && value !== '', 'a path'],
   hex: [(value) => typeof value === 'string' && /^([0-9a-f]{2})*$/i.test(value), 'bytes in hexadecimal'],
   ends: [
     (value) => Array.isArray(value) && value.every((end) => end === 'frame' || end === 'edge'),
@@ -92,6 +95,11 @@ const HANDLERS = {
   drive(_, machine, request) {
     const pin = take(request, 'gpio', 'input');
     machine.drive(pin, take(request, 'level', 'level'), take(request, 'at', 'cycle', machine.stamp));
+    return {};
+  },
+
+  jumper(_, machine, request) {
+    machine.jumper(take(request, 'from', 'output'), take(request, 'to', 'input'));
     return {};
   },
 
@@ -174,6 +182,18 @@ const HANDLERS = {
 
   wedge(_, machine) {
     machine.wedge();
+    return {};
+  },
+
+  flash(requests, machine, request) {
+    if (!machine.inBootLoader) throw new BadRequest('flash: expected a chip in its boot loader, found one that runs');
+    machine.take(readImage(take(request, 'image', 'path')));
+    requests.rtt = new Rtt(machine.image);
+    return {};
+  },
+
+  power(_, machine) {
+    machine.power();
     return {};
   },
 

@@ -313,6 +313,14 @@ impl Emulator {
         self.tell(&json!({"op": "doze", "on": on}))
     }
 
+    /// A wire from `from`, an output, to `to`, an input, which has its level a cycle later.
+    ///
+    /// # Errors
+    /// [`EmulatorError`].
+    pub fn jumper(&mut self, from: Line, to: Line) -> Result<(), EmulatorError> {
+        self.tell(&json!({"op": "jumper", "from": gpio(from), "to": gpio(to)}))
+    }
+
     /// Lets the USB controller hang until the chip is reset.
     ///
     /// # Errors

@@ -53,6 +53,8 @@ pub enum Command {
     Boot,
     /// [`crate::Request::Keep`]. Since version 3.
     Keep,
+    /// [`crate::Request::Store`]. Since version 5.
+    Store,
 }
 
 /// Why a request was not carried out, or why a run ended by itself.
@@ -165,6 +167,7 @@ impl fmt::Display for Command {
             Self::Watch => "watch the inputs",
             Self::Boot => "go to the boot loader",
             Self::Keep => "keep a polarity",
+            Self::Store => "store a schedule",
         })
     }
 }

@@ -118,6 +118,12 @@ fn stuff(buffer: &mut [u8], body: Range<usize>) -> usize {
     to // the zero of the last block is the delimiter
 }
 
+/// The CRC-32 of frames, of any bytes.
+#[must_use]
+pub fn checksum(bytes: &[u8]) -> u32 {
+    CRC.checksum(bytes)
+}
+
 /// Decodes one frame in place; `frame` comes without its delimiter.
 ///
 /// # Errors

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::fault::{Fault, State};
 use crate::schedule::{Aux, AuxPolarity, PULSES_PER_EVENT, Polarity, Program, RECORDS_PER_EVENT, StepBatch};
+use crate::stored::{PAGE_BYTES, Stored};
 use crate::units::{Seq, SessionId, StepId, Ticks};
 
 /// Hash of the shape of all messages, in both directions; equal only if both ends agree on every field.
@@ -105,6 +106,17 @@ pub enum Request {
         /// Runs.
         runs: u32,
     },
+    /// Keeps bytes of a schedule over resets, to be run without a host: see [`Stored`]. Refused while a run goes on. Answered by
+    /// [`Reply::Status`]; what came of it says [`Request::Stored`]. Since version 5.
+    Store {
+        /// Page of the memory: 0 for [`Stored`], as a frame, or empty to forget what is there; from [`FIRST_PAGE`](crate::FIRST_PAGE) on, in their
+        /// order, for the requests.
+        page: u16,
+        /// All bytes of the page but for zeros at its end.
+        bytes: Vec<u8, PAGE_BYTES>,
+    },
+    /// Answered by [`Reply::Stored`]. Since version 5.
+    Stored,
 }
 
 /// A frame from the controller.
@@ -162,6 +174,8 @@ pub enum Reply {
     KeptAux(AuxPolarity),
     /// What stands at PHOTO. Since version 4.
     Photo(Photo),
+    /// What is kept to be run without a host, if it is whole. Since version 5.
+    Stored(Option<Stored>),
 }
 
 /// Who answers. Frozen for all versions.

@@ -6,8 +6,8 @@ use proptest::prelude::*;
 use rcg_protocol::{
     Aux, AuxPolarity, AuxPulse, Chip, Command, Counters, Decoder, Event, Extent, Fault, Identity, Info,
     Input, Line, MAX_FRAME, Micros, Pace, Photo, PhotoPulse, Polarity, Program, Pulse, Reply, Request, Reset,
-    Response, Seq, SessionId, Start, State, Status, Step, StepFlags, StepId, StepRecord, Strobe, Ticks,
-    ToDevice, ToHost, Unit, encode,
+    Response, Seq, SessionId, Start, State, Status, Step, StepFlags, StepId, StepRecord, Stored, Strobe,
+    Ticks, ToDevice, ToHost, Unit, encode,
 };
 
 fn cases(cases: u32) -> ProptestConfig {
@@ -163,6 +163,11 @@ fn request() -> impl Strategy<Value = Request> {
         Just(Request::KeptAux),
         Just(Request::Photo),
         any::<u32>().prop_map(|runs| Request::Repeat { runs }),
+        (any::<u16>(), vec(any::<u8>(), 0..=256)).prop_map(|(page, bytes)| Request::Store {
+            page,
+            bytes: bytes.into_iter().collect(),
+        }),
+        Just(Request::Stored),
     ]
 }
 
@@ -225,6 +230,16 @@ fn reply() -> impl Strategy<Value = Reply> {
         any::<u32>().prop_map(|steps| Reply::Room { steps }),
         any::<u32>().prop_map(|run| Reply::Armed { run }),
         aux_polarity().prop_map(Reply::KeptAux),
+        option::of(any::<[u32; 5]>()).prop_map(|stored| {
+            Reply::Stored(stored.map(|[clock_hz, steps, runs, length, sum]| Stored {
+                clock_hz,
+                steps,
+                start: Start::OnSync,
+                runs,
+                length,
+                sum,
+            }))
+        }),
         any::<(bool, bool, Option<u32>, u32)>().prop_map(|(high, pulled_up, edges, pulses)| {
             let input = Input {
                 high,

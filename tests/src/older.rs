@@ -33,6 +33,7 @@ impl Older {
 /// The version that `request` came with.
 const fn since(request: &Request) -> u16 {
     match request {
+        Request::Store { .. } | Request::Stored => 5,
         Request::Aux(_)
         | Request::KeepAux(_)
         | Request::KeptAux

@@ -29,6 +29,7 @@ mod last_resort;
 pub(crate) mod programs;
 mod vectors;
 
+pub(crate) use kept::schedule;
 pub(crate) use last_resort::{boot_loader, reset};
 
 use embassy_rp::clocks::{ClockConfig, RoscRng, clk_sys_freq};
@@ -199,6 +200,8 @@ pub(crate) struct Board {
     pub(crate) pulse: PulseParts,
     pub(crate) led: Output<'static>,
     pub(crate) watchdog: Watchdog,
+    /// Whether the power came, or the reset pin was released: nothing else has reset the chip.
+    pub(crate) powered_up: bool,
     /// Differs from boot to boot.
     pub(crate) seed: u32,
     /// Which box it is.
@@ -225,6 +228,7 @@ impl Board {
 
         let clock = Clock::new(clk_sys_freq());
         let mut watchdog = Watchdog::new(p.WATCHDOG);
+        let powered_up = watchdog.reset_reason().is_none();
         let reset = identity::reset_reason(&mut watchdog);
         watchdog.start(WATCHDOG);
         let unit = identity::unit(&mut watchdog, p.FLASH, reset);
@@ -262,6 +266,7 @@ impl Board {
             },
             led: Output::new(p.PIN_25, Level::Low),
             watchdog,
+            powered_up,
             seed: RoscRng.next_u32() ^ Instant::now().as_ticks() as u32,
             unit,
             kept,

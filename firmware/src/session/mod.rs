@@ -14,11 +14,12 @@ mod engine;
 mod photo;
 mod reports;
 mod series;
+mod standalone;
 
 use heapless::{Deque, Vec};
 use rcg_protocol::{
     Aux, Chip, Command, Counters, Fault, Identity, Info, Input, Inputs, PROTOCOL_VERSION, Reply, Request,
-    Reset, SCHEMA_HASH, Seq, SessionId, Start, State, Status, Ticks, ToDevice, ToHost, Unit,
+    Reset, SCHEMA_HASH, Seq, SessionId, Start, State, Status, Stored, Ticks, ToDevice, ToHost, Unit,
 };
 
 use crate::burst::STEP_COST_US;
@@ -102,7 +103,7 @@ pub enum EngineCommand {
 }
 
 /// One controller's end of the conversation.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Session {
     clock_hz: u32,
     unit: Unit,
@@ -145,6 +146,10 @@ pub struct Session {
     runs_left: Option<u32>,
     /// The next one is armed and starts at the next poll.
     starts_again: bool,
+    /// What is kept to be run without a host.
+    stored: Option<Stored>,
+    /// A page is to be written.
+    takes_page: bool,
     /// The boot loader was asked for at this time.
     leaves: Option<Ticks>,
     outbox: Outbox,
@@ -174,6 +179,8 @@ impl Session {
             runs: 1,
             runs_left: Some(0),
             starts_again: false,
+            stored: None,
+            takes_page: false,
             leaves: None,
             vsync: VsyncWatch::new(),
             awaiting_sync: Deque::new(),
@@ -357,6 +364,8 @@ impl Session {
             Request::Kept => return Ok(Reply::Kept(self.kept.lines)),
             Request::KeptAux => return Ok(Reply::KeptAux(self.kept.aux)),
             Request::Photo => return Ok(Reply::Photo(self.photo_now())),
+            Request::Stored => return Ok(Reply::Stored(self.stored)),
+            &Request::Store { page, .. } => self.take_page(page)?,
             Request::Aux(aux) => self.aux = *aux,
             Request::Repeat { runs } => self.runs = *runs,
             Request::Watch => {
@@ -474,6 +483,7 @@ const fn begins_anew(request: &Request) -> Option<Command> {
         Request::Watch => Some(Command::Watch),
         Request::Boot => Some(Command::Boot),
         Request::Keep(_) | Request::KeepAux(_) => Some(Command::Keep),
+        Request::Store { .. } => Some(Command::Store),
         _ => None,
     }
 }

@@ -11,7 +11,7 @@ use super::Session;
 use super::reports::RESERVED;
 
 /// Pulses that wait to be told of.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct PhotoLog {
     /// Since when the line is active.
     on: Option<Ticks>,

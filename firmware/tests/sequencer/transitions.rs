@@ -235,7 +235,9 @@ fn apply(s: &mut Sequencer, command: Command) -> Result<(), Fault> {
         Command::Start => s.start(),
         Command::Stop => s.stop(),
         Command::Clear => s.clear(),
-        Command::Watch | Command::Boot | Command::Keep => unreachable!("these are the session's"),
+        Command::Watch | Command::Boot | Command::Keep | Command::Store => {
+            unreachable!("these are the session's")
+        }
     }
 }
 

@@ -62,6 +62,12 @@ impl PulseEngine for Engine {
 
     fn keep(&mut self, _: Kept) {}
 
+    fn store(&mut self, _: u16, _: &[u8]) {}
+
+    fn stored(&mut self) -> Option<rcg_protocol::Stored> {
+        None
+    }
+
     fn photo(&mut self) -> Input {
         Input::default()
     }

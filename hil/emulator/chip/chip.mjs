@@ -35,7 +35,7 @@ const PIO = [0x50200, 0x50300];
 export class Chip {
   /**
    * `time` is the machine: `cycle`, `ticked`, `expect`, `outputsChanged`, `requestReset`, `random`, `warn`.
-   * `before` is the chip whose memories this one goes on with, if it is not the first.
+   * `before` is the chip whose memories this one goes on with, if it is not the first: only the flash if the power was off.
    */
   constructor(time, wires, before, options) {
     const clock = new CycleClock(time);
@@ -47,7 +47,7 @@ export class Chip {
     mcu.clkPeri = mcu.roscFreq;
     clock.setRate(mcu.clkSys);
     mcu.addClockListener((hz) => clock.setRate(hz));
-    if (before) this.takeOver(before.mcu);
+    if (before) this.takeOver(before.mcu, options.powerWasOff);
 
     mcu.core = new Cpu(mcu);
     if (options.flashCache) mcu.core.cache = new FlashCache();
@@ -61,6 +61,7 @@ export class Chip {
       return pio;
     });
     mcu.peripherals[SSI] = new Ssi(mcu, 'SSI', options.uniqueId ?? UNIQUE_ID);
+    mcu.peripherals[SSI].onBootLoader = () => time.requestBootLoader();
     mcu.bootrom.set(bootRom());
     mcu.uart = mcu.uart.map((stock) => new Uart(mcu, stock.name, stock.irq, stock.dreq));
     mcu.peripherals[UART0] = mcu.uart[0];
@@ -94,9 +95,11 @@ export class Chip {
     return this.mcu.peripherals[WATCHDOG];
   }
 
-  /** Goes on with the memories of `mcu`, and with what its watchdog keeps. */
-  takeOver(mcu) {
-    for (const memory of ['sram', 'sramView', 'flash', 'flash16', 'flashView']) this.mcu[memory] = mcu[memory];
+  /** Goes on with the memories of `mcu`, and with what its watchdog keeps, or, if the power was off, with the flash alone. */
+  takeOver(mcu, powerWasOff) {
+    for (const memory of ['flash', 'flash16', 'flashView']) this.mcu[memory] = mcu[memory];
+    if (powerWasOff) return;
+    for (const memory of ['sram', 'sramView']) this.mcu[memory] = mcu[memory];
     const old = mcu.peripherals[WATCHDOG];
     this.watchdog.reason = old.reason;
     this.watchdog.scratchData.set(old.scratchData);

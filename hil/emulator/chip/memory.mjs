@@ -9,7 +9,7 @@ const FLASH = 0x10000000;
 const BOOTROM_END = 0x4000;
 /** Where there is code of the boot ROM (boot-rom.mjs). */
 const ROM_CODE = 0x30;
-const ROM_CODE_END = 0x60;
+const ROM_CODE_END = 0x100;
 const DPRAM = 0x50100000;
 const DPRAM_END = 0x50101000;
 const APB = 0x4;

@@ -11,7 +11,9 @@ export const ELF =
 /** Why tests of the firmware cannot run, or false. */
 export const withoutFirmware = fs.existsSync(ELF) ? false : `no firmware at ${ELF}: build it with "cargo fw"`;
 
-const REQUEST = { hello: 0, status: 3, load: 4, append: 5, arm: 6, start: 7, stop: 8, abort: 9 };
+const REQUEST = {
+  hello: 0, status: 3, load: 4, append: 5, arm: 6, start: 7, stop: 8, abort: 9, describe: 1, boot: 15, keep: 16, keepAux: 19, repeat: 22, store: 23, stored: 24,
+};
 
 /** A postcard integer. */
 export function varint(value) {
@@ -22,7 +24,8 @@ export function varint(value) {
   }
 }
 
-function crc32(bytes) {
+/** The CRC-32 of frames. */
+export function crc32(bytes) {
   let crc = ~0;
   for (const byte of bytes) {
     crc ^= byte;
@@ -65,6 +68,21 @@ export function unframe(bytes) {
 
 /** A step: pulses as [at, width], in ticks. */
 export const step = ({ proj = [0, 0], cam = [0, 0], period }) => [...proj, ...cam, period].flatMap(varint);
+
+/** A request as it is kept: in no session, under no number. */
+export const kept = (name, fields = []) => frame([0, 0, REQUEST[name], ...fields]);
+
+/** The requests that load a table. */
+export function* loading(steps, cycles = 1, { paced = false, polarity = [0, 0, 0, 0] } = {}) {
+  const when = paced ? [1, 1] : [0, 0];
+  const extent = [0, ...varint(steps.length), ...varint(cycles)];
+  yield ['load', [...extent, ...when, ...polarity, ...varint(0), ...varint(60_000_000)]];
+  for (let first = 0; first < steps.length; first += 8) {
+    const part = steps.slice(first, first + 8);
+    const last = first + 8 >= steps.length ? 1 : 0;
+    yield ['append', [...varint(first), ...varint(part.length), ...part.flat(), last]];
+  }
+}
 
 export class Box {
   constructor({ image = readImage(ELF), bootMs = 30, ...options } = {}) {
@@ -125,16 +143,17 @@ export class Box {
   }
 
   /** Loads a table: played at once, or each step on its SYNC edge. */
-  load(steps, cycles = 1, { paced = false, polarity = [0, 0, 0, 0] } = {}) {
-    const when = paced ? [1, 1] : [0, 0];
-    const extent = [0, ...varint(steps.length), ...varint(cycles)];
-    const program = [...extent, ...when, ...polarity, ...varint(0), ...varint(60_000_000)];
-    this.request('load', program);
-    for (let first = 0; first < steps.length; first += 8) {
-      const part = steps.slice(first, first + 8);
-      const last = first + 8 >= steps.length ? 1 : 0;
-      this.request('append', [...varint(first), ...varint(part.length), ...part.flat(), last]);
-    }
+  load(steps, cycles = 1, options = {}) {
+    for (const [name, fields] of loading(steps, cycles, options)) this.request(name, fields);
+    return this;
+  }
+
+  /** The power goes off and comes back; what the box had said before is forgotten. */
+  power(bootMs = 30) {
+    this.machine.power();
+    this.machine.run(bootMs * 125_000);
+    [this.edges, this.bytes] = [[], []];
+    this.collect();
     return this;
   }
 

@@ -4,12 +4,16 @@ use std::time::Duration;
 
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
+use rcg::capture::selftest::{Finding, Settings, selftest_photo};
+use rcg::capture::steps::{Output, Span};
+use rcg_firmware::pulse::SYNC_LATENCY;
 use rcg_hil::bench::{Bench, Outcome};
+use rcg_hil::emulator::VsyncModel;
 use rcg_hil::figures::Limit;
 use rcg_hil::trace::{self, Edge};
 use rcg_protocol::{
-    Aux, AuxPolarity, AuxPulse, Event, Fault, Line, Micros, Pace, Program, Pulse, RunId, Start, State, Step,
-    Ticks,
+    Aux, AuxPolarity, AuxPulse, Event, Fault, Line, Micros, Pace, Polarity, Program, Pulse, RunId, Start,
+    State, Step, Ticks,
 };
 
 use crate::runs::{Result, check_cpu, fire, follow, load, stats, take_edges, wire_strobe};
@@ -20,6 +24,8 @@ crate::trials!("lines":
     they_rest_when_a_run_breaks_off [Edges],
     photo_is_stamped [Inputs],
     start_begins_each_run [Inputs],
+    further_outputs_follow_sync [Edges Inputs],
+    a_jumper_to_photo_is_tried [Edges Inputs],
 );
 
 /// Longer than any run here.
@@ -178,6 +184,112 @@ fn they_rest_when_a_run_breaks_off(bench: &mut Bench) -> Outcome {
         apart = apart.max(together.max().unwrap_or(0));
     }
     bench.figure("outputs rest apart by", apart, "ticks", Limit::AtMost(40.0))
+}
+
+/// Steps of wide words, each on a SYNC edge of its own: every edge of all four outputs counts from it.
+fn further_outputs_follow_sync(bench: &mut Bench) -> Outcome {
+    const STEPS: u64 = 500;
+    let period = u64::from(bench.device.info().clock_hz / 1_440);
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(10);
+    let (mut edges, mut jitter) = (0, 0);
+    let before = stats(bench)?;
+    for _ in 0..3 {
+        let step = Step {
+            proj: Pulse::new(0, 1_000),
+            cam: Pulse::new(period / 8, period / 8),
+            period: Ticks(period / 2),
+        };
+        let aux = Aux {
+            a: drawn_aux(&mut rng, period / 16 * 8),
+            b: AuxPulse::WithCam {
+                after: Ticks(rng.random_range(5..1_000)),
+                width: Ticks::ZERO,
+            },
+            ..Aux::default()
+        };
+        bench.device.aux(&aux)?;
+        let program = Program {
+            pace: Pace::EachOnSync,
+            start: Start::OnSync,
+            sync_timeout: Micros(500_000),
+            ..table(&[step], STEPS)
+        };
+        // No edge of the run before may begin this one.
+        let mut vsync = VsyncModel {
+            first: bench.pico().lock().cycle() + (1 << 40),
+            period,
+            width: period / 10,
+            jitter: period / 8,
+            seed: 5,
+            ..VsyncModel::default()
+        };
+        bench.pico().lock().emulator.vsync(&vsync)?;
+        load(bench, &program, &[step])?;
+        let run = fire(bench)?;
+        vsync.first = bench.pico().lock().cycle() + period;
+        bench.pico().lock().emulator.vsync(&vsync)?;
+        follow(bench, run, PATIENCE)?.expect(State::Done, None, STEPS)?;
+        let found = take_edges(bench);
+        let syncs = trace::rises(&found, Line::Sync).into_iter().take(STEPS as usize);
+        let starts = syncs.map(|sync| (sync + SYNC_LATENCY, step));
+        let expected = trace::schedule_with(program.polarity, &aux, starts);
+        let comparison = trace::compare(&expected, &found)?;
+        edges += comparison.edges;
+        jitter = jitter.max(comparison.jitter);
+    }
+    check_cpu(bench, before)?;
+    let least = Limit::AtLeast(3.0 * 6.0 * STEPS as f64);
+    bench.figure("edges of four outputs on SYNC", edges, "edges", least)?;
+    bench.figure("jitter on SYNC", jitter, "ticks", Limit::Exactly(0.0))
+}
+
+/// What `rcg controller selftest --photo` does, without a jumper, with one, and with one from the other output.
+fn a_jumper_to_photo_is_tried(bench: &mut Bench) -> Outcome {
+    let settings = Settings {
+        polarity: Polarity::default(),
+        width: Span::Ticks(25_000),
+        period: Span::Ticks(125_000),
+        count: 2,
+    };
+    let mut named = 0_u32;
+    for (jumper, expected) in [
+        (None, Finding::Open(Line::Photo)),
+        (
+            Some(Line::AuxB),
+            Finding::Wrong {
+                line: Line::Photo,
+                answers: Line::AuxB,
+                output: Line::AuxA,
+            },
+        ),
+    ] {
+        if let Some(from) = jumper {
+            bench.pico().lock().emulator.jumper(from, Line::Photo)?;
+        }
+        let tested = selftest_photo(&mut bench.device, &settings, AuxPolarity::default(), Output::AuxA)?;
+        if tested.findings != [expected] {
+            let found: Vec<String> = tested.findings.iter().map(ToString::to_string).collect();
+            return Err(format!("expected {expected}, found {}", found.join("; ")).into());
+        }
+        named += 1;
+    }
+    let tested = selftest_photo(&mut bench.device, &settings, AuxPolarity::default(), Output::AuxB)?;
+    if let Some(finding) = tested.findings.first() {
+        return Err(format!("expected a jumper that is right, found {finding}").into());
+    }
+    let answers = tested.seen.of(Output::AuxB).iter();
+    let exact = answers.filter(|answer| {
+        answer
+            .delay_and_width
+            .is_some_and(|(delay, width)| delay.0 <= 2 && width.0.abs_diff(answer.pulse.0) <= 1)
+    });
+    bench.figure("wirings of PHOTO named", named, "wirings", Limit::Exactly(2.0))?;
+    bench.figure(
+        "pulses at PHOTO within a tick",
+        exact.count(),
+        "of 2",
+        Limit::Exactly(2.0),
+    )
 }
 
 /// What came of a run, and its pulses of PHOTO.

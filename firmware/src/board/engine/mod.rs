@@ -16,6 +16,7 @@
 //! A stop ends the run with the block that is being played: one step, or up to a millisecond of short ones.
 //! The end of a run is noticed by the poll, up to a millisecond late; its time is exact all the same.
 
+mod inputs;
 mod outputs;
 mod reports;
 
@@ -30,7 +31,7 @@ use rcg_firmware::progress::Progress;
 use rcg_firmware::pulse::{SYNC_READY, WordFormat};
 use rcg_firmware::session::Session;
 use rcg_firmware::starts::Starts;
-use rcg_protocol::{AuxPolarity, Extent, Input, Inputs, Line, Pace, Polarity, Start, Ticks};
+use rcg_protocol::{AuxPolarity, Extent, Input, Inputs, Line, Pace, Polarity, Start, Stored, Ticks};
 
 use super::begun::Begun;
 use super::capture::Capture;
@@ -216,14 +217,6 @@ impl Engine {
             counts_since: Ticks::ZERO,
             _dma: parts.dma,
         }
-    }
-
-    /// Notes which edges have come, for [`inputs`](PulseEngine::inputs); to be called every millisecond.
-    pub(crate) fn note_edges(&mut self) {
-        let elapsed = self.clock.now().saturating_sub(self.counts_since);
-        self.strobe.note(elapsed);
-        self.sync.note(elapsed);
-        self.photo.note(elapsed);
     }
 
     /// Brings the outputs to rest and forgets everything, at once.
@@ -447,22 +440,22 @@ impl PulseEngine for Engine {
         }
     }
 
-    fn inputs(&mut self) -> Inputs {
-        self.note_edges();
-        Inputs {
-            at: self.clock.now(),
-            since: self.counts_since,
-            sync: match self.begins_on {
-                Line::Start => self.sync.unwatched(self.polarity.sync_active_low),
-                _ => self.sync.seen(self.counts_since),
-            },
-            strobe: self.strobe.seen(self.counts_since),
+    fn store(&mut self, page: u16, bytes: &[u8]) {
+        if matches!(self.phase, Phase::Resting) {
+            kept::store(page, bytes);
         }
     }
 
+    fn stored(&mut self) -> Option<Stored> {
+        kept::schedule(self.clock.hz()).map(|(stored, _)| stored)
+    }
+
+    fn inputs(&mut self) -> Inputs {
+        self.seen()
+    }
+
     fn photo(&mut self) -> Input {
-        self.note_edges();
-        self.photo.seen(self.counts_since)
+        self.seen_photo()
     }
 
     /// Does one small piece of work: about as much as the UART can wait for. Returns whether there may be more.

@@ -1,6 +1,6 @@
 //! What the further lines do in `rcg controller run`: AUX-A, AUX-B, PHOTO and START.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use rcg::capture::records::PhotoFile;
 use rcg::capture::steps::{AuxSpan, Limits, further};
@@ -19,15 +19,9 @@ pub(super) struct Args {
     /// Pulse AUX-B in every step, as --aux-a
     #[arg(long, value_name = "PULSE", allow_hyphen_values = true)]
     aux_b: Option<AuxSpan>,
-    /// Stamp the pulses of PHOTO, and write a line for each into this file (.csv, or .jsonl for JSON)
-    #[arg(long, value_name = "FILE")]
-    pub(super) photo: Option<PathBuf>,
     /// Begin at an edge of START
     #[arg(long, conflicts_with_all = ["start_on_sync", "each_on_sync"])]
     pub(super) start_on_line: bool,
-    /// Run so often, each time when what begins a run comes again
-    #[arg(long, value_name = "N", conflicts_with = "stream", value_parser = clap::value_parser!(u32).range(1..))]
-    pub(super) repeat: Option<u32>,
 }
 
 impl Args {
@@ -35,6 +29,7 @@ impl Args {
     pub(super) fn aux(
         &self,
         polarity: AuxPolarity,
+        photo: bool,
         (steps, program): (&[Step], &Program),
         limits: Limits,
     ) -> Result<Option<Aux>, Failure> {
@@ -44,7 +39,7 @@ impl Args {
             polarity,
             a: pulse("--aux-a", self.aux_a)?,
             b: pulse("--aux-b", self.aux_b)?,
-            photo: self.photo.is_some(),
+            photo,
         };
         further(&aux, steps, program, limits)?;
         let told = aux != Aux::default() || self.start_on_line;

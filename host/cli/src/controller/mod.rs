@@ -5,6 +5,8 @@ mod further;
 mod lines;
 mod probe;
 mod run;
+mod schedule;
+mod store;
 mod update;
 
 use std::time::Duration;
@@ -37,6 +39,9 @@ enum Action {
     /// How things stand, and what was counted since it was switched on
     Status,
     Run(Box<run::Args>),
+    Store(Box<store::Args>),
+    /// Let the trigger box keep no schedule any more that it runs without a computer
+    Forget,
     /// End the run after the current step
     Stop,
     /// End the run at once
@@ -65,6 +70,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let status = match &args.action {
         Action::Info => return info(&mut device, output),
         Action::Run(args) => return run::run(args, &rig, &mut device, output),
+        Action::Store(args) => return store::store(args, &rig, &mut device, output),
+        Action::Forget => return store::forget(&mut device, output),
         Action::Bench(args) => return bench::run(args, &mut device, output),
         Action::Pulse(args) => return lines::pulse(args, &mut device, output),
         Action::Hold(args) => return lines::hold(args, &mut device, output),
@@ -86,6 +93,8 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
 
 fn info(device: &mut TriggerBox, output: &Output) -> Done {
     let unit = device.unit()?;
+    let keeps = device.protocol() >= 5;
+    let stored = if keeps { device.stored()? } else { None };
     let info = device.info();
     let (major, minor, patch) = info.firmware;
     let tick_ns = 1e9 / f64::from(info.clock_hz);
@@ -105,6 +114,7 @@ fn info(device: &mut TriggerBox, output: &Output) -> Done {
         "commit": unit.and_then(commit),
         "chip": unit.map(|unit| unit.chip.to_string()),
         "last_reset": unit.map(|unit| unit.reset.to_string()),
+        "stored": stored.map(|stored| store::value(&stored)),
     });
     let shortest = |ticks: u32| format!("{ticks} ticks, {} ns", f64::from(ticks) * tick_ns);
     output.print(&value, || {
@@ -125,6 +135,9 @@ fn info(device: &mut TriggerBox, output: &Output) -> Done {
                 format!("{} steps, {} words", info.max_steps, info.max_words),
             ),
         ]);
+        if keeps {
+            lines.push(("stored schedule", store::sentence(stored)));
+        }
         table(&lines)
     })
 }
@@ -155,6 +168,9 @@ fn unit_lines(unit: Option<Unit>, protocol: u16) -> Vec<(&'static str, String)> 
     }
     if protocol < 4 {
         lacks.push("has no lines AUX-A, AUX-B, PHOTO and START, repeats no runs");
+    }
+    if protocol < 5 {
+        lacks.push("keeps no schedule to run without a computer");
     }
     let mut lines = Vec::new();
     if !lacks.is_empty() {

@@ -10,7 +10,7 @@ use rcg_protocol::{Input, Inputs};
 use serde_json::{Value, json};
 
 use super::TriggerBox;
-use super::run::{self, aux_polarity, polarity};
+use super::schedule::{self, aux_polarity, polarity};
 use crate::Done;
 use crate::failure::Failure;
 use crate::output::{Output, table};
@@ -60,7 +60,7 @@ pub(crate) struct SelftestArgs {
     count: u32,
     /// Lines that should rest high and pulse low
     #[arg(long, value_name = "LINE[,LINE…]", value_delimiter = ',')]
-    active_low: Vec<run::Line>,
+    active_low: Vec<schedule::Line>,
     /// Pulse AUX-A and AUX-B too, of which PHOTO should answer this one: by a jumper (pins 9 and 11, or 10 and 11), or a light source and a
     /// photodiode
     #[arg(long, value_name = "LINE")]

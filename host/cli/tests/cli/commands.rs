@@ -208,13 +208,14 @@ impl Scene {
 /// Words behind an action of the trigger box; none where there is nothing to be stopped, and nothing that takes another firmware.
 fn of_trigger_box(action: &str, records: &[String]) -> Vec<String> {
     let words = match action {
-        "info" | "status" | "abort" => "",
+        "info" | "status" | "abort" | "forget" => "",
         "run" => {
             let lines = records.iter().map(|file| format!("--steps 3 --records {file}"));
             return lines.collect();
         }
         "stop" | "update" => return Vec::new(),
         "bench" => "--count 3",
+        "store" => "--steps 3 --start-on-line --repeat 2",
         "pulse" => "proj --width 5us --count 3",
         "hold" => "cam high --for 2ms",
         "probe" => "--for 30ms --every 10ms",

@@ -37,6 +37,47 @@ fn info_tells_what_it_is() {
     assert!(info["port"].is_string());
     assert_eq!(info["chip"], "simulated");
     assert!(info["serial"].is_null(), "it has none");
+    assert!(info["stored"].is_null(), "it keeps none unless it is asked to");
+}
+
+#[test]
+fn a_schedule_is_kept_as_it_was_asked_for() {
+    let kept = controller(&[
+        "store",
+        "--steps",
+        "6",
+        "--exposure",
+        "1ms,4ms",
+        "--start-on-line",
+    ]);
+    assert_eq!(number(&kept, "stored.steps"), 6.0);
+    assert!(
+        kept["stored"]["begins"] == "on an edge of START" && kept["stored"]["runs"].is_null(),
+        "{kept}"
+    );
+    let kept = controller(&["store", "--steps", "4", "--repeat", "3", "--rig", "dmd"]);
+    assert!(
+        kept["stored"]["begins"] == "at once" && number(&kept, "stored.runs") > 2.9,
+        "{kept}"
+    );
+    assert!(controller(&["forget"])["stored"].is_null());
+    for (words, parts) in [
+        (&["--exposure", "1ns"][..], &["--exposure", "24 ns"][..]),
+        (
+            &["--steps", "3", "--exposure", "1ms,2ms"],
+            &["--steps", "multiple of 2"],
+        ),
+        (&["--stream"], &["--stream"]),
+        (&["--dead-man", "1s"], &["--dead-man"]),
+        (&["--repeat", "0"], &["--repeat"]),
+    ] {
+        refuses(
+            &[&["controller", "store", "--port", "sim"], words].concat(),
+            "",
+            2,
+            parts,
+        );
+    }
 }
 
 #[test]

@@ -76,6 +76,14 @@ pub enum DeviceError {
         /// What came.
         reply: &'static str,
     },
+    /// What the box was to keep, or to forget, is not in its memory as it should be.
+    #[error(
+        "port {peer}: expected the box to keep what it was sent, and no more, found that its flash does not: try again, or take another box"
+    )]
+    NotStored {
+        /// The peer.
+        peer: String,
+    },
     /// A batch of steps that the controller has no room for.
     #[error("port {peer}: expected a schedule of at most {limit} steps, found {found}")]
     TooLong {

@@ -21,9 +21,11 @@ use crate::capture::link::{self, Link};
 mod error;
 mod feed;
 mod newer;
+mod standalone;
 
 pub use error::DeviceError;
 pub use feed::Feed;
+pub use standalone::Standalone;
 
 /// How patient the client is.
 #[derive(Clone, Copy, Debug)]
@@ -448,6 +450,7 @@ const fn name_of(reply: &Reply) -> &'static str {
         Reply::Kept(_) => "kept",
         Reply::KeptAux(_) => "kept of further lines",
         Reply::Photo(_) => "photo",
+        Reply::Stored(_) => "stored",
     }
 }
 
@@ -476,5 +479,7 @@ const fn name(request: &Request) -> &'static str {
         Request::KeptAux => "kept of further lines",
         Request::Photo => "photo",
         Request::Repeat { .. } => "repeat",
+        Request::Store { .. } => "store",
+        Request::Stored => "stored",
     }
 }

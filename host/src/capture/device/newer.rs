@@ -151,7 +151,7 @@ impl<L: Link> Device<L> {
     }
 
     /// The controller speaks version `since` or a later one, which does `what`.
-    fn needs(&self, since: u16, what: &'static str) -> Result<(), DeviceError> {
+    pub(super) fn needs(&self, since: u16, what: &'static str) -> Result<(), DeviceError> {
         if self.protocol >= since {
             return Ok(());
         }
