@@ -65,7 +65,8 @@ fn of_pair(dir: &Path, pair: [(f64, f64); 2], output: &Output) -> Result<Vec<Bud
     }
     let measurement = Measurement::open(dir)?;
     let scratch = tempfile::tempdir()?;
-    let budgets = gum::at(&measurement, pair, scratch.path(), output)?;
+    let budgets = gum::at(&measurement, &[pair], scratch.path(), output)?;
+    let budgets: Vec<Budget> = budgets.into_iter().flatten().collect();
     if budgets.is_empty() {
         let [(theta_i, phi_i), (theta_o, phi_o)] = pair;
         let why = reason(&measurement, pair).map_or_else(String::new, |why| format!(" ({why})"));

@@ -248,8 +248,8 @@ impl Correction {
                     };
                     let all = self.variances(lit, cell, &value);
                     half_sigma[at] = stored_sigma(all.total);
-                    if let Some(probe) = probe.filter(|probe| probe.is_at(index, cell)) {
-                        probe.take(Probed {
+                    if let Some(probe) = probe {
+                        probe.take([index, cell], || Probed {
                             channel,
                             f: value.f,
                             returned: value.back.f,

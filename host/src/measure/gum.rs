@@ -2,7 +2,7 @@
 //!
 //! # Design
 //! Of each cause: the standard uncertainty u(x) of an input quantity x, the sensitivity c = ∂f/∂x, and the contribution c·u(x) to that of f
-//! (JCGM 100:2008, 5.1). The contributions are those that assembly adds, of the one sample that it is asked for (`assemble/probe`); where the
+//! (JCGM 100:2008, 5.1). The contributions are those that assembly adds, of the samples that it is asked for (`assemble/probe`); where the
 //! calibration knows u(x) by itself (reflectance of the standard, angles, degree of polarisation) c follows from it, and where f is
 //! proportional to x, c is f. What remains is stated in units of f.
 
@@ -121,31 +121,24 @@ impl Budget {
     }
 }
 
-/// The budgets of the sample nearest to light from `incident_deg` and view to `outgoing_deg` (polar angle and azimuth, degrees) by channel;
-/// none if it has no value. `scratch` is a folder for what is made on the way.
+/// The budgets, by channel, of the samples nearest to `pairs` of light and view (polar angle and azimuth, degrees); none of one that has no
+/// value. `scratch` is a folder for what is made on the way.
 ///
 /// # Errors
 /// [`MeasureError`].
 pub fn at(
     measurement: &Measurement,
-    [incident_deg, outgoing_deg]: [(f64, f64); 2],
+    pairs: &[[(f64, f64); 2]],
     scratch: &Path,
     progress: &dyn Progress,
-) -> Result<Vec<Budget>, MeasureError> {
+) -> Result<Vec<Vec<Budget>>, MeasureError> {
     let disk = Disk::new(measurement.plan.request.image_size as usize);
-    let directions = &measurement.directions;
-    let [wi, wo] = [incident_deg, outgoing_deg].map(|(theta, phi)| from_degrees(theta, phi));
-    let lit = (0..directions.grid.len()).filter(|index| directions.reasons[*index].is_none());
-    let nearest = lit.min_by(|a, b| {
-        let apart = |index: &usize| angle_between(directions.grid.direction(*index), wi);
-        apart(a).total_cmp(&apart(b))
-    });
-    let cells = disk.neighbours(wo).into_iter().flatten();
-    let cell = cells.max_by(|a, b| a.1.total_cmp(&b.1));
-    let Some((incident, (cell, _))) = nearest.zip(cell) else {
-        return Ok(Vec::new());
-    };
-    let probe = Probe::new(incident, cell);
+    let grid = &measurement.directions.grid;
+    let samples: Vec<Option<[usize; 2]>> = pairs
+        .iter()
+        .map(|pair| nearest(measurement, &disk, *pair))
+        .collect();
+    let probe = Probe::new(samples.iter().flatten().copied().collect());
     assembled(
         measurement,
         None,
@@ -154,15 +147,36 @@ pub fn at(
         progress,
     )?;
     let applied = AppliedCalibration::read(measurement.dir()).map_err(Box::new)?;
-    let light = directions.grid.angles_deg(incident);
-    let view = disk.direction(cell).map_or((f64::NAN, f64::NAN), to_degrees);
-    let of = format!(
-        "f with light from ({:.2}°, {:.2}°) and view to ({:.2}°, {:.2}°)",
-        light.0, light.1, view.0, view.1
-    );
     let known = Known::of(&applied, measurement.rig.light.polarisation);
-    let found = probe.found();
-    Ok(found.iter().map(|one| known.budget(of.clone(), one)).collect())
+    let budgets = |[incident, cell]: [usize; 2], found: &[Probed]| {
+        let light = grid.angles_deg(incident);
+        let view = disk.direction(cell).map_or((f64::NAN, f64::NAN), to_degrees);
+        let of = format!(
+            "f with light from ({:.2}°, {:.2}°) and view to ({:.2}°, {:.2}°)",
+            light.0, light.1, view.0, view.1
+        );
+        found.iter().map(|one| known.budget(of.clone(), one)).collect()
+    };
+    let mut found = probe.found().into_iter();
+    let of = |sample: Option<[usize; 2]>| match sample.and_then(|sample| Some((sample, found.next()?))) {
+        Some((sample, found)) => budgets(sample, &found),
+        None => Vec::new(),
+    };
+    Ok(samples.into_iter().map(of).collect())
+}
+
+/// The incident direction that can be lit and the cell of the `disk`, by index, nearest to a pair of light and view, degrees.
+fn nearest(measurement: &Measurement, disk: &Disk, pair: [(f64, f64); 2]) -> Option<[usize; 2]> {
+    let directions = &measurement.directions;
+    let [wi, wo] = pair.map(|(theta, phi)| from_degrees(theta, phi));
+    let lit = (0..directions.grid.len()).filter(|index| directions.reasons[*index].is_none());
+    let incident = lit.min_by(|a, b| {
+        let apart = |index: &usize| angle_between(directions.grid.direction(*index), wi);
+        apart(a).total_cmp(&apart(b))
+    });
+    let cells = disk.neighbours(wo).into_iter().flatten();
+    let cell = cells.max_by(|a, b| a.1.total_cmp(&b.1));
+    incident.zip(cell).map(|(incident, (cell, _))| [incident, cell])
 }
 
 /// Standard uncertainties of input quantities that the calibration knows; 0 where it does not.

