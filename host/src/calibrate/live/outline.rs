@@ -203,13 +203,12 @@ fn range(light: &[f32]) -> f32 {
 }
 
 impl Brightness<'_> {
-    /// The brightness at a position, between the centres of pixels.
+    /// The brightness at a position, between the centres of pixels; beyond the border it goes on as at the border.
     fn at(self, at: DVec2) -> Option<f32> {
-        let at = at - 0.5;
+        let height = self.light.len() / self.width_px;
+        let last = DVec2::new(self.width_px as f64, height as f64) - 1.0;
+        let at = (at - 0.5).clamp(DVec2::ZERO, last - 1e-6);
         let (x, y) = (at.x.floor(), at.y.floor());
-        if x < 0.0 || y < 0.0 || x as usize + 1 >= self.width_px {
-            return None;
-        }
         let first = y as usize * self.width_px + x as usize;
         let (right, down) = ((at.x - x) as f32, (at.y - y) as f32);
         let row = |first: usize| -> Option<f32> {
@@ -272,4 +271,55 @@ pub(super) fn spot(
             pieces: 1,
         }),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::instrument::rig::Rig;
+
+    /// A frame of what a lit standard shows the camera of `rig`.
+    fn frame(rig: &Rig) -> Vec<f32> {
+        let camera = View::camera(rig);
+        let (width, height) = camera.size_px();
+        let light = |pixel: usize| {
+            // A pixel shows the mean over its area.
+            let lit = (0..16).filter(|part| {
+                let at = |part: usize| (part as f64 + 0.5) / 4.0;
+                let (u, v) = ((pixel % width) as f64 + at(part % 4), (pixel / width) as f64 + at(part / 4));
+                camera.direction(u, v).is_ok()
+            });
+            100.0 + 50.0 * lit.count() as f32
+        };
+        (0..width * height).map(light).collect()
+    }
+
+    fn seen_in(rig: &Rig, light: &[f32]) -> Vec<Outline> {
+        let camera = View::camera(rig);
+        let width_px = camera.size_px().0;
+        edges(&camera, Some(Brightness { light, width_px }))
+    }
+
+    #[test]
+    fn edges_are_seen_where_they_are_and_as_far_off_as_the_camera_is_turned() {
+        for (preset, names) in [("rcg-1", vec!["hole", "wire", "horizon"]), ("rcg-3", vec!["horizon"])] {
+            let rig = Rig::load(preset).unwrap().with_image_size(128).unwrap();
+            for outline in seen_in(&rig, &frame(&rig)) {
+                if names.contains(&outline.name) {
+                    let seen = outline.seen.unwrap_or_else(|| panic!("{preset}: no {}", outline.name));
+                    assert!(seen.distance_px < 1.0, "{preset} {}: {seen:?}", outline.name);
+                }
+            }
+            let mut turned = rig.clone();
+            turned.camera.lens.centre_px[0] += 2.5;
+            turned.camera.lens.centre_px[1] -= 1.0;
+            let outlines = seen_in(&rig, &frame(&turned));
+            let horizon = outlines.iter().find(|outline| outline.name == "horizon").unwrap();
+            let [right, down] = horizon.seen.unwrap().shift_px;
+            assert!((right - 2.5).abs() < 0.6 && (down + 1.0).abs() < 0.6, "{preset}: {right} {down}");
+        }
+        // Nothing is seen of what is not lit.
+        let rig = Rig::load("rcg-3").unwrap().with_image_size(64).unwrap();
+        assert!(seen_in(&rig, &vec![100.0; 64 * 64]).iter().all(|outline| outline.seen.is_none()));
+    }
 }
