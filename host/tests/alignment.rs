@@ -56,8 +56,12 @@ fn errors(truth: &Rig, nominal: &Rig) -> (f64, f64) {
         assert!(of_device.len() > 50);
         squares.push(of_device.iter().sum::<f64>() / of_device.len() as f64);
     }
-    let lateral = [&truth.camera.lens, &truth.projector.lens].map(|lens| lens.offset_m[0].hypot(lens.offset_m[1]) * 1e3);
-    ((squares.iter().sum::<f64>() / 2.0).sqrt(), lateral[0].max(lateral[1]))
+    let lateral = [&truth.camera.lens, &truth.projector.lens]
+        .map(|lens| lens.offset_m[0].hypot(lens.offset_m[1]) * 1e3);
+    (
+        (squares.iter().sum::<f64>() / 2.0).sqrt(),
+        lateral[0].max(lateral[1]),
+    )
 }
 
 /// Follows the advice on a rig that is drawn by `seed`, with hands that miss by a twentieth of a move and 0.03 mm or degrees. Returns the errors
@@ -84,7 +88,10 @@ fn align(nominal: &Rig, seed: u64) -> (Vec<(f64, f64)>, Advice) {
         assert!(table.views(&dir, None, &mut Nobody, &Silent).unwrap());
         let advice = advise(&dir).unwrap();
         if std::env::var("RCG_ALIGNMENT").is_ok() {
-            println!("{:.3}° {:.3} mm as advised: {:?}", advice.directions_deg, advice.lateral_mm, advice.undetermined);
+            println!(
+                "{:.3}° {:.3} mm as advised: {:?}",
+                advice.directions_deg, advice.lateral_mm, advice.undetermined
+            );
             for one in &advice.moves {
                 println!("  {} {}", one.words, one.is_combined);
             }
@@ -112,7 +119,13 @@ fn aligned(nominal: &Rig, seeds: std::ops::Range<u64>) {
         assert!(advice.is_aligned, "rig {seed}: {found:?} {advice:?}");
         assert!(deg < ALIGNED_DEG && mm < ALIGNED_MM, "rig {seed}: {found:?}");
         let untold: Vec<&str> = advice.undetermined.iter().map(|one| one.what.as_str()).collect();
-        for what in ["sample", "camera, forward", "projector, forward", "camera, turned", "projector, turned"] {
+        for what in [
+            "sample",
+            "camera, forward",
+            "projector, forward",
+            "camera, turned",
+            "projector, turned",
+        ] {
             assert!(untold.iter().any(|untold| untold.starts_with(what)), "{untold:?}");
         }
     }

@@ -50,12 +50,17 @@ impl Guard {
 
     fn refused(&self, what: &str, expected: &str, found: &str) -> Refusal {
         let found: String = found.chars().filter(|c| !c.is_control()).take(100).collect();
-        (StatusCode::FORBIDDEN, format!("{what}: expected {expected}, found {found}\n"))
+        (
+            StatusCode::FORBIDDEN,
+            format!("{what}: expected {expected}, found {found}\n"),
+        )
     }
 
     /// Refuses who has not the token: it stands in `Authorization: Bearer TOKEN`.
     pub(crate) fn check_token(&self, headers: &HeaderMap) -> Result<(), Refusal> {
-        let said = headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
+        let said = headers
+            .get(header::AUTHORIZATION)
+            .and_then(|value| value.to_str().ok());
         let token = said.and_then(|text| text.strip_prefix("Bearer "));
         if token.is_some_and(|token| self.is_token(token)) {
             return Ok(());
@@ -68,7 +73,10 @@ impl Guard {
 
     /// Whether `text` is the token, in a time that does not depend on how much of it is.
     pub(crate) fn is_token(&self, text: &str) -> bool {
-        let differ = text.bytes().zip(self.token.bytes()).fold(0, |all, (one, other)| all | (one ^ other));
+        let differ = text
+            .bytes()
+            .zip(self.token.bytes())
+            .fold(0, |all, (one, other)| all | (one ^ other));
         text.len() == TOKEN && differ == 0
     }
 }
@@ -80,26 +88,54 @@ mod tests {
     #[test]
     fn other_sites_and_whoever_has_no_token_are_refused() {
         let guard = Guard::new(8123, [1, 0xabc]);
-        assert_eq!(guard.url(), "http://127.0.0.1:8123/#00000000000000010000000000000abc");
+        assert_eq!(
+            guard.url(),
+            "http://127.0.0.1:8123/#00000000000000010000000000000abc"
+        );
         let headers = |all: &[(header::HeaderName, &str)]| -> HeaderMap {
-            all.iter().map(|(name, value)| (name.clone(), value.parse().unwrap())).collect()
+            all.iter()
+                .map(|(name, value)| (name.clone(), value.parse().unwrap()))
+                .collect()
         };
         let host = (header::HOST, "localhost:8123");
         for origin in ["http://localhost:8123", "http://127.0.0.1:8123"] {
-            guard.check(&headers(&[host.clone(), (header::ORIGIN, origin)])).unwrap();
+            guard
+                .check(&headers(&[host.clone(), (header::ORIGIN, origin)]))
+                .unwrap();
         }
         guard.check(&headers(std::slice::from_ref(&host))).unwrap();
-        for foreign in ["http://evil.example", "null", "https://localhost:8123", "http://localhost:8124", "http://localhost:8123.evil.example"] {
-            let (status, sentence) = guard.check(&headers(&[host.clone(), (header::ORIGIN, foreign)])).unwrap_err();
-            assert!(status == StatusCode::FORBIDDEN && sentence.contains(foreign), "{sentence}");
+        for foreign in [
+            "http://evil.example",
+            "null",
+            "https://localhost:8123",
+            "http://localhost:8124",
+            "http://localhost:8123.evil.example",
+        ] {
+            let (status, sentence) = guard
+                .check(&headers(&[host.clone(), (header::ORIGIN, foreign)]))
+                .unwrap_err();
+            assert!(
+                status == StatusCode::FORBIDDEN && sentence.contains(foreign),
+                "{sentence}"
+            );
         }
         for foreign in ["evil.example:8123", "localhost", "127.0.0.1:80"] {
-            assert!(guard.check(&headers(&[(header::HOST, foreign)])).is_err(), "{foreign}");
+            assert!(
+                guard.check(&headers(&[(header::HOST, foreign)])).is_err(),
+                "{foreign}"
+            );
         }
         assert!(guard.check(&HeaderMap::new()).is_err());
         let bearer = |token: &str| headers(&[(header::AUTHORIZATION, &format!("Bearer {token}"))]);
-        guard.check_token(&bearer("00000000000000010000000000000abc")).unwrap();
-        for wrong in ["", "0", "00000000000000010000000000000abd", "00000000000000010000000000000abc0"] {
+        guard
+            .check_token(&bearer("00000000000000010000000000000abc"))
+            .unwrap();
+        for wrong in [
+            "",
+            "0",
+            "00000000000000010000000000000abd",
+            "00000000000000010000000000000abc0",
+        ] {
             assert!(guard.check_token(&bearer(wrong)).is_err(), "{wrong}");
         }
         assert!(guard.check_token(&HeaderMap::new()).is_err());

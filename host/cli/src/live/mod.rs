@@ -103,7 +103,10 @@ impl Args {
             self.conditions.check(&nominal)?;
             None
         } else {
-            Some(World::read(&self.conditions.virtual_rig(None), self.port.bridged()?)?)
+            Some(World::read(
+                &self.conditions.virtual_rig(None),
+                self.port.bridged()?,
+            )?)
         };
         let (known, _) = self.calibration.rig(nominal.clone())?;
         let settings = Settings {

@@ -16,7 +16,10 @@ pub(crate) fn picture(mut table: Table, is_open: bool, output: &Output) -> Done 
     if is_open {
         let exposure_s = table.auto_exposure_s()?;
         let settings = table.settings().clone();
-        table.set(Settings { exposure_s, ..settings })?;
+        table.set(Settings {
+            exposure_s,
+            ..settings
+        })?;
     }
     let shot = table.shoot()?;
     let settings = table.settings();
@@ -63,7 +66,9 @@ pub(crate) fn advice(mut table: Table, output: &Output) -> Done {
     let folder = tempfile::tempdir()?;
     let dir = folder.path().join("views");
     if !table.views(&dir, None, &mut Lines { output }, output)? {
-        return Err(Failure::input("--advise: expected all views, found that somebody stopped"));
+        return Err(Failure::input(
+            "--advise: expected all views, found that somebody stopped",
+        ));
     }
     let advice = advise(&dir)?;
     output.print(&advice, || text(&advice))
@@ -77,8 +82,12 @@ fn text(advice: &Advice) -> String {
     }
     for one in &advice.undetermined {
         let space = if one.unit == "mm" { " " } else { "" };
-        writeln!(text, "  not told: {} (± {:.1}{space}{})", one.what, one.standard_uncertainty, one.unit)
-            .expect("strings take everything");
+        writeln!(
+            text,
+            "  not told: {} (± {:.1}{space}{})",
+            one.what, one.standard_uncertainty, one.unit
+        )
+        .expect("strings take everything");
     }
     writeln!(
         text,

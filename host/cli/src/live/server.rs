@@ -9,8 +9,8 @@ use std::future::IntoFuture as _;
 use std::io::Write as _;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
 use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use axum::Router;
@@ -69,11 +69,17 @@ struct Shared {
 
 /// Serves the page until somebody ends the program.
 pub(crate) fn run(args: &Args, table: Table, output: &Output) -> Done {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_io()
+        .enable_time()
+        .build()?;
     let address = SocketAddr::from((Ipv4Addr::LOCALHOST, args.page_port.unwrap_or(0)));
-    let listener = runtime
-        .block_on(TcpListener::bind(address))
-        .map_err(|error| Failure::input(format!("--page-port {}: expected a port that is free, found {error}", address.port())))?;
+    let listener = runtime.block_on(TcpListener::bind(address)).map_err(|error| {
+        Failure::input(format!(
+            "--page-port {}: expected a port that is free, found {error}",
+            address.port()
+        ))
+    })?;
     let guard = Guard::new(listener.local_addr()?.port(), random()?);
     let url = guard.url();
     let (asked, wishes) = sync_channel(WISHES);
@@ -110,19 +116,36 @@ pub(crate) fn run(args: &Args, table: Table, output: &Output) -> Done {
 
 /// Numbers that nobody can guess.
 fn random() -> Result<[u64; 2], Failure> {
-    let draw = || rand::rngs::SysRng.try_next_u64().map_err(|error| Failure::Failed(anyhow::anyhow!("{error}")));
+    let draw = || {
+        rand::rngs::SysRng
+            .try_next_u64()
+            .map_err(|error| Failure::Failed(anyhow::anyhow!("{error}")))
+    };
     Ok([draw()?, draw()?])
 }
 
 /// Opens a browser at `url`. The address, with its token, stands in a file that nobody else reads, and in no list of programs.
 fn open(url: &str, output: &Output) -> Option<tempfile::NamedTempFile> {
-    let opener = if cfg!(target_os = "macos") { "open" } else { "xdg-open" };
-    let file = tempfile::Builder::new().prefix("rcg-live-").suffix(".html").tempfile();
+    let opener = if cfg!(target_os = "macos") {
+        "open"
+    } else {
+        "xdg-open"
+    };
+    let file = tempfile::Builder::new()
+        .prefix("rcg-live-")
+        .suffix(".html")
+        .tempfile();
     let opened = file.and_then(|mut file| {
-        write!(file, "<!doctype html><meta http-equiv=\"refresh\" content=\"0;url={url}\">")?;
+        write!(
+            file,
+            "<!doctype html><meta http-equiv=\"refresh\" content=\"0;url={url}\">"
+        )?;
         let mut command = std::process::Command::new(opener);
         command.arg(file.path()).stdin(std::process::Stdio::null());
-        command.stdout(std::process::Stdio::null()).stderr(std::process::Stdio::null()).spawn()?;
+        command
+            .stdout(std::process::Stdio::null())
+            .stderr(std::process::Stdio::null())
+            .spawn()?;
         Ok(file)
     });
     match opened {
@@ -137,8 +160,14 @@ fn open(url: &str, output: &Output) -> Option<tempfile::NamedTempFile> {
 fn router(shared: Shared) -> Router {
     Router::new()
         .route("/", get(|| async { file("text/html; charset=utf-8", PAGE) }))
-        .route("/page.css", get(|| async { file("text/css; charset=utf-8", STYLE) }))
-        .route("/page.js", get(|| async { file("text/javascript; charset=utf-8", PROGRAM) }))
+        .route(
+            "/page.css",
+            get(|| async { file("text/css; charset=utf-8", STYLE) }),
+        )
+        .route(
+            "/page.js",
+            get(|| async { file("text/javascript; charset=utf-8", PROGRAM) }),
+        )
         .route("/live", get(live))
         .route("/do", post(wish))
         .route("/state", get(state))
@@ -168,7 +197,11 @@ fn file(kind: &'static str, text: &'static str) -> impl IntoResponse {
 }
 
 /// Grants a wish.
-async fn wish(State(shared): State<Shared>, headers: HeaderMap, body: Bytes) -> Result<&'static str, Refusal> {
+async fn wish(
+    State(shared): State<Shared>,
+    headers: HeaderMap,
+    body: Bytes,
+) -> Result<&'static str, Refusal> {
     shared.guard.check_token(&headers)?;
     let bad = |sentence: String| (StatusCode::BAD_REQUEST, format!("{sentence}\n"));
     let wish = Wish::read(&body).map_err(bad)?;
@@ -178,7 +211,9 @@ async fn wish(State(shared): State<Shared>, headers: HeaderMap, body: Bytes) -> 
     match answered.await {
         Ok(Ok(())) => Ok("done\n"),
         Ok(Err(sentence)) => Err(bad(sentence)),
-        Err(_) => Err(bad("expected an answer of the instrument, found that its thread has ended".to_owned())),
+        Err(_) => Err(bad(
+            "expected an answer of the instrument, found that its thread has ended".to_owned(),
+        )),
     }
 }
 
@@ -193,7 +228,8 @@ async fn state(State(shared): State<Shared>, headers: HeaderMap) -> Result<Respo
 /// A place where the report may be fetched once, as a page of its own: a browser that opens a page says no token.
 async fn ticket(State(shared): State<Shared>, headers: HeaderMap) -> Result<String, Refusal> {
     shared.guard.check_token(&headers)?;
-    let [one, other] = random().map_err(|failure| (StatusCode::INTERNAL_SERVER_ERROR, format!("{failure}\n")))?;
+    let [one, other] =
+        random().map_err(|failure| (StatusCode::INTERNAL_SERVER_ERROR, format!("{failure}\n")))?;
     let ticket = format!("{one:016x}{other:016x}");
     *shared.ticket.lock().unwrap_or_else(PoisonError::into_inner) = Some(ticket.clone());
     Ok(format!("/report/{ticket}"))
@@ -201,17 +237,26 @@ async fn ticket(State(shared): State<Shared>, headers: HeaderMap) -> Result<Stri
 
 /// The report of the measurement that is looked at.
 async fn report(State(shared): State<Shared>, Path(ticket): Path<String>) -> Result<Response, Refusal> {
-    let missing = || (StatusCode::NOT_FOUND, "expected a measurement that is done, found no report.html\n".to_owned());
+    let missing = || {
+        (
+            StatusCode::NOT_FOUND,
+            "expected a measurement that is done, found no report.html\n".to_owned(),
+        )
+    };
     let is_known = {
         let mut known = shared.ticket.lock().unwrap_or_else(PoisonError::into_inner);
         known.take_if(|known| *known == ticket).is_some()
     };
     if !is_known {
-        return Err((StatusCode::FORBIDDEN, "expected an address that the page opens, found another or an old one\n".to_owned()));
+        return Err((
+            StatusCode::FORBIDDEN,
+            "expected an address that the page opens, found another or an old one\n".to_owned(),
+        ));
     }
     let path = shared.report.ok_or_else(missing)?;
     let text = std::fs::read_to_string(path).map_err(|_| missing())?;
-    let policy = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:";
+    let policy =
+        "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:";
     let headers = [
         (header::CONTENT_TYPE, "text/html; charset=utf-8"),
         (header::CACHE_CONTROL, "no-store"),
@@ -226,10 +271,12 @@ async fn live(State(shared): State<Shared>, upgrade: WebSocketUpgrade) -> Respon
         let sentence = format!("expected at most {PAGES} pages at a time, found more: close some\n");
         return (StatusCode::SERVICE_UNAVAILABLE, sentence).into_response();
     };
-    upgrade.max_message_size(LONGEST_WISH).on_upgrade(move |socket| async move {
-        follow(socket, shared).await;
-        drop(page);
-    })
+    upgrade
+        .max_message_size(LONGEST_WISH)
+        .on_upgrade(move |socket| async move {
+            follow(socket, shared).await;
+            drop(page);
+        })
 }
 
 /// Tells a page what changes, until it goes.
@@ -275,7 +322,12 @@ async fn follow(mut socket: WebSocket, shared: Shared) {
 /// A picture as bytes: width and height (16 bit, little-endian), channels, step, then its values.
 fn packed(picture: &Picture) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(8 + picture.bytes.len());
-    for size in [picture.width_px, picture.height_px, picture.channels, picture.step] {
+    for size in [
+        picture.width_px,
+        picture.height_px,
+        picture.channels,
+        picture.step,
+    ] {
         bytes.extend((size as u16).to_le_bytes());
     }
     bytes.extend(&picture.bytes);

@@ -64,7 +64,10 @@ impl Watch {
             ..HowFar::default()
         };
         if !self.dir.join("raw.zarr").exists() {
-            far.problem = Some(format!("{}: expected a measurement, found no frames yet", far.dir));
+            far.problem = Some(format!(
+                "{}: expected a measurement, found no frames yet",
+                far.dir
+            ));
             return (far, None);
         }
         match self.frames(&mut far) {
@@ -87,10 +90,15 @@ impl Watch {
     fn frames(&mut self, far: &mut HowFar) -> Result<Option<Picture>, StoreError> {
         let raw = RawStore::open(&self.dir.join("raw.zarr"))?;
         let (layout, whole) = (*raw.layout(), raw.whole_segments()?);
-        let count = |segments: usize| (0..segments).map(|index| raw.segment_range(index).len()).sum::<usize>();
+        let count = |segments: usize| {
+            (0..segments)
+                .map(|index| raw.segment_range(index).len())
+                .sum::<usize>()
+        };
         (far.done, far.of) = (count(whole), layout.exposures);
         let tally = raw.tally()?;
-        (far.missed, far.dropped, far.repeated) = (tally.missed_triggers, tally.dropped_frames, tally.repeated);
+        (far.missed, far.dropped, far.repeated) =
+            (tally.missed_triggers, tally.dropped_frames, tally.repeated);
         let is_new = self.seen.replace(whole).is_some_and(|seen| seen < whole);
         if is_new && self.began.is_none() {
             self.began = Some((whole, Instant::now()));

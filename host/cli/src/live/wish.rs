@@ -54,7 +54,8 @@ pub(crate) enum Wish {
 impl Wish {
     /// The one in `text`.
     pub(crate) fn read(text: &[u8]) -> Result<Self, String> {
-        serde_json::from_slice(text)
-            .map_err(|error| format!("expected a wish such as {{\"show\":\"white\"}} or \"fire\", found another: {error}"))
+        serde_json::from_slice(text).map_err(|error| {
+            format!("expected a wish such as {{\"show\":\"white\"}} or \"fire\", found another: {error}")
+        })
     }
 }

@@ -94,12 +94,20 @@ impl Worker {
         loop {
             let wait = if self.state.running || self.fire > 0 {
                 let since = self.last.map_or(FASTEST, |last| last.elapsed());
-                let pace = if self.state.problem.is_some() { AGAIN } else { FASTEST };
+                let pace = if self.state.problem.is_some() {
+                    AGAIN
+                } else {
+                    FASTEST
+                };
                 pace.saturating_sub(since)
             } else {
                 AGAIN
             };
-            let asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner).recv_timeout(wait);
+            let asked = self
+                .asked
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .recv_timeout(wait);
             match asked {
                 Ok((wish, answer)) => {
                     let done = self.grant(wish).map_err(|failure| failure.to_string());
@@ -144,7 +152,9 @@ impl Worker {
 
     /// Looks after a measurement.
     fn look_on(&mut self) {
-        let Some((watch, next)) = &mut self.watch else { return };
+        let Some((watch, next)) = &mut self.watch else {
+            return;
+        };
         if *next > Instant::now() {
             return;
         }
@@ -165,7 +175,11 @@ impl Worker {
         self.note(&shot);
         let rate_hz = began.elapsed().max(FASTEST).as_secs_f64().recip();
         let state = &mut self.state;
-        state.rate_hz = if state.rate_hz > 0.0 { 0.8 * state.rate_hz + 0.2 * rate_hz } else { rate_hz };
+        state.rate_hz = if state.rate_hz > 0.0 {
+            0.8 * state.rate_hz + 0.2 * rate_hz
+        } else {
+            rate_hz
+        };
         state.number += 1;
         self.told.picture.send_replace(Arc::new(shot.picture));
         Ok(())
@@ -214,7 +228,11 @@ impl Worker {
     /// Changes what is looked at, and exposes it as it needs where nobody has said how.
     fn set_scene(&mut self, change: impl FnOnce(&mut Settings)) -> Result<(), Failure> {
         self.set(change)?;
-        if self.state.is_automatic { self.expose() } else { Ok(()) }
+        if self.state.is_automatic {
+            self.expose()
+        } else {
+            Ok(())
+        }
     }
 
     fn set(&mut self, change: impl FnOnce(&mut Settings)) -> Result<(), Failure> {
@@ -253,7 +271,11 @@ impl Worker {
                 Ok(())
             }
             Wish::Move { part, motion, by } => Ok(self.table.move_part(part, motion, by)?),
-            Wish::Misalign { seed, position_mm, angle_deg } => {
+            Wish::Misalign {
+                seed,
+                position_mm,
+                angle_deg,
+            } => {
                 if !(0.0..=10.0).contains(&position_mm) || !(0.0..=10.0).contains(&angle_deg) {
                     return Err(Failure::input(format!(
                         "misalign: expected 0 to 10 mm and 0 to 10 degrees, found {position_mm} and {angle_deg}"
@@ -270,7 +292,9 @@ impl Worker {
             }
             Wish::Advise => self.advise(),
             Wish::Follow => self.follow(),
-            Wish::Answer(_) => Err(Failure::input("answer: expected nobody to be asked, found an answer")),
+            Wish::Answer(_) => Err(Failure::input(
+                "answer: expected nobody to be asked, found an answer",
+            )),
             Wish::Calibrate => self.calibrate(),
         }
     }
@@ -278,7 +302,9 @@ impl Worker {
     /// Makes the moves of the last advice on the virtual rig.
     fn follow(&mut self) -> Result<(), Failure> {
         let Some(advice) = self.state.advice.take() else {
-            return Err(Failure::input("follow: expected advice, found none: ask for it first"));
+            return Err(Failure::input(
+                "follow: expected advice, found none: ask for it first",
+            ));
         };
         for one in advice.moves.iter().filter(|one| one.is_clear) {
             self.table.move_part(one.part, one.motion, one.by)?;
@@ -290,7 +316,9 @@ impl Worker {
         let folder = tempfile::tempdir()?;
         let dir = folder.path().join("views");
         if !self.views(&dir, None, "views for advice")? {
-            return Err(Failure::input("advice: expected all views, found that somebody stopped"));
+            return Err(Failure::input(
+                "advice: expected all views, found that somebody stopped",
+            ));
         }
         let advice = advise(&dir)?;
         self.witness.advice = Some(advice.clone());
@@ -310,7 +338,9 @@ impl Worker {
             write_whole(&out.join("truth.toml"), truth.to_toml().as_bytes())?;
         }
         if !self.views(&out, Some(CALIBRATED_PX), "calibration")? {
-            return Err(Failure::input("calibrate: expected all views, found that somebody stopped"));
+            return Err(Failure::input(
+                "calibrate: expected all views, found that somebody stopped",
+            ));
         }
         calibrate(&out, &Said::default())?;
         self.witness.is_calibrated = true;
@@ -347,7 +377,12 @@ impl Teller<'_> {
     }
 
     fn busy(&self, (_, answer): Asking) {
-        answer.send(Err(format!("expected an instrument that is free, found it busy: {}", self.what))).ok();
+        answer
+            .send(Err(format!(
+                "expected an instrument that is free, found it busy: {}",
+                self.what
+            )))
+            .ok();
     }
 }
 

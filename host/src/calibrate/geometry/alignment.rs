@@ -27,10 +27,11 @@ use crate::instrument::rig::Rig;
 pub const ALIGNED_DEG: f64 = 0.3;
 /// See [`ALIGNED_DEG`].
 pub const ALIGNED_MM: f64 = 0.3;
-/// Moves below so many of their standard uncertainties say nothing.
-const CLEAR: f64 = 1.0;
+/// A move is worth making from this share of its standard uncertainty on: nothing is nearer to the truth than what was found, but hands
+/// would never come to rest.
+const CLEAR: f64 = 0.3;
 /// Moves that no screw is turned for, millimetres and degrees.
-const FINEST: f64 = 0.02;
+const FINEST: f64 = 0.05;
 /// Rounds of least squares for the combined moves.
 const ROUNDS: usize = 4;
 /// Steps for derivatives: metres and degrees of moves, tolerances of unknowns.
@@ -70,7 +71,7 @@ pub struct Move {
     pub by: f64,
     /// Its standard uncertainty (k = 1), in the same unit.
     pub standard_uncertainty: f64,
-    /// Whether it is clear enough to be made.
+    /// Whether it is worth making.
     pub is_clear: bool,
     /// Whether it stands for others that nothing tells apart from it.
     pub is_combined: bool,
@@ -146,11 +147,14 @@ pub fn advise(dir: &std::path::Path) -> Result<Advice, CalibrateError> {
     check_matches(&seen)?;
     let stated = views.scaled()?;
     let fit = Fit::of(&views, &stated, &seen)?;
-    let covariance = fit.solution.covariance(1.0).ok_or_else(|| CalibrateError::Views {
-        expected: "views that determine the rig".to_owned(),
-        found: "some that tell nothing of it".to_owned(),
-        advice: "add views of the flat mirror at other tilts, in other azimuths (three or more)",
-    })?;
+    let covariance = fit
+        .solution
+        .covariance(1.0)
+        .ok_or_else(|| CalibrateError::Views {
+            expected: "views that determine the rig".to_owned(),
+            found: "some that tell nothing of it".to_owned(),
+            advice: "add views of the flat mirror at other tilts, in other azimuths (three or more)",
+        })?;
     let covariance = in_units(&fit.unknowns, &covariance);
     Ok(Finding::of(&fit, covariance).advice())
 }
@@ -207,7 +211,8 @@ impl<'a> Finding<'a> {
 
     /// Standard uncertainty of the unknown `name`, in the unit of the rig file.
     fn sigma(&self, name: &str) -> f64 {
-        self.place(name).map_or(0.0, |at| self.covariance[(at, at)].sqrt())
+        self.place(name)
+            .map_or(0.0, |at| self.covariance[(at, at)].sqrt())
     }
 
     fn advice(&self) -> Advice {
@@ -235,8 +240,7 @@ impl<'a> Finding<'a> {
             undetermined.extend(self.apart(part));
             moves.extend(device);
         }
-        let [directions_deg, directions_after_deg] =
-            squares.map(|sum| (sum / 2.0).sqrt().to_degrees());
+        let [directions_deg, directions_after_deg] = squares.map(|sum| (sum / 2.0).sqrt().to_degrees());
         Advice {
             moves,
             undetermined,
@@ -254,8 +258,20 @@ impl<'a> Finding<'a> {
         let roll = nominal.roll_deg - found.roll_deg;
         let tilt = nominal.tilt_deg - found.tilt_deg;
         vec![
-            made(Part::Sample, Motion::Turn(0), roll, self.sigma("sample.roll_deg"), false),
-            made(Part::Sample, Motion::Turn(1), tilt, self.sigma("sample.tilt_deg"), false),
+            made(
+                Part::Sample,
+                Motion::Turn(0),
+                roll,
+                self.sigma("sample.roll_deg"),
+                false,
+            ),
+            made(
+                Part::Sample,
+                Motion::Turn(1),
+                tilt,
+                self.sigma("sample.tilt_deg"),
+                false,
+            ),
         ]
     }
 
@@ -284,7 +300,9 @@ impl<'a> Finding<'a> {
             let missed = misses(&probes, &(aim.view)(&rig));
             let jacobian = self.jacobian(part, aim, &rig, &probes);
             let normal = jacobian.tr_mul(&jacobian);
-            let Some(inverse) = normal.try_inverse() else { break };
+            let Some(inverse) = normal.try_inverse() else {
+                break;
+            };
             let solve = inverse * jacobian.transpose();
             let step = -(&solve * missed);
             for (motion, step) in COMBINED.into_iter().zip(step.iter()) {
@@ -293,7 +311,9 @@ impl<'a> Finding<'a> {
             by += step;
             solver = Some(solve);
         }
-        let sigmas = solver.map_or(vec![0.0; COMBINED.len()], |solve| self.combined(aim, &probes, &solve));
+        let sigmas = solver.map_or(vec![0.0; COMBINED.len()], |solve| {
+            self.combined(aim, &probes, &solve)
+        });
         moves.extend(
             COMBINED
                 .into_iter()
@@ -324,24 +344,35 @@ impl<'a> Finding<'a> {
     /// of the device, but for what a lateral move and the sample's turn put right.
     fn combined(&self, aim: Aim, probes: &[Probe], solve: &DMatrix<f64>) -> Vec<f64> {
         let found = &self.fit.solution.rig;
-        let columns: Vec<DVector<f64>> = self.fit.unknowns.iter().map(|unknown| {
-            let step = STEP * unknown.tolerance;
-            let side = |by: f64| {
-                let mut rig = found.clone();
-                *unknown.of(&mut rig) += by;
-                misses(probes, &(aim.view)(&rig))
-            };
-            solve * ((side(step) - side(-step)) / (2.0 * step))
-        }).collect();
+        let columns: Vec<DVector<f64>> = self
+            .fit
+            .unknowns
+            .iter()
+            .map(|unknown| {
+                let step = STEP * unknown.tolerance;
+                let side = |by: f64| {
+                    let mut rig = found.clone();
+                    *unknown.of(&mut rig) += by;
+                    misses(probes, &(aim.view)(&rig))
+                };
+                solve * ((side(step) - side(-step)) / (2.0 * step))
+            })
+            .collect();
         let of_unknowns = DMatrix::from_columns(&columns);
         let covariance = &of_unknowns * &self.covariance * of_unknowns.transpose();
-        covariance.diagonal().iter().map(|variance| variance.max(0.0).sqrt()).collect()
+        covariance
+            .diagonal()
+            .iter()
+            .map(|variance| variance.max(0.0).sqrt())
+            .collect()
     }
 
     /// What the combined moves of a device do not tell apart.
     fn apart(&self, part: Part) -> [Undetermined; 2] {
         let name = name(part);
-        let turn = (0..2).map(|axis| self.sigma(&format!("{name}.lens.rotation_deg[{axis}]"))).fold(0.0, f64::max);
+        let turn = (0..2)
+            .map(|axis| self.sigma(&format!("{name}.lens.rotation_deg[{axis}]")))
+            .fold(0.0, f64::max);
         [
             Undetermined {
                 what: format!("{name}, forward, apart from its focal length"),
@@ -371,7 +402,10 @@ fn probes(aim: Aim, nominal: &Rig) -> Vec<Probe> {
     let all = (0..PROBES).flat_map(|row| (0..PROBES).map(move |column| (column, row)));
     all.filter_map(|(column, row)| {
         let at_px = [at(column, width), at(row, height)];
-        let direction = view.direction(at_px[0], at_px[1]).ok().filter(|w| is_judged(*w))?;
+        let direction = view
+            .direction(at_px[0], at_px[1])
+            .ok()
+            .filter(|w| is_judged(*w))?;
         Some(Probe { at_px, direction })
     })
     .collect()
@@ -425,8 +459,14 @@ fn words(part: Part, motion: Motion, by: f64, sigma: f64, is_clear: bool) -> Str
     let name = name(part);
     let way = if by < 0.0 { minus } else { plus };
     if is_clear {
-        format!("{verb} the {name} {:.2}{space}{unit} {way} (± {sigma:.2}{space}{unit})", by.abs())
+        format!(
+            "{verb} the {name} {:.2}{space}{unit} {way} (± {sigma:.2}{space}{unit})",
+            by.abs()
+        )
     } else {
-        format!("leave the {name} ({verb} {way} {:.2} ± {sigma:.2}{space}{unit})", by.abs())
+        format!(
+            "leave the {name} ({verb} {way} {:.2} ± {sigma:.2}{space}{unit})",
+            by.abs()
+        )
     }
 }

@@ -55,7 +55,15 @@ pub struct Item {
 /// The list after what `seen` has witnessed.
 #[must_use]
 pub fn checklist(seen: &Witness) -> Vec<Item> {
-    vec![triggered(seen), lit(seen), exposed(seen), focused(seen), edges(seen), aligned(seen), calibrated(seen)]
+    vec![
+        triggered(seen),
+        lit(seen),
+        exposed(seen),
+        focused(seen),
+        edges(seen),
+        aligned(seen),
+        calibrated(seen),
+    ]
 }
 
 fn item(what: &'static str, done: bool, hint: String) -> Item {
@@ -64,14 +72,23 @@ fn item(what: &'static str, done: bool, hint: String) -> Item {
 
 fn triggered(seen: &Witness) -> Item {
     let (done, hint) = match seen.strobe {
-        None => (false, "no picture yet: trigger box, camera and STROBE have to be there".to_owned()),
+        None => (
+            false,
+            "no picture yet: trigger box, camera and STROBE have to be there".to_owned(),
+        ),
         Some(Strobe { delay_us, width_us }) => {
             let off = (width_us / seen.exposure_us - 1.0).abs();
             let found = format!("STROBE {delay_us:.1} µs after the trigger, {width_us:.1} µs long");
             if off < 0.05 || (width_us - seen.exposure_us).abs() < 5.0 {
                 (true, found)
             } else {
-                (false, format!("{found}, expected {:.1} µs: is it the camera's exposure-active line?", seen.exposure_us))
+                (
+                    false,
+                    format!(
+                        "{found}, expected {:.1} µs: is it the camera's exposure-active line?",
+                        seen.exposure_us
+                    ),
+                )
             }
         }
     };
@@ -85,7 +102,10 @@ fn lit(seen: &Witness) -> Item {
             format!("median of {white:.0} with white, {black:.0} with black (digital numbers)"),
         ),
         (None, _) => (false, "show black once".to_owned()),
-        (_, None) => (false, "show white once, with a white standard in the holder".to_owned()),
+        (_, None) => (
+            false,
+            "show white once, with a white standard in the holder".to_owned(),
+        ),
     };
     item("first light: the camera sees the projector", done, hint)
 }
@@ -105,7 +125,11 @@ fn exposed(seen: &Witness) -> Item {
             _ => "",
         }
     );
-    item("well exposed: nothing saturated, nothing lost in the noise", done, hint)
+    item(
+        "well exposed: nothing saturated, nothing lost in the noise",
+        done,
+        hint,
+    )
 }
 
 fn focused(seen: &Witness) -> Item {
@@ -115,7 +139,10 @@ fn focused(seen: &Witness) -> Item {
     let hint = if seen.sharpness.len() < LOOKED {
         "show stripes or a cross, and turn the focus through its best".to_owned()
     } else {
-        format!("focus figure {:.0} % of its best since this was shown", 100.0 * now / best.max(f64::MIN_POSITIVE))
+        format!(
+            "focus figure {:.0} % of its best since this was shown",
+            100.0 * now / best.max(f64::MIN_POSITIVE)
+        )
     };
     item("in focus", done, hint)
 }
@@ -126,21 +153,31 @@ fn edges(seen: &Witness) -> Item {
         .iter()
         .filter_map(|outline| Some(format!("{} {:.1} px", outline.name, outline.seen?.distance_px)))
         .collect();
-    let farthest = seen.outlines.iter().filter_map(|outline| outline.seen).map(|seen| seen.distance_px);
+    let farthest = seen
+        .outlines
+        .iter()
+        .filter_map(|outline| outline.seen)
+        .map(|seen| seen.distance_px);
     let farthest = farthest.fold(0.0, f64::max);
     let most = NEAR * seen.width_px as f64;
     let done = !found.is_empty() && farthest <= most;
     let hint = if found.is_empty() {
         "no edge is seen: show white, with a white standard in the holder".to_owned()
     } else {
-        format!("{} from where they are expected; at most {most:.1} px", found.join(", "))
+        format!(
+            "{} from where they are expected; at most {most:.1} px",
+            found.join(", ")
+        )
     };
     item("edges where they are expected", done, hint)
 }
 
 fn aligned(seen: &Witness) -> Item {
     let (done, hint) = match &seen.advice {
-        None => (false, "ask for advice: views of a flat mirror at four tilts".to_owned()),
+        None => (
+            false,
+            "ask for advice: views of a flat mirror at four tilts".to_owned(),
+        ),
         Some(advice) => (
             advice.is_aligned,
             format!(
@@ -158,5 +195,9 @@ fn calibrated(seen: &Witness) -> Item {
     } else {
         "rcg calibrate geometry finds what screws leave"
     };
-    item("ready to calibrate", seen.is_calibrated || seen.advice.as_ref().is_some_and(|advice| advice.is_aligned), hint.to_owned())
+    item(
+        "ready to calibrate",
+        seen.is_calibrated || seen.advice.as_ref().is_some_and(|advice| advice.is_aligned),
+        hint.to_owned(),
+    )
 }

@@ -75,14 +75,21 @@ pub(super) fn brightness(dn: &[u16], channels: usize) -> Vec<f32> {
 
 fn sharpness(light: &[f32], width: usize, dark_dn: f64) -> f64 {
     let (mut gradients, mut squares) = (0.0, 0.0);
-    for (upper, lower) in light.chunks_exact(width).zip(light[width.min(light.len())..].chunks_exact(width)) {
+    for (upper, lower) in light
+        .chunks_exact(width)
+        .zip(light[width.min(light.len())..].chunks_exact(width))
+    {
         for x in 0..width.saturating_sub(1) {
             let (across, down) = (upper[x + 1] - upper[x], lower[x] - upper[x]);
             gradients += f64::from(across * across + down * down);
             squares += (f64::from(upper[x]) - dark_dn).powi(2);
         }
     }
-    if squares > 0.0 { 1e3 * gradients / squares } else { 0.0 }
+    if squares > 0.0 {
+        1e3 * gradients / squares
+    } else {
+        0.0
+    }
 }
 
 /// A frame for eyes.

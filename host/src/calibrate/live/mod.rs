@@ -244,7 +244,8 @@ impl Table {
         // No two pictures have the same noise.
         instrument.camera.begin_part(self.pictures);
         let lit = &self.lit;
-        let mut shots = instrument.take(1, &[timing], |_, image| image.light(lit), &mut self.tally, |_| {})?;
+        let mut shots =
+            instrument.take(1, &[timing], |_, image| image.light(lit), &mut self.tally, |_| {})?;
         self.pictures += 1;
         let us = 1e6 / f64::from(instrument.device.info().clock_hz);
         let shot = shots.pop().expect("invariant: one picture of one pattern");
@@ -276,7 +277,13 @@ impl Table {
         let mut outlines = outline::edges(&self.camera, frame.filter(|_| mirror.is_none()));
         if let (Shown::Spot { theta_deg, phi_deg }, Some(mirror)) = (self.settings.shown, mirror) {
             let light = [theta_deg, phi_deg];
-            outlines.extend(outline::spot(&self.camera, light, mirror, self.rig.light.spot_deg, frame));
+            outlines.extend(outline::spot(
+                &self.camera,
+                light,
+                mirror,
+                self.rig.light.spot_deg,
+                frame,
+            ));
         }
         outlines
     }
@@ -326,7 +333,10 @@ impl Table {
     ///
     /// # Errors
     /// [`CalibrateError::Choice`] on a real one, or where no such rig can be.
-    fn change(&mut self, change: impl FnOnce(&mut Truth) -> Result<(), CalibrateError>) -> Result<(), CalibrateError> {
+    fn change(
+        &mut self,
+        change: impl FnOnce(&mut Truth) -> Result<(), CalibrateError>,
+    ) -> Result<(), CalibrateError> {
         let Site::Virtual { truth, .. } = &mut self.site else {
             return Err(CalibrateError::Choice(
                 "expected hands to move a real instrument, found a command, which moves the virtual rig alone".to_owned(),
@@ -401,7 +411,9 @@ impl Table {
             tilt_uncertainty_deg: TILT_UNCERTAINTY_DEG,
         };
         match &self.site {
-            Site::Virtual { is_plugged: false, .. } => self.open().map(|_| true),
+            Site::Virtual {
+                is_plugged: false, ..
+            } => self.open().map(|_| true),
             Site::Virtual { world, truth, .. } => {
                 let world = world.moved(Truth::clone(truth));
                 geometry::capture(&request, dir, &world, progress)?;

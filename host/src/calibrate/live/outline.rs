@@ -65,7 +65,10 @@ pub(super) fn edges(camera: &View, frame: Option<Brightness>) -> Vec<Outline> {
             Outline {
                 name,
                 seen: frame.and_then(|frame| seen(&pieces, frame)),
-                pieces_px: pieces.iter().map(|piece| piece.ends.map(|at| at.to_array())).collect(),
+                pieces_px: pieces
+                    .iter()
+                    .map(|piece| piece.ends.map(|at| at.to_array()))
+                    .collect(),
             }
         })
         .filter(|outline| !outline.pieces_px.is_empty())
@@ -109,10 +112,16 @@ impl Grid {
                 continue;
             };
             let is_hidden = (0..4).any(|other| {
-                other != edge && corners.iter().any(|corner| corner[other].is_some_and(|rad| rad < -1e-3))
+                other != edge
+                    && corners
+                        .iter()
+                        .any(|corner| corner[other].is_some_and(|rad| rad < -1e-3))
             });
             let values = [a, b, c, d];
-            if is_hidden || values.iter().all(|value| *value >= 0.0) || values.iter().all(|value| *value < 0.0) {
+            if is_hidden
+                || values.iter().all(|value| *value >= 0.0)
+                || values.iter().all(|value| *value < 0.0)
+            {
                 continue;
             }
             let at = places.map(|(x, y)| DVec2::new(f64::from(x), f64::from(y)) * self.square_px);
@@ -182,21 +191,32 @@ fn shift(steps: &[&(DVec2, f64)]) -> [f64; 2] {
 /// Where a profile steps up most, in pixels from its start, if it steps by `clear` at least.
 fn step(profile: &[f32], clear: f32) -> Option<f64> {
     let mean = |part: &[f32]| part.iter().sum::<f32>() / part.len() as f32;
-    let steps = (BESIDE_PX..profile.len() - BESIDE_PX)
-        .map(|at| (at, mean(&profile[at + 1..=at + BESIDE_PX]) - mean(&profile[at - BESIDE_PX..at])));
+    let steps = (BESIDE_PX..profile.len() - BESIDE_PX).map(|at| {
+        (
+            at,
+            mean(&profile[at + 1..=at + BESIDE_PX]) - mean(&profile[at - BESIDE_PX..at]),
+        )
+    });
     let (at, height) = steps.max_by(|a, b| a.1.total_cmp(&b.1))?;
     if height < clear {
         return None;
     }
     let low = mean(&profile[at - BESIDE_PX..at]);
     // The step is where an edge between both levels would have to be for the light that there is.
-    let light: f32 = profile[at - 1..=at + 1].iter().map(|dn| ((dn - low) / height).clamp(0.0, 1.0)).sum();
+    let light: f32 = profile[at - 1..=at + 1]
+        .iter()
+        .map(|dn| ((dn - low) / height).clamp(0.0, 1.0))
+        .sum();
     Some(at as f64 + 1.5 - f64::from(light))
 }
 
 /// Brightness of all but the brightest and the darkest hundredth.
 fn range(light: &[f32]) -> f32 {
-    let mut sorted: Vec<f32> = light.iter().copied().step_by((light.len() / 4096).max(1)).collect();
+    let mut sorted: Vec<f32> = light
+        .iter()
+        .copied()
+        .step_by((light.len() / 4096).max(1))
+        .collect();
     sorted.sort_by(f32::total_cmp);
     let at = |share: usize| sorted.get(sorted.len() * share / 100).copied().unwrap_or(0.0);
     (at(99) - at(1)).max(1.0)
@@ -233,7 +253,11 @@ impl Brightness<'_> {
             let weight = f64::from(dn - half);
             sum += weight;
             count += 1;
-            centre += weight * DVec2::new((pixel % self.width_px) as f64 + 0.5, (pixel / self.width_px) as f64 + 0.5);
+            centre += weight
+                * DVec2::new(
+                    (pixel % self.width_px) as f64 + 0.5,
+                    (pixel / self.width_px) as f64 + 0.5,
+                );
         }
         (count < self.light.len() / 20).then(|| centre / sum)
     }
@@ -286,7 +310,10 @@ mod tests {
             // A pixel shows the mean over its area.
             let lit = (0..16).filter(|part| {
                 let at = |part: usize| (part as f64 + 0.5) / 4.0;
-                let (u, v) = ((pixel % width) as f64 + at(part % 4), (pixel / width) as f64 + at(part / 4));
+                let (u, v) = (
+                    (pixel % width) as f64 + at(part % 4),
+                    (pixel / width) as f64 + at(part / 4),
+                );
                 camera.direction(u, v).is_ok()
             });
             100.0 + 50.0 * lit.count() as f32
@@ -302,11 +329,16 @@ mod tests {
 
     #[test]
     fn edges_are_seen_where_they_are_and_as_far_off_as_the_camera_is_turned() {
-        for (preset, names) in [("rcg-1", vec!["hole", "wire", "horizon"]), ("rcg-3", vec!["horizon"])] {
+        for (preset, names) in [
+            ("rcg-1", vec!["hole", "wire", "horizon"]),
+            ("rcg-3", vec!["horizon"]),
+        ] {
             let rig = Rig::load(preset).unwrap().with_image_size(128).unwrap();
             for outline in seen_in(&rig, &frame(&rig)) {
                 if names.contains(&outline.name) {
-                    let seen = outline.seen.unwrap_or_else(|| panic!("{preset}: no {}", outline.name));
+                    let seen = outline
+                        .seen
+                        .unwrap_or_else(|| panic!("{preset}: no {}", outline.name));
                     assert!(seen.distance_px < 1.0, "{preset} {}: {seen:?}", outline.name);
                 }
             }
@@ -316,10 +348,17 @@ mod tests {
             let outlines = seen_in(&rig, &frame(&turned));
             let horizon = outlines.iter().find(|outline| outline.name == "horizon").unwrap();
             let [right, down] = horizon.seen.unwrap().shift_px;
-            assert!((right - 2.5).abs() < 0.6 && (down + 1.0).abs() < 0.6, "{preset}: {right} {down}");
+            assert!(
+                (right - 2.5).abs() < 0.6 && (down + 1.0).abs() < 0.6,
+                "{preset}: {right} {down}"
+            );
         }
         // Nothing is seen of what is not lit.
         let rig = Rig::load("rcg-3").unwrap().with_image_size(64).unwrap();
-        assert!(seen_in(&rig, &vec![100.0; 64 * 64]).iter().all(|outline| outline.seen.is_none()));
+        assert!(
+            seen_in(&rig, &vec![100.0; 64 * 64])
+                .iter()
+                .all(|outline| outline.seen.is_none())
+        );
     }
 }

@@ -80,9 +80,8 @@ impl Shown {
     pub(super) fn lit(self, maker: &PatternMaker, centre_px: [f64; 2]) -> Result<Vec<u32>, String> {
         let (width, height) = maker.size_px();
         let pick = |is_lit: &dyn Fn(f64, f64) -> bool| -> Vec<u32> {
-            let all = (0..width * height).filter(|pixel| {
-                is_lit((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5)
-            });
+            let all = (0..width * height)
+                .filter(|pixel| is_lit((pixel % width) as f64 + 0.5, (pixel / width) as f64 + 0.5));
             all.map(|pixel| pixel as u32).collect()
         };
         let size = height as f64;
