@@ -195,9 +195,12 @@ test("a newcomer aligns a rig that is off, and calibrates it", { timeout: 900_00
   await page.click("[data-show=black]");
   await says(page, "held", /shown: black/);
   await page.click("[data-show=white]");
+  await says(page, "held", /shown: white/);
   await page.click("#misalign button");
   await page.click("#auto");
-  await says(page, "checklist", /from where they are expected/);
+  // The picture of the rig as it stands now.
+  await page.waitForFunction(() => !/horizon: seen 0\.\d/.test(document.getElementById("edges").textContent), null, { timeout: 60_000 });
+  await page.waitForTimeout(2000);
   await page.screenshot({ path: join(pictures, "live-misaligned.png"), fullPage: true });
   for (let round = 1; round <= 5; round++) {
     await page.click("#advise");
@@ -209,6 +212,7 @@ test("a newcomer aligns a rig that is off, and calibrates it", { timeout: 900_00
     await page.click("#follow");
     await page.waitForFunction(() => document.getElementById("moves").children.length === 0);
   }
+  await page.click("#auto");
   await says(page, "edges", /horizon: seen \d+\.\d px/);
   await page.screenshot({ path: join(pictures, "live-aligned.png"), fullPage: true });
   await page.click("#calibrate");

@@ -148,6 +148,8 @@ const list = (id, items, make) => {
   parent.replaceChildren(...items.map(make));
 };
 const line = (text, kind) => Object.assign(document.createElement("li"), { textContent: text, className: kind ?? "" });
+/** A length with its sign, and no negative nothing. */
+const signed = (px) => (Math.round(10 * px) / 10 + 0).toFixed(1);
 const time = (s) => s < 90 ? `${s.toFixed(0)} s` : s < 5400 ? `${(s / 60).toFixed(0)} min` : `${(s / 3600).toFixed(1)} h`;
 /** Puts a value into a field that nobody writes in. */
 const fill = (id, value) => { if (document.activeElement !== $(id) && value != null) $(id).value = value; };
@@ -204,7 +206,7 @@ const draw = () => {
   drawHistogram("histogram", look.histogram.length ? look.histogram : [0]);
   drawFocus(state.sharpness);
   list("edges", state.outlines.map(({ name, seen }) => ({ name, seen })), ({ name, seen }) => line(seen
-    ? `${name}: seen ${seen.distance_px.toFixed(1)} px from where it is expected (${seen.shift_px[0].toFixed(1)} px right, ${seen.shift_px[1].toFixed(1)} px down)`
+    ? `${name}: seen ${seen.distance_px.toFixed(1)} px from where it is expected (${signed(seen.shift_px[0])} px right, ${signed(seen.shift_px[1])} px down)`
     : `${name}: not seen`));
   for (const button of document.querySelectorAll("[data-show]")) button.setAttribute("aria-pressed", button.dataset.show === state.shown);
   for (const button of document.querySelectorAll("[data-hold]")) button.setAttribute("aria-pressed", button.dataset.hold === state.held);

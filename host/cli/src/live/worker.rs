@@ -27,6 +27,8 @@ use crate::failure::Failure;
 const AGAIN: Duration = Duration::from_secs(1);
 /// Pictures come no faster than this: a virtual camera would take all that the computer has.
 const FASTEST: Duration = Duration::from_millis(50);
+/// Exposure times that differ by less, relative, are the same.
+const SAME: f64 = 0.05;
 /// Pixels a side of the views of a calibration.
 const CALIBRATED_PX: u32 = 256;
 
@@ -201,7 +203,10 @@ impl Worker {
         seen.strobe = Some(shot.strobe);
         seen.exposure_us = settings.exposure_s * 1e6;
         seen.look = shot.look.clone();
-        seen.sharpness.clone_from(&state.sharpness);
+        // White has nothing that could be sharp but edges.
+        if matches!(settings.shown, Shown::Cross | Shown::Stripes) {
+            seen.sharpness.clone_from(&state.sharpness);
+        }
         seen.width_px = state.size_px.0;
         let median = Some(f64::from(shot.look.median_dn));
         match settings.shown {
@@ -220,6 +225,10 @@ impl Worker {
             return Ok(());
         }
         let exposure_s = self.table.auto_exposure_s()?;
+        if (exposure_s / self.table.settings().exposure_s - 1.0).abs() < SAME {
+            // Black and white are compared at one exposure time.
+            return Ok(());
+        }
         self.set(|settings| settings.exposure_s = exposure_s)?;
         (self.witness.black_dn, self.witness.white_dn) = (None, None);
         Ok(())

@@ -8,10 +8,11 @@
 //! over the device's image), and stand for all of them. Their uncertainty is that of the combined move; how far the part itself
 //! is known is stated beside it, and so is what no view tells: where on its plane, and how high, the sample lies.
 //!
-//! Axes are those of the mirror frame: right +x, down +y, forward +z as a camera looks that is mounted without turns. A turn is
-//! a difference of the rig file's `rotation_deg`.
+//! Axes are those of the device, on which its stages stand: x (the right of its image, unless that is mirrored), y (down), and z, along
+//! which it looks. In those of the mirror, a device that looks aside would have what nothing tells in two axes. A turn is a difference of
+//! the rig file's `rotation_deg`. The sample's axes are the mirror's.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3, EulerRot};
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
@@ -50,7 +51,7 @@ pub enum Part {
     Sample,
 }
 
-/// How it is moved: along an axis of the mirror frame, or about one (x, y, z are 0, 1, 2).
+/// How it is moved: along an axis of the device, of the mirror for the sample, or about one (x, y, z are 0, 1, 2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Motion {
@@ -101,7 +102,7 @@ pub struct Advice {
     pub directions_deg: f64,
     /// The same behind the moves: distortion and the mirror's shape, which no move puts right and a calibration finds.
     pub directions_after_deg: f64,
-    /// The larger of the lateral distances of camera and projector from the focus, millimetres.
+    /// The larger of the distances of camera and projector from their places, across their axes, millimetres.
     pub lateral_mm: f64,
     /// How the images of camera and projector are turned against the rig file.
     pub images: [String; 2],
@@ -132,9 +133,25 @@ pub fn apply(rig: &mut Rig, part: Part, motion: Motion, by: f64) {
         }
     };
     match motion {
-        Motion::Shift(axis) => lens.offset_m[axis.min(2)] += by * 1e-3,
+        Motion::Shift(axis) => {
+            let moved = DVec3::from_array(lens.offset_m) + by * 1e-3 * axes(lens).col(axis.min(2));
+            lens.offset_m = moved.to_array();
+        }
         Motion::Turn(axis) => lens.rotation_deg[axis.min(2)] += by,
     }
+}
+
+/// The axes of a device, as columns, mirror frame.
+fn axes(lens: &Lens) -> DMat3 {
+    let [x_rad, y_rad, z_rad] = lens.rotation_deg.map(f64::to_radians);
+    DMat3::from_euler(EulerRot::XYZ, x_rad, y_rad, z_rad)
+}
+
+/// By how much a device is off its place in `nominal`, along the axes that it has there, millimetres.
+#[must_use]
+pub fn offset_mm(lens: &Lens, nominal: &Lens) -> [f64; 3] {
+    let off_m = DVec3::from_array(lens.offset_m) - DVec3::from_array(nominal.offset_m);
+    (axes(nominal).transpose() * off_m * 1e3).to_array()
 }
 
 /// What the captures in `dir` of a rig advise; they are those of a calibration of the geometry.
@@ -215,6 +232,20 @@ impl<'a> Finding<'a> {
             .map_or(0.0, |at| self.covariance[(at, at)].sqrt())
     }
 
+    /// Standard uncertainty of where a device is along the unit vector `axis`, mirror frame, metres.
+    fn sigma_along(&self, part: Part, axis: DVec3) -> f64 {
+        let places = [0, 1, 2].map(|at| self.place(&format!("{}.lens.offset_m[{at}]", name(part))));
+        let mut variance = 0.0;
+        for (row, along) in places.iter().zip(axis.to_array()) {
+            for (column, other) in places.iter().zip(axis.to_array()) {
+                if let (Some(row), Some(column)) = (row, column) {
+                    variance += along * other * self.covariance[(*row, *column)];
+                }
+            }
+        }
+        variance.max(0.0).sqrt()
+    }
+
     fn advice(&self) -> Advice {
         let (nominal, found) = (&self.fit.nominal, &self.fit.solution.rig);
         let mut moves = self.sample_moves();
@@ -235,9 +266,9 @@ impl<'a> Finding<'a> {
                 one.apply(&mut after);
             }
             squares[1] += misses(&probes, &(aim.view)(&after)).norm_squared() / probes.len().max(1) as f64;
-            let offset = |axis: usize| (aim.lens)(found).offset_m[axis] - (aim.lens)(nominal).offset_m[axis];
-            lateral_mm = lateral_mm.max(offset(0).hypot(offset(1)) * 1e3);
-            undetermined.extend(self.apart(part));
+            let [right, down, _] = offset_mm((aim.lens)(found), (aim.lens)(nominal));
+            lateral_mm = lateral_mm.max(right.hypot(down));
+            undetermined.extend(self.apart(part, axes((aim.lens)(found)).z_axis));
             moves.extend(device);
         }
         let [directions_deg, directions_after_deg] = squares.map(|sum| (sum / 2.0).sqrt().to_degrees());
@@ -280,9 +311,12 @@ impl<'a> Finding<'a> {
         let nominal = &self.fit.nominal;
         let mut rig = around.clone();
         let mut moves = Vec::new();
+        let off_m =
+            DVec3::from_array((aim.lens)(nominal).offset_m) - DVec3::from_array((aim.lens)(&rig).offset_m);
+        let frame = axes((aim.lens)(&rig));
         for axis in 0..2 {
-            let by = ((aim.lens)(nominal).offset_m[axis] - (aim.lens)(&rig).offset_m[axis]) * 1e3;
-            let sigma = self.sigma(&format!("{}.lens.offset_m[{axis}]", name(part))) * 1e3;
+            let by = frame.col(axis).dot(off_m) * 1e3;
+            let sigma = self.sigma_along(part, frame.col(axis)) * 1e3;
             moves.push(made(part, Motion::Shift(axis), by, sigma, false));
             apply(&mut rig, part, Motion::Shift(axis), by);
         }
@@ -367,8 +401,8 @@ impl<'a> Finding<'a> {
             .collect()
     }
 
-    /// What the combined moves of a device do not tell apart.
-    fn apart(&self, part: Part) -> [Undetermined; 2] {
+    /// What the combined moves of a device, which looks along `axis`, do not tell apart.
+    fn apart(&self, part: Part, axis: DVec3) -> [Undetermined; 2] {
         let name = name(part);
         let turn = (0..2)
             .map(|axis| self.sigma(&format!("{name}.lens.rotation_deg[{axis}]")))
@@ -376,7 +410,7 @@ impl<'a> Finding<'a> {
         [
             Undetermined {
                 what: format!("{name}, forward, apart from its focal length"),
-                standard_uncertainty: self.sigma(&format!("{name}.lens.offset_m[2]")) * 1e3,
+                standard_uncertainty: self.sigma_along(part, axis) * 1e3,
                 unit: "mm",
             },
             Undetermined {

@@ -362,6 +362,7 @@ impl Table {
     }
 
     /// Draws by `seed` how the virtual rig stands: each coordinate of a position off by `position_mm` (k = 1), each angle by `angle_deg`.
+    /// The sample lies where it should: its place no direction tells, and a frame is dark where what is lit is not what is seen.
     ///
     /// # Errors
     /// As [`move_part`](Self::move_part).
@@ -374,6 +375,7 @@ impl Table {
                 ..Tolerances::DRAWN
             };
             *truth = Truth::drawn(&nominal, tolerances, seed)?;
+            truth.rig.sample.offset_m = nominal.sample.offset_m;
             Ok(())
         })
     }
