@@ -18,7 +18,7 @@ const rig = join(root, "tests/page/live.toml");
 let browser, server, url, token, host;
 before(async () => {
   mkdirSync(pictures, { recursive: true });
-  const args = ["live", "--rig", rig, "--image-size", "96", "--no-open", "--json", "--out", join(folder, "calibration")];
+  const args = ["live", "--rig", rig, "--image-size", "128", "--no-open", "--json", "--out", join(folder, "calibration")];
   server = spawn(rcg, args, { stdio: ["ignore", "pipe", "inherit"] });
   ({ url } = JSON.parse(await new Promise((done) => server.stdout.once("data", (text) => done(String(text))))));
   [, host, token] = /^http:\/\/([^/]+)\/#(.+)$/.exec(url);
@@ -65,7 +65,7 @@ const bearer = () => ({ Authorization: `Bearer ${token}` });
 test("it draws in the light and in the dark, wide and on a phone", async () => {
   for (const [name, options] of [["light", {}], ["dark", { colorScheme: "dark" }], ["phone", { viewport: { width: 390, height: 844 }, hasTouch: true }]]) {
     const { page, wrong, context } = await opened(options);
-    await says(page, "figures", /96×96 pixels, picture \d+/);
+    await says(page, "figures", /128×128 pixels, picture \d+/);
     await says(page, "edges", /horizon: seen \d+\.\d px from where it is expected/);
     for (const id of ["image", "histogram", "focus"]) assert((await colours(page, id)) > 2, `${id} is empty`);
     assert.equal(await page.evaluate(() => document.documentElement.scrollWidth > innerWidth), false, `${name} is too wide`);

@@ -11,6 +11,10 @@ pub(crate) const HISTORY: usize = 120;
 
 /// The state of the instrument; all that a page needs but the picture.
 #[derive(Clone, Debug, Default, Serialize)]
+#[expect(
+    clippy::struct_excessive_bools,
+    reason = "each is what a page shows by itself"
+)]
 pub(crate) struct State {
     /// Name of the rig.
     pub(crate) rig: String,

@@ -29,8 +29,6 @@ const AGAIN: Duration = Duration::from_secs(1);
 const FASTEST: Duration = Duration::from_millis(50);
 /// Exposure times that differ by less, relative, are the same.
 const SAME: f64 = 0.05;
-/// Pixels a side of the views of a calibration.
-const CALIBRATED_PX: u32 = 256;
 
 /// A wish, and who waits for what comes of it.
 pub(crate) type Asking = (Wish, oneshot::Sender<Result<(), String>>);
@@ -346,7 +344,9 @@ impl Worker {
         if let Some(truth) = self.table.truth() {
             write_whole(&out.join("truth.toml"), truth.to_toml().as_bytes())?;
         }
-        if !self.views(&out, Some(CALIBRATED_PX), "calibration")? {
+        // As large as what is looked at.
+        let image_size = self.table.rig().camera.lens.width_px;
+        if !self.views(&out, Some(image_size), "calibration")? {
             return Err(Failure::input(
                 "calibrate: expected all views, found that somebody stopped",
             ));

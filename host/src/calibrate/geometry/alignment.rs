@@ -250,7 +250,9 @@ impl<'a> Finding<'a> {
         let (nominal, found) = (&self.fit.nominal, &self.fit.solution.rig);
         let mut moves = self.sample_moves();
         let mut after = found.clone();
-        moves.iter().for_each(|one| one.apply(&mut after));
+        for one in &moves {
+            one.apply(&mut after);
+        }
         let mut squares = [0.0; 2];
         let mut undetermined = vec![Undetermined {
             what: "sample, right, down and forward: where it lies changes no direction; centre it in the lit area by eye".to_owned(),
@@ -332,7 +334,7 @@ impl<'a> Finding<'a> {
         let mut solver = None;
         for _ in 0..ROUNDS {
             let missed = misses(&probes, &(aim.view)(&rig));
-            let jacobian = self.jacobian(part, aim, &rig, &probes);
+            let jacobian = jacobian(part, aim, &rig, &probes);
             let normal = jacobian.tr_mul(&jacobian);
             let Some(inverse) = normal.try_inverse() else {
                 break;
@@ -355,23 +357,6 @@ impl<'a> Finding<'a> {
                 .map(|(motion, (by, sigma))| made(part, motion, *by, sigma, true)),
         );
         moves
-    }
-
-    /// Derivatives of what is missed at the `probes` by the combined moves.
-    fn jacobian(&self, part: Part, aim: Aim, rig: &Rig, probes: &[Probe]) -> DMatrix<f64> {
-        let columns = COMBINED.map(|motion| {
-            let step = match motion {
-                Motion::Shift(_) => STEPS[0] * 1e3,
-                Motion::Turn(_) => STEPS[1],
-            };
-            let side = |by: f64| {
-                let mut rig = rig.clone();
-                apply(&mut rig, part, motion, by);
-                misses(probes, &(aim.view)(&rig))
-            };
-            (side(step) - side(-step)) / (2.0 * step)
-        });
-        DMatrix::from_columns(&columns)
     }
 
     /// Standard uncertainties of the combined moves, which `solve` makes of what is missed: those of all unknowns that change the directions
@@ -443,6 +428,23 @@ fn probes(aim: Aim, nominal: &Rig) -> Vec<Probe> {
         Some(Probe { at_px, direction })
     })
     .collect()
+}
+
+/// Derivatives of what is missed at the `probes` by the combined moves.
+fn jacobian(part: Part, aim: Aim, rig: &Rig, probes: &[Probe]) -> DMatrix<f64> {
+    let columns = COMBINED.map(|motion| {
+        let step = match motion {
+            Motion::Shift(_) => STEPS[0] * 1e3,
+            Motion::Turn(_) => STEPS[1],
+        };
+        let side = |by: f64| {
+            let mut rig = rig.clone();
+            apply(&mut rig, part, motion, by);
+            misses(probes, &(aim.view)(&rig))
+        };
+        (side(step) - side(-step)) / (2.0 * step)
+    });
+    DMatrix::from_columns(&columns)
 }
 
 /// By how much what a device sees at the `probes` is off, three components each.

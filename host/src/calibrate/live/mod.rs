@@ -297,7 +297,7 @@ impl Table {
             Some(instrument) => instrument,
             None => self.open()?,
         };
-        let tests = TestExposures::take(&self.rig, &[self.lit.clone()], &mut instrument)?;
+        let tests = TestExposures::take(&self.rig, std::slice::from_ref(&self.lit), &mut instrument)?;
         self.instrument = Some(instrument);
         Ok(tests.auto_s(&self.rig))
     }
