@@ -39,16 +39,20 @@ impl Guard {
         let said = |name| headers.get(name).map(|value| value.to_str().unwrap_or("no text"));
         let host = said(header::HOST).unwrap_or("none");
         if !self.hosts.iter().any(|known| known == host) {
-            return Err(self.refused("Host", &self.hosts[0], host));
+            return Err(Self::refused("Host", &self.hosts[0], host));
         }
         match said(header::ORIGIN) {
             None => Ok(()),
             Some(origin) if self.hosts.iter().any(|known| origin == format!("http://{known}")) => Ok(()),
-            Some(origin) => Err(self.refused("Origin", &format!("http://{}", self.hosts[0]), origin)),
+            Some(origin) => Err(Self::refused(
+                "Origin",
+                &format!("http://{}", self.hosts[0]),
+                origin,
+            )),
         }
     }
 
-    fn refused(&self, what: &str, expected: &str, found: &str) -> Refusal {
+    fn refused(what: &str, expected: &str, found: &str) -> Refusal {
         let found: String = found.chars().filter(|c| !c.is_control()).take(100).collect();
         (
             StatusCode::FORBIDDEN,

@@ -51,7 +51,7 @@ const WISHES: usize = 64;
 const PAGES: usize = 16;
 /// How long a socket may take to say its token, and a page to say that it is done.
 const TOKEN_WITHIN: Duration = Duration::from_secs(5);
-const PAGE_WITHIN: Duration = Duration::from_secs(60);
+const PAGE_WITHIN: Duration = Duration::from_mins(1);
 /// How long a browser may take to be told the address.
 const OPENED_WITHIN: Duration = Duration::from_secs(30);
 
@@ -148,13 +148,10 @@ fn open(url: &str, output: &Output) -> Option<tempfile::NamedTempFile> {
             .spawn()?;
         Ok(file)
     });
-    match opened {
-        Ok(file) => Some(file),
-        Err(_) => {
-            output.remark("no browser could be opened: open the address in one");
-            None
-        }
+    if opened.is_err() {
+        output.remark("no browser could be opened: open the address in one");
     }
+    opened.ok()
 }
 
 fn router(shared: Shared) -> Router {

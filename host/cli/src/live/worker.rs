@@ -364,7 +364,7 @@ impl Worker {
             state: Mutex::new(self.state.clone()),
             what,
         };
-        teller.change(|task| task.what = what.to_owned());
+        teller.change(|task| what.clone_into(&mut task.what));
         let mut hands = AtThePage { teller: &teller };
         Ok(self.table.views(dir, image_size, &mut hands, &teller)?)
     }
