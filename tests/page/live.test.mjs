@@ -202,11 +202,12 @@ test("a newcomer aligns a rig that is off, and calibrates it", { timeout: 900_00
   await says(page, "held", /shown: black/);
   await page.click("[data-show=white]");
   await says(page, "held", /shown: white/);
-  await page.click("#misalign button");
-  await page.click("#auto");
-  // The picture of the rig as it stands now.
-  await page.waitForFunction(() => !/horizon: seen 0\.\d/.test(document.getElementById("edges").textContent), null, { timeout: 60_000 });
-  await page.waitForTimeout(2000);
+  const granted = (id) => Promise.all([page.waitForResponse((answer) => answer.url().endsWith("/do"), { timeout: 60_000 }), page.click(id)]);
+  await granted("#misalign button");
+  await granted("#auto");
+  // Some pictures of the rig as it stands now.
+  const number = async () => Number(/picture (\d+)/.exec(await page.textContent("#figures"))[1]);
+  for (const first = await number(); (await number()) < first + 5;) await page.waitForTimeout(200);
   await page.screenshot({ path: join(pictures, "live-misaligned.png"), fullPage: true });
   for (let round = 1; round <= 5; round++) {
     await page.click("#advise");
