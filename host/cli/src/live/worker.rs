@@ -212,7 +212,7 @@ impl Worker {
             Shown::White => seen.white_dn = median,
             _ => {}
         }
-        if shot.outlines.iter().any(|outline| outline.seen.is_some()) {
+        if settings.shown == Shown::White || shot.outlines.iter().any(|outline| outline.seen.is_some()) {
             seen.outlines.clone_from(&shot.outlines);
         }
     }
@@ -277,7 +277,11 @@ impl Worker {
                 self.fire += 1;
                 Ok(())
             }
-            Wish::Move { part, motion, by } => Ok(self.table.move_part(part, motion, by)?),
+            Wish::Move { part, motion, by } => {
+                self.table.move_part(part, motion, by)?;
+                self.forget();
+                Ok(())
+            }
             Wish::Misalign {
                 seed,
                 position_mm,
@@ -289,7 +293,8 @@ impl Worker {
                     )));
                 }
                 self.table.misalign(seed, position_mm, angle_deg)?;
-                (self.state.advice, self.state.rounds, self.witness.advice) = (None, 0, None);
+                (self.state.advice, self.state.rounds) = (None, 0);
+                self.forget();
                 Ok(())
             }
             Wish::Plug(is_in) => {
@@ -316,7 +321,14 @@ impl Worker {
         for one in advice.moves.iter().filter(|one| one.is_clear) {
             self.table.move_part(one.part, one.motion, one.by)?;
         }
+        self.forget();
         Ok(())
+    }
+
+    /// Forgets what was seen of the rig as it stood before something was moved.
+    fn forget(&mut self) {
+        self.witness.outlines.clear();
+        (self.witness.advice, self.witness.is_calibrated) = (None, false);
     }
 
     fn advise(&mut self) -> Result<(), Failure> {
