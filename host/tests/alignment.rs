@@ -8,12 +8,13 @@ use rcg::calibrate::by_hand::{Answer, Asked, Hands};
 use rcg::calibrate::geometry::alignment::{ALIGNED_DEG, ALIGNED_MM, Advice, advise, offset_mm};
 use rcg::calibrate::live::{Settings, Shown, Table};
 use rcg::hemisphere::direction::angle_between;
-use rcg::hemisphere::judged::is_judged;
 use rcg::instrument::optics::View;
 use rcg::instrument::rig::Rig;
 use rcg::plan::Virtual;
 use rcg::virtual_rig::setup::World;
 
+/// Directions up to this angle from the normal are judged, degrees.
+const JUDGED_DEG: f64 = 80.0;
 /// Rounds in which it has to be done.
 const ROUNDS: usize = 5;
 
@@ -48,7 +49,7 @@ fn errors(truth: &Rig, nominal: &Rig) -> (f64, f64) {
             let (column, row) = (f64::from(at % 20) + 0.5, f64::from(at / 20) + 0.5);
             let (u, v) = (column / 20.0 * width as f64, row / 20.0 * height as f64);
             if let (Ok(stated), Some(true_one)) = (nominal.direction(u, v), truth.sight(u, v))
-                && is_judged(stated)
+                && stated.z >= JUDGED_DEG.to_radians().cos()
             {
                 of_device.push(angle_between(stated, true_one).to_degrees().powi(2));
             }
