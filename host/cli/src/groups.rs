@@ -34,7 +34,15 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ),
     (
         "Commands for the parts of an instrument, and for this program",
-        &["rig", "controller", "camera", "projector", "completions", "man"],
+        &[
+            "rig",
+            "live",
+            "controller",
+            "camera",
+            "projector",
+            "completions",
+            "man",
+        ],
     ),
 ];
 

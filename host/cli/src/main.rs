@@ -24,6 +24,7 @@ mod groups;
 mod history;
 mod info;
 mod interrupt;
+mod live;
 mod log;
 mod map;
 mod measure;
@@ -134,6 +135,7 @@ enum Command {
     Camera(camera::Args),
     Projector(projector::Args),
     Rig(rig::Args),
+    Live(live::Args),
     Completions(shell::Completions),
     Man(shell::Man),
 }
@@ -288,6 +290,7 @@ fn done(cli: &Cli, output: &Output) -> Done {
         Command::Camera(args) => camera::run(args, rig, output),
         Command::Projector(args) => projector::run(args, rig, output),
         Command::Rig(args) => rig::run(args, rig, output),
+        Command::Live(args) => live::run(args, rig, output),
         Command::Completions(args) => shell::completions(args, described(), output),
         Command::Man(args) => shell::man(args, described(), output),
     }

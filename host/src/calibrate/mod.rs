@@ -6,10 +6,12 @@
 //! | [`geometry`] | poses, lenses, mirror, sample frame | a flat mirror at known tilts, a diffuse standard |
 //! | [`photometry`] | camera, projector's response, light and throughput, interreflection | reflectance standards |
 //!
-//! What is found, and its files, is [`crate::instrument::calibration`]. Who puts the targets in is [`by_hand`].
+//! What is found, and its files, is [`crate::instrument::calibration`]. Who puts the targets in is [`by_hand`]. Before anything is calibrated
+//! somebody aligns the rig, and looks at it while they do: [`live`].
 
 pub mod by_hand;
 pub mod geometry;
+pub mod live;
 pub mod photometry;
 
 use std::collections::BTreeMap;
@@ -76,6 +78,9 @@ pub enum CalibrateError {
         /// What there is.
         found: String,
     },
+    /// What somebody chose to be shown, held or moved cannot be: a sentence.
+    #[error("{0}")]
+    Choice(String),
     /// Somebody who puts targets in stopped before all was prepared.
     #[error("views by hand: expected the targets that are asked for, found that somebody stopped")]
     Stopped,
@@ -128,6 +133,7 @@ impl Blame for CalibrateError {
             Self::File(_) | Self::Picture(_) | Self::Stopped => false,
             Self::Rig(_)
             | Self::Found(_)
+            | Self::Choice(_)
             | Self::Mask { .. }
             | Self::Standards { .. }
             | Self::Bands { .. }

@@ -168,6 +168,21 @@ impl World {
         })
     }
 
+    /// How it really is, if its rig file says `rig`.
+    #[must_use]
+    pub fn truth(&self, rig: &Rig) -> Truth {
+        self.truth.clone().unwrap_or_else(|| Truth::of(rig))
+    }
+
+    /// The same one as it is once somebody has moved its parts: as `truth` says.
+    #[must_use]
+    pub fn moved(&self, truth: Truth) -> Self {
+        Self {
+            truth: Some(truth),
+            ..self.clone()
+        }
+    }
+
     /// What stands in the holder when the standard of this number, 0 or 1, does, which is said to be `stated`.
     #[must_use]
     pub fn standard(&self, number: usize, stated: Arc<dyn Sample>) -> Arc<dyn Sample> {

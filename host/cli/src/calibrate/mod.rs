@@ -1,7 +1,7 @@
 //! `rcg calibrate`
 
 mod geometry;
-mod hands;
+pub(crate) mod hands;
 mod photometry;
 
 use clap::Subcommand;

@@ -165,6 +165,7 @@ impl Scene {
             "render" => each(&["png", "exr"], "lambert --scene torus --size 8 --out", "a"),
             "plot" => each(&["svg", "pdf", "png", "csv"], "lambert --azimuths 8 --out", "a"),
             "report" => vec![format!("{brdf} --out {}", file("a.html"))],
+            "live" => vec!["--once --image-size 32 --exposure-ms 0.004".to_owned()],
             "multiplex" => vec!["--step 30 --image-size 8 --order 3".to_owned()],
             "standard" => vec![standard()],
             "completions" => ["bash", "zsh", "fish"].map(str::to_owned).to_vec(),

@@ -4,6 +4,7 @@
 //! | file | holds |
 //! |---|---|
 //! | `capture` | the views: what is shown and taken |
+//! | [`alignment`] | moves that bring the parts to where the rig file has them |
 //! | `by_hand` | views whose targets somebody puts in |
 //! | `stands` | which target stands there, told by one view |
 //! | `orientation` | which way round the images of camera and projector are |
@@ -26,6 +27,7 @@
 //! What counts in the end are directions, not parameters: [`Geometry`] states the standard uncertainty of the directions of
 //! camera and projector as the covariance has it and what no such rig explains adds to it, and views that leave it above [`WORST_DEG`] are refused.
 
+pub mod alignment;
 mod by_hand;
 mod capture;
 mod leftover;
@@ -96,40 +98,17 @@ pub fn calibrate(dir: &Path, said: &Said) -> Result<Geometry, CalibrateError> {
     if let Some(mask) = &mask {
         mask.apply(&mut seen);
     }
-    if seen.matches.len() < FEWEST {
-        return Err(CalibrateError::Views {
-            expected: format!("at least {FEWEST} camera pixels that see the projector in the flat mirror"),
-            found: seen.matches.len().to_string(),
-            advice: "look at the frames: is the mirror in place, and lit?",
-        });
-    }
+    check_matches(&seen)?;
     let stated = views.scaled()?;
-    let mounts: Vec<Mount> = views.tilts.iter().copied().map(Mount::of).collect();
-    let task = Task {
-        nominal: &stated,
-        parameters: &parameters(&stated),
-        mounts: &mounts,
-        tilt_deg: views.tilt_uncertainty_deg,
-        seen: &seen,
-    };
-    let orientations = orientations(task);
-    let mut nominal = turned(&stated, orientations);
-    // Views that determine nothing show no wire either.
-    let placed = place_wire(&mut nominal, task);
-    // What cannot be seen has no edges.
-    let unseen = nominal.wire.take_if(|_| !matches!(placed, Ok(Wire::At(_))));
-    let nominal = &nominal;
-    let unknowns = parameters(nominal);
-    let mut solution = solve(Task {
-        nominal,
-        parameters: &unknowns,
-        ..task
-    })
-    .ok_or_else(|| CalibrateError::Views {
-        expected: "views that a rig near the nominal one explains".to_owned(),
-        found: "a fit that does not converge".to_owned(),
-        advice: "check the tilts that were stated, and the nominal rig",
-    })?;
+    let Fit {
+        unknowns,
+        mounts,
+        orientations,
+        mut solution,
+        wire: placed,
+        unseen,
+        ..
+    } = Fit::of(&views, &stated, &seen)?;
     let found = found(&views, &stated, &seen, &unknowns, &mounts, &solution)?;
     placed?;
     solution.rig.wire = solution.rig.wire.or(unseen);
@@ -153,6 +132,72 @@ pub fn calibrate(dir: &Path, said: &Said) -> Result<Geometry, CalibrateError> {
     file::write(&dir.join(GEOMETRY), &geometry)?;
     write_whole(&dir.join(RIG), rig.to_toml().as_bytes())?;
     Ok(geometry)
+}
+
+/// Refuses matches that are too few to tell anything.
+fn check_matches(seen: &Sightings) -> Result<(), CalibrateError> {
+    if seen.matches.len() >= FEWEST {
+        return Ok(());
+    }
+    Err(CalibrateError::Views {
+        expected: format!("at least {FEWEST} camera pixels that see the projector in the flat mirror"),
+        found: seen.matches.len().to_string(),
+        advice: "look at the frames: is the mirror in place, and lit?",
+    })
+}
+
+/// What was seen, fitted.
+struct Fit {
+    /// The nominal rig with its images turned as they are, without a wire that cannot be seen.
+    nominal: Rig,
+    unknowns: Vec<Parameter>,
+    mounts: Vec<Mount>,
+    orientations: [orientation::Orientation; 2],
+    solution: Solution,
+    /// Where the wire is, or why that is not known.
+    wire: Result<Wire, CalibrateError>,
+    /// The wire as stated, where none is seen.
+    unseen: Option<crate::instrument::parts::Wire>,
+}
+
+impl Fit {
+    /// That of what was `seen` of the `views` of a rig that is `stated`.
+    fn of(views: &Views, stated: &Rig, seen: &Sightings) -> Result<Self, CalibrateError> {
+        let mounts: Vec<Mount> = views.tilts.iter().copied().map(Mount::of).collect();
+        let task = Task {
+            nominal: stated,
+            parameters: &parameters(stated),
+            mounts: &mounts,
+            tilt_deg: views.tilt_uncertainty_deg,
+            seen,
+        };
+        let orientations = orientations(task);
+        let mut nominal = turned(stated, orientations);
+        // Views that determine nothing show no wire either.
+        let wire = place_wire(&mut nominal, task);
+        // What cannot be seen has no edges.
+        let unseen = nominal.wire.take_if(|_| !matches!(wire, Ok(Wire::At(_))));
+        let unknowns = parameters(&nominal);
+        let solution = solve(Task {
+            nominal: &nominal,
+            parameters: &unknowns,
+            ..task
+        })
+        .ok_or_else(|| CalibrateError::Views {
+            expected: "views that a rig near the nominal one explains".to_owned(),
+            found: "a fit that does not converge".to_owned(),
+            advice: "check the tilts that were stated, and the nominal rig",
+        })?;
+        Ok(Self {
+            nominal,
+            unknowns,
+            mounts,
+            orientations,
+            solution,
+            wire,
+            unseen,
+        })
+    }
 }
 
 /// Puts the wire of `nominal`, the images of which are turned as they should be, where the standard of `task` shows it; says where.
