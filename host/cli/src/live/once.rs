@@ -91,10 +91,11 @@ fn text(advice: &Advice) -> String {
     }
     writeln!(
         text,
-        "directions are off by {:.2}° (RMS), {:.2}° behind these moves; centres by {:.2} mm\n{}",
+        "directions are off by {:.2}° (RMS), {:.2}° behind these moves; centres by {:.2} ± {:.2} mm\n{}",
         advice.directions_deg,
         advice.directions_after_deg,
         advice.lateral_mm,
+        advice.lateral_uncertainty_mm,
         if advice.is_aligned {
             "aligned: calibrate now"
         } else {

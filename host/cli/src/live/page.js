@@ -167,7 +167,7 @@ const drawAdvice = () => {
     return item;
   });
   list("untold", advice?.undetermined ?? [], (one) => line(`not told: ${one.what} (± ${one.standard_uncertainty.toFixed(1)} ${one.unit})`));
-  say("verdict", advice && `Directions are off by ${advice.directions_deg.toFixed(2)}° (RMS), ${advice.directions_after_deg.toFixed(2)}° behind these moves; centres by ${advice.lateral_mm.toFixed(2)} mm. ${advice.is_aligned ? "Aligned: calibrate now." : "Make the moves, then find them again."}`);
+  say("verdict", advice && `Directions are off by ${advice.directions_deg.toFixed(2)}° (RMS), ${advice.directions_after_deg.toFixed(2)}° behind these moves; centres by ${advice.lateral_mm.toFixed(2)} ± ${advice.lateral_uncertainty_mm.toFixed(2)} mm. ${advice.is_aligned ? "Aligned: calibrate now." : "Make the moves, then find them again."}`);
   shown("follow", state.is_virtual && advice != null);
   shown("calibrate", state.can_calibrate);
   shown("task", task != null);

@@ -25,15 +25,16 @@ use crate::instrument::rig::Rig;
 /// Rounds of weights, at most.
 const ROUNDS: usize = 6;
 /// Weights have settled when their scales change by less than this, relative.
-const SETTLED: f64 = 1e-4;
+const SETTLED: f64 = 1e-3;
 /// Matches of each view with which a fit begins: most of the way goes as well with them, and without edges, of which another may be the
 /// nearest after each step.
 const BEGUN: usize = 700;
 /// Difference for a derivative, in tolerances: directions change by 10⁻⁶ rad, and the derivative along it by 10⁻⁵ of itself.
 const STEP: f64 = 1e-5;
-/// A round has converged when the sum of squares changes by less than this, relative, or the unknowns by less than that: weights
-/// change by more.
-const CONVERGED: f64 = 1e-9;
+/// A round has converged when the sum of squares changes by less than this, relative, or the unknowns by less than that. Of ten thousand rows
+/// that is a thirtieth of a standard uncertainty; what the views hardly tell, and no direction needs, would come no nearer but in many
+/// steps along a valley that is bent.
+const CONVERGED: f64 = 1e-7;
 const UNKNOWNS_CONVERGED: f64 = 1e-7;
 /// The first step of a search, in tolerances or in what the unknowns are already, at most.
 const FIRST_STEP: f64 = 10.0;
@@ -343,8 +344,8 @@ pub(super) struct Sketch {
     pub(super) changes: f64,
 }
 
-/// Fits roughly; `None` if that does not converge.
-pub(super) fn sketch(task: Task) -> Option<Sketch> {
+/// Fits with weights that are found twice; `None` if that does not converge.
+fn roughly(task: Task) -> Option<Problem> {
     let mut problem = Problem::at(
         task,
         DVector::zeros(task.parameters.len() + 2 * task.mounts.len()),
@@ -353,6 +354,12 @@ pub(super) fn sketch(task: Task) -> Option<Sketch> {
         problem.weigh();
         problem = problem.minimized()?;
     }
+    Some(problem)
+}
+
+/// Fits roughly; `None` if that does not converge.
+pub(super) fn sketch(task: Task) -> Option<Sketch> {
+    let problem = roughly(task)?;
     Some(Sketch {
         rig: task.rig(&problem.unknowns),
         missed_rad: scale(&task.residuals(&problem.unknowns)) / 1.4826,
@@ -365,8 +372,8 @@ pub(super) fn sketch(task: Task) -> Option<Sketch> {
 pub(super) fn solve(task: Task) -> Option<Solution> {
     let unknowns = task.parameters.len() + 2 * task.mounts.len();
     let few = task.seen.thinned(BEGUN);
-    let begun = Problem::at(Task { seen: &few, ..task }, DVector::zeros(unknowns)).settled();
-    let begun = begun.map_or_else(|| DVector::zeros(unknowns), |(begun, _)| begun.unknowns);
+    let begun = roughly(Task { seen: &few, ..task });
+    let begun = begun.map_or_else(|| DVector::zeros(unknowns), |begun| begun.unknowns);
     let (mut problem, scales_rad) = Problem::at(task, begun).settled()?;
     let seen = problem.residuals()?;
     // Without what is stated of the unknowns.

@@ -181,8 +181,8 @@ fn aligned(seen: &Witness) -> Item {
         Some(advice) => (
             advice.is_aligned,
             format!(
-                "directions off by {:.2}° (RMS, at most {ALIGNED_DEG}°), centres by {:.2} mm (at most {ALIGNED_MM} mm)",
-                advice.directions_deg, advice.lateral_mm
+                "directions off by {:.2}° (RMS, at most {ALIGNED_DEG}°), centres by {:.2} ± {:.2} mm (at most {ALIGNED_MM} mm)",
+                advice.directions_deg, advice.lateral_mm, advice.lateral_uncertainty_mm
             ),
         ),
     };

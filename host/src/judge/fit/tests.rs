@@ -43,10 +43,7 @@ fn a_model_finds_its_own_parameters() {
 
 #[test]
 fn a_sample_that_lies_turned_has_its_azimuth_found_and_one_that_is_alike_all_around_has_none() {
-    for (spec, azimuth_deg) in [
-        ("ward:brass@-71", 19.0),
-        ("ward:brass,ax=0.16,ay=0.05@40", 40.0),
-    ] {
+    for (spec, azimuth_deg) in [("ward:brass@-71", 19.0), ("ward:brass,ax=0.16,ay=0.05@40", 40.0)] {
         let brass = parse(spec).unwrap();
         let fit = Fit::of_sample(Model::Ward, brass.as_ref()).unwrap();
         assert!(

@@ -12,10 +12,13 @@
 //! which it looks. In those of the mirror, a device that looks aside would have what nothing tells in two axes. A turn is a difference of
 //! the rig file's `rotation_deg`. The sample's axes are the mirror's.
 
+mod words;
+
 use glam::{DMat3, DVec3, EulerRot};
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
+use self::words::{name, words};
 use super::parameters::{ANGLE_DEG, POSITION_M};
 use super::{Fit, PROBES, Sightings, Views, check_matches, in_units};
 use crate::calibrate::CalibrateError;
@@ -104,6 +107,8 @@ pub struct Advice {
     pub directions_after_deg: f64,
     /// The larger of the distances of camera and projector from their places, across their axes, millimetres.
     pub lateral_mm: f64,
+    /// Standard uncertainty (k = 1) of that, the larger of both devices': what is nearer to the focus than this nobody can tell.
+    pub lateral_uncertainty_mm: f64,
     /// How the images of camera and projector are turned against the rig file.
     pub images: [String; 2],
     /// Whether the rig stands as well as it has to before it is calibrated.
@@ -259,7 +264,7 @@ impl<'a> Finding<'a> {
             standard_uncertainty: POSITION_M * 1e3,
             unit: "mm",
         }];
-        let mut lateral_mm = 0.0_f64;
+        let (mut lateral_mm, mut lateral_uncertainty_mm) = (0.0_f64, 0.0_f64);
         for (part, aim) in DEVICES {
             let device = self.device_moves(part, aim, &after);
             let probes = probes(aim, nominal);
@@ -270,6 +275,10 @@ impl<'a> Finding<'a> {
             squares[1] += misses(&probes, &(aim.view)(&after)).norm_squared() / probes.len().max(1) as f64;
             let [right, down, _] = offset_mm((aim.lens)(found), (aim.lens)(nominal));
             lateral_mm = lateral_mm.max(right.hypot(down));
+            let own = axes((aim.lens)(found));
+            let [sigma_right, sigma_down] = [own.x_axis, own.y_axis].map(|axis| self.sigma_along(part, axis));
+            lateral_uncertainty_mm =
+                lateral_uncertainty_mm.max(1e3 * sigma_right.hypot(sigma_down) / 2_f64.sqrt());
             undetermined.extend(self.apart(part, axes((aim.lens)(found)).z_axis));
             moves.extend(device);
         }
@@ -280,6 +289,7 @@ impl<'a> Finding<'a> {
             directions_deg,
             directions_after_deg,
             lateral_mm,
+            lateral_uncertainty_mm,
             images: self.fit.orientations.map(|orientation| orientation.to_string()),
             is_aligned: directions_deg < ALIGNED_DEG && lateral_mm < ALIGNED_MM,
         }
@@ -457,15 +467,6 @@ fn misses(probes: &[Probe], view: &View) -> DVector<f64> {
     DVector::from_iterator(3 * probes.len(), off)
 }
 
-/// The word for a part in a rig file.
-const fn name(part: Part) -> &'static str {
-    match part {
-        Part::Camera => "camera",
-        Part::Projector => "projector",
-        Part::Sample => "sample",
-    }
-}
-
 fn made(part: Part, motion: Motion, by: f64, standard_uncertainty: f64, is_combined: bool) -> Move {
     let is_clear = by.abs() > (CLEAR * standard_uncertainty).max(FINEST);
     Move {
@@ -476,33 +477,5 @@ fn made(part: Part, motion: Motion, by: f64, standard_uncertainty: f64, is_combi
         standard_uncertainty,
         is_clear,
         is_combined,
-    }
-}
-
-/// A move in words.
-fn words(part: Part, motion: Motion, by: f64, sigma: f64, is_clear: bool) -> String {
-    let (verb, unit, [minus, plus]) = match motion {
-        Motion::Shift(0) => ("move", "mm", ["to the left", "to the right"]),
-        Motion::Shift(1) => ("move", "mm", ["up", "down"]),
-        Motion::Shift(_) => ("move", "mm", ["back", "forward"]),
-        Motion::Turn(0) if part == Part::Sample => ("roll", "°", ["less", "more"]),
-        Motion::Turn(1) if part == Part::Sample => ("tilt", "°", ["less", "more"]),
-        Motion::Turn(0) => ("turn", "°", ["down", "up"]),
-        Motion::Turn(1) => ("turn", "°", ["left", "right"]),
-        Motion::Turn(_) => ("turn", "°", ["counterclockwise", "clockwise"]),
-    };
-    let space = if unit == "mm" { " " } else { "" };
-    let name = name(part);
-    let way = if by < 0.0 { minus } else { plus };
-    if is_clear {
-        format!(
-            "{verb} the {name} {:.2}{space}{unit} {way} (± {sigma:.2}{space}{unit})",
-            by.abs()
-        )
-    } else {
-        format!(
-            "leave the {name} ({verb} {way} {:.2} ± {sigma:.2}{space}{unit})",
-            by.abs()
-        )
     }
 }
