@@ -85,9 +85,10 @@ pub(crate) fn recall(clock: Clock, powered_up: bool) {
         service();
         made.unwrap_or(Ok(()))
     });
-    match made {
-        Ok(()) => defmt::info!("runs the schedule that is kept"),
-        Err(_) => defmt::error!("the schedule that is kept is refused"),
+    if made.is_ok() {
+        defmt::info!("runs the schedule that is kept");
+    } else {
+        defmt::error!("the schedule that is kept is refused");
     }
 }
 
