@@ -149,6 +149,7 @@ fn simulated(rig: &Rig, truth: &Truth, alternative: &Alternative) -> f64 {
 }
 
 #[test]
+#[ignore = "long: ./test.sh full runs it"]
 fn the_pick_is_never_worse_than_the_best_by_more_than_5_percent() {
     // Sample, full scale in 1/sr, read noise in e⁻: every sample and every noise, and both with and against each other.
     let cases = [
