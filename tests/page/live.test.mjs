@@ -205,15 +205,18 @@ test("a newcomer aligns a rig that is off, and calibrates it", { timeout: 900_00
   const granted = (id) => Promise.all([page.waitForResponse((answer) => answer.url().endsWith("/do"), { timeout: 60_000 }), page.click(id)]);
   await granted("#misalign button");
   await granted("#auto");
-  // Some pictures of the rig as it stands now.
   const number = async () => Number(/picture (\d+)/.exec(await page.textContent("#figures"))[1]);
-  for (const first = await number(); (await number()) < first + 5;) await page.waitForTimeout(200);
-  await page.screenshot({ path: join(pictures, "live-misaligned.png"), fullPage: true });
+  /** A screenshot, after some pictures of the rig as it stands now. */
+  const shot = async (name) => {
+    for (const first = await number(); (await number()) < first + 5;) await page.waitForTimeout(200);
+    await page.screenshot({ path: join(pictures, name), fullPage: true });
+  };
+  await shot("live-misaligned.png");
   for (let round = 1; round <= 5; round++) {
     await page.click("#advise");
     await page.waitForFunction((round) => document.getElementById("rounds").textContent.includes(`round ${round})`), round, { timeout: 300_000 });
     await page.waitForFunction(() => document.getElementById("task").hidden);
-    if (round === 1) await page.screenshot({ path: join(pictures, "live-advice.png"), fullPage: true });
+    if (round === 1) await shot("live-advice.png");
     if (/Aligned/.test(await page.textContent("#verdict"))) break;
     assert(round < 5, await page.textContent("#verdict"));
     await page.click("#follow");
@@ -221,7 +224,7 @@ test("a newcomer aligns a rig that is off, and calibrates it", { timeout: 900_00
   }
   await page.click("#auto");
   await says(page, "edges", /horizon: seen \d+\.\d px/);
-  await page.screenshot({ path: join(pictures, "live-aligned.png"), fullPage: true });
+  await shot("live-aligned.png");
   await page.click("#calibrate");
   await page.waitForFunction(() => /calibrated: rcg calibrate photometry comes next/.test(document.getElementById("checklist").textContent), null, { timeout: 300_000 });
   await page.screenshot({ path: join(pictures, "live-calibrated.png"), fullPage: true });
