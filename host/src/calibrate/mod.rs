@@ -264,6 +264,14 @@ fn segment_of(shots: Vec<Captured>, tally: Tally, exposure_s: f64) -> Segment {
     segment
 }
 
+/// Mean over the channels of each pixel of a frame.
+fn brightness(frame: &[u16], channels: usize) -> Vec<f32> {
+    let pixels = frame.chunks_exact(channels);
+    pixels
+        .map(|dn| dn.iter().map(|&dn| f32::from(dn)).sum::<f32>() / channels as f32)
+        .collect()
+}
+
 /// Refuses a `value` in which a number is not finite.
 ///
 /// # Errors

@@ -5,7 +5,9 @@ use std::fs;
 use std::path::PathBuf;
 
 use rcg::base::progress::Progress as _;
-use rcg::calibrate::geometry::{ByHand, Mask, Request, Said, Views, calibrate, capture};
+use rcg::calibrate::geometry::{
+    ByHand, Mask, Request, Said, TILT_UNCERTAINTY_DEG, TILTS, Views, calibrate, capture,
+};
 use rcg::calibrate::photometry;
 use rcg::instrument::calibration::{AS_STATED, Geometry, RIG};
 use rcg::instrument::rig::Rig;
@@ -20,11 +22,6 @@ use crate::output::Output;
 use crate::request::{ConditionArgs, PortArgs, image_size};
 use crate::session::SessionArgs;
 
-/// Where the flat mirror stands if nobody says otherwise: tilt and azimuth, degrees.
-const TILTS: [[f64; 2]; 4] = [[0.0, 0.0], [15.0, 0.0], [15.0, 120.0], [15.0, 240.0]];
-/// What a tilt is off by, degrees, k = 1: verniers of rotation and tilt stages are read to 5 minutes of arc, by hand to half of that,
-/// and what is mounted on them is straight to as much.
-const TILT_UNCERTAINTY_DEG: f64 = 0.05;
 /// Pixels a side of the camera's image.
 const IMAGE_SIZE: u32 = 256;
 

@@ -68,6 +68,11 @@ use crate::instrument::parts::Obstacle;
 use crate::instrument::rig::Rig;
 use crate::store::whole_file::write_whole;
 
+/// Where the flat mirror stands if nobody says otherwise: tilt and azimuth, degrees.
+pub const TILTS: [[f64; 2]; 4] = [[0.0, 0.0], [15.0, 0.0], [15.0, 120.0], [15.0, 240.0]];
+/// What a tilt is off by if nobody says otherwise, degrees, k = 1: verniers of rotation and tilt stages are read to 5 minutes of arc, by hand
+/// to half of that, and what is mounted on them is straight to as much.
+pub const TILT_UNCERTAINTY_DEG: f64 = 0.05;
 /// Name of the picture of the residuals.
 pub const RESIDUALS: &str = "geometry-residuals.png";
 /// Name of the picture of the diffuse standard.
@@ -263,22 +268,9 @@ fn found(
     mounts: &[Mount],
     solution: &Solution,
 ) -> Result<Geometry, CalibrateError> {
-    let undetermined_at_all = || CalibrateError::Views {
-        expected: "views that determine the rig".to_owned(),
-        found: "some that tell nothing of it".to_owned(),
-        advice: "add views of the flat mirror at other tilts, in other azimuths (three or more)",
-    };
     let left = solution.left;
-    let covariance = |birge: f64| solution.covariance(birge).ok_or_else(undetermined_at_all);
-    let of_tilts = |covariance: &DMatrix<f64>| {
-        let count = solution.leans.len();
-        covariance
-            .view((unknowns.len(), unknowns.len()), (count, count))
-            .into_owned()
-    };
-    let agreement = Agreement::of(&solution.leans, &of_tilts(&covariance(1.0)?));
-    let covariance = covariance(agreement.birge)?;
-    let tilts = tilts(views, mounts, seen, solution, &of_tilts(&covariance));
+    let (agreement, covariance) = agreed(solution)?;
+    let tilts = tilts(views, mounts, seen, solution, &of_tilts(solution, &covariance));
     agreement.check(mounts, &tilts, views.tilt_uncertainty_deg)?;
     let covariance = in_units(unknowns, &covariance);
     let of_directions = uncertainties(nominal, unknowns, &solution.rig, &covariance);
@@ -330,6 +322,29 @@ fn found(
         projector_deg,
         azimuth_deg: of_directions.turn_deg,
     })
+}
+
+/// How the stated tilts agree, and the covariance of all unknowns, in tolerances, where they count for as much.
+///
+/// # Errors
+/// [`CalibrateError::Views`] if the views tell nothing.
+fn agreed(solution: &Solution) -> Result<(Agreement, DMatrix<f64>), CalibrateError> {
+    let covariance = |birge: f64| {
+        solution.covariance(birge).ok_or_else(|| CalibrateError::Views {
+            expected: "views that determine the rig".to_owned(),
+            found: "some that tell nothing of it".to_owned(),
+            advice: "add views of the flat mirror at other tilts, in other azimuths (three or more)",
+        })
+    };
+    let agreement = Agreement::of(&solution.leans, &of_tilts(solution, &covariance(1.0)?));
+    let covariance = covariance(agreement.birge)?;
+    Ok((agreement, covariance))
+}
+
+/// The part of `covariance` that is of the mirror's leans, which stand behind the rig's unknowns.
+fn of_tilts(solution: &Solution, covariance: &DMatrix<f64>) -> DMatrix<f64> {
+    let (first, count) = (solution.changes.len(), solution.leans.len());
+    covariance.view((first, first), (count, count)).into_owned()
 }
 
 /// Refuses a rig that no workshop builds from this rig file.

@@ -2,6 +2,7 @@
 
 use glam::DVec2;
 
+use super::super::brightness;
 use super::Views;
 use crate::instrument::frame_format::{FrameFormat, pixel_centre};
 use crate::plan::stripes::Stripes;
@@ -221,14 +222,6 @@ fn thinned<T: Copy>(all: &[T], most: usize) -> Vec<T> {
     all.iter()
         .copied()
         .step_by(all.len().div_ceil(most).max(1))
-        .collect()
-}
-
-/// Mean over the channels of each pixel.
-fn brightness(frame: &[u16], channels: usize) -> Vec<f32> {
-    let pixels = frame.chunks_exact(channels);
-    pixels
-        .map(|dn| dn.iter().map(|&dn| f32::from(dn)).sum::<f32>() / channels as f32)
         .collect()
 }
 

@@ -85,8 +85,6 @@ fn errors_deg((truth, figure): (&Rig, &Figure), found: &Rig, view: fn(&Rig) -> V
     ((squares / f64::from(count)).sqrt(), largest)
 }
 
-const TILTS: [[f64; 2]; 4] = [[0.0, 0.0], [15.0, 0.0], [15.0, 120.0], [15.0, 240.0]];
-
 /// Where the wire of `rig` is against its sample, azimuth in degrees.
 fn wire_deg(rig: &Rig) -> f64 {
     let azimuth_rad = rig.wire.as_ref().unwrap().azimuth_deg.to_radians();

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use crate::calibrate::brightness;
 use crate::instrument::frame_format::FrameFormat;
 
 /// Classes of a histogram, from 0 to the saturation.
@@ -63,14 +64,6 @@ impl Look {
             sharpness: sharpness(&brightness(dn, format.channels), format.width_px, dark_dn),
         }
     }
-}
-
-/// Mean over the channels of each pixel.
-pub(super) fn brightness(dn: &[u16], channels: usize) -> Vec<f32> {
-    let pixels = dn.chunks_exact(channels.max(1));
-    pixels
-        .map(|pixel| pixel.iter().map(|dn| f32::from(*dn)).sum::<f32>() / channels as f32)
-        .collect()
 }
 
 fn sharpness(light: &[f32], width: usize, dark_dn: f64) -> f64 {

@@ -26,10 +26,10 @@ pub use look::{CLASSES, Look, Picture, SATURATED};
 pub use outline::{Outline, Seen};
 pub use shown::Shown;
 
-use super::CalibrateError;
 use super::by_hand::{Hands, Place, RealBench, held_of};
 use super::geometry::alignment::{Motion, Part, apply};
-use super::geometry::{self, ByHand, Request, Said};
+use super::geometry::{self, ByHand, Request, Said, TILT_UNCERTAINTY_DEG, TILTS};
+use super::{CalibrateError, brightness};
 use crate::base::progress::Progress;
 use crate::capture::camera::CameraError;
 use crate::capture::pilot::TestExposures;
@@ -41,12 +41,9 @@ use crate::plan;
 use crate::plan::pattern::PatternMaker;
 use crate::plan::schedule::Timing;
 use crate::virtual_rig::setup::{SetupError, World};
-use crate::virtual_rig::{Tolerances, Truth};
+use crate::virtual_rig::{Held, Tolerances, Truth};
 
-/// Where the flat mirror stands in the views by which moves are found: tilt and azimuth, degrees.
-pub const TILTS: [[f64; 2]; 4] = [[0.0, 0.0], [15.0, 0.0], [15.0, 120.0], [15.0, 240.0]];
-/// Standard uncertainty of these tilts, degrees, and pixels a side of the image.
-const TILT_UNCERTAINTY_DEG: f64 = 0.05;
+/// Pixels a side of the image in the views by which moves are found.
 const VIEW_PX: u32 = 128;
 /// Gains in decibels that a virtual camera has.
 pub const GAINS_DB: std::ops::RangeInclusive<f64> = 0.0..=24.0;
@@ -267,13 +264,16 @@ impl Table {
     #[must_use]
     pub fn outlines(&self, dn: Option<&[u16]>) -> Vec<Outline> {
         let format = self.format();
-        let light = dn.map(|dn| look::brightness(dn, format.channels));
+        let light = dn.map(|dn| brightness(dn, format.channels));
         let frame = light.as_ref().map(|light| outline::Brightness {
             light,
             width_px: format.width_px,
         });
         // In a mirror one sees the projector's image, whose edges are no edges of the rig.
-        let mirror = mirror_of(&self.settings.held);
+        let mirror = match held_of(&self.settings.held, &self.rig) {
+            Ok(Held::Mirror(mirror)) => Some(mirror.normal),
+            _ => None,
+        };
         let mut outlines = outline::edges(&self.camera, frame.filter(|_| mirror.is_none()));
         if let (Shown::Spot { theta_deg, phi_deg }, Some(mirror)) = (self.settings.shown, mirror) {
             let light = [theta_deg, phi_deg];
@@ -430,13 +430,4 @@ impl Table {
             }
         }
     }
-}
-
-/// Tilt and azimuth of the mirror, degrees, if that is what is `held`.
-fn mirror_of(held: &str) -> Option<[f64; 2]> {
-    let words: Vec<&str> = held.split_whitespace().collect();
-    let ["mirror", tilt, azimuth] = words[..] else {
-        return None;
-    };
-    Some([tilt.parse().ok()?, azimuth.parse().ok()?])
 }

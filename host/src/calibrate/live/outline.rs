@@ -6,7 +6,7 @@
 //! steps from light to dark, the edge is seen. The distance is positive where it is seen farther inside of what is lit. What makes no clear step
 //! in most places is told as not seen.
 
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use serde::Serialize;
 
 use crate::base::median::median;
@@ -263,16 +263,14 @@ impl Brightness<'_> {
     }
 }
 
-/// The image of a spot of `spot_deg` degrees that lights from (θ, φ), which a flat mirror leaning by (tilt, azimuth) shows the `camera`;
-/// degrees.
+/// The image of a spot of `spot_deg` degrees that lights from (θ, φ), degrees, which a flat mirror of this `normal` shows the `camera`.
 pub(super) fn spot(
     camera: &View,
     [theta_deg, phi_deg]: [f64; 2],
-    [tilt_deg, azimuth_deg]: [f64; 2],
+    normal: DVec3,
     spot_deg: f64,
     frame: Option<Brightness>,
 ) -> Option<Outline> {
-    let normal = from_degrees(tilt_deg, azimuth_deg);
     let seen_from = -reflect(from_degrees(theta_deg, phi_deg), normal);
     let centre = camera.pixel(seen_from).ok()?;
     let (across, up) = seen_from.any_orthonormal_pair();

@@ -20,7 +20,7 @@ use serde::Serialize;
 
 use self::words::{name, words};
 use super::parameters::{ANGLE_DEG, POSITION_M};
-use super::{Fit, PROBES, Sightings, Views, check_matches, in_units};
+use super::{Fit, PROBES, Sightings, Views, agreed, check_matches, in_units};
 use crate::calibrate::CalibrateError;
 use crate::hemisphere::judged::is_judged;
 use crate::instrument::optics::View;
@@ -169,14 +169,7 @@ pub fn advise(dir: &std::path::Path) -> Result<Advice, CalibrateError> {
     check_matches(&seen)?;
     let stated = views.scaled()?;
     let fit = Fit::of(&views, &stated, &seen)?;
-    let covariance = fit
-        .solution
-        .covariance(1.0)
-        .ok_or_else(|| CalibrateError::Views {
-            expected: "views that determine the rig".to_owned(),
-            found: "some that tell nothing of it".to_owned(),
-            advice: "add views of the flat mirror at other tilts, in other azimuths (three or more)",
-        })?;
+    let (_, covariance) = agreed(&fit.solution)?;
     let covariance = in_units(&fit.unknowns, &covariance);
     Ok(Finding::of(&fit, covariance).advice())
 }

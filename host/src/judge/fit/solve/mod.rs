@@ -9,11 +9,16 @@
 //! strength ≥ 0 and ρd + strength ≤ 1, by more than noise can explain, the fit is made again within them: what is beyond a
 //! bound counts as at it.
 
+mod start;
+
 use std::collections::BTreeMap;
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt, TerminationReason};
-use nalgebra::{DMatrix, DVector, Dyn, Matrix2, Owned, Vector2};
+use nalgebra::{DMatrix, DVector, Dyn, Owned};
 use rayon::prelude::*;
+
+use start::near;
+pub(super) use start::start;
 
 use super::FitError;
 use super::model::{Model, WHITE, combine};
@@ -34,11 +39,6 @@ const UNKNOWNS_STEP: f64 = 1e-6;
 /// does not come back.
 const LEGS: usize = 10;
 const PATIENCE: usize = 10;
-/// Roughness from which fits start, and how many azimuths of half a turn.
-const STARTS: [f64; 5] = [0.03, 0.07, 0.15, 0.35, 0.8];
-const AZIMUTHS: usize = 8;
-/// So many samples are enough to choose among them.
-const TRIED: usize = 20_000;
 /// Roughness beyond which there is no lobe, or one that no pixel resolves.
 pub(super) const ALPHA: std::ops::RangeInclusive<f64> = 0.001..=1.5;
 
@@ -293,28 +293,6 @@ pub(super) fn unknowns(
     Ok((found.problem.unknowns, found.is_converged))
 }
 
-/// Where a search from `from` ends in few of the samples: most of the way goes as well with them. Where it leaves the range of lobes, or finds
-/// no end, all of them have to say so, and it is `from`.
-fn near(
-    model: Model,
-    seen: &Observations,
-    sharp: &Observations,
-    from: &DVector<f64>,
-    range: Range,
-) -> DVector<f64> {
-    if seen.all.len() <= 2 * TRIED {
-        return from.clone();
-    }
-    let stride = seen.all.len().div_ceil(TRIED);
-    let (few, sharp) = (seen.every(stride), sharp.every(stride));
-    let (rough, is_found) = Problem::new(model, &few, &sharp, range).started(from).minimized();
-    if is_found && rough.is_in_range() {
-        rough.unknowns
-    } else {
-        from.clone()
-    }
-}
-
 /// The minimum that [`solve`] is about.
 ///
 /// # Errors
@@ -433,72 +411,4 @@ fn covariance(
     DMatrix::from_fn(unknowns, unknowns, |i, j| {
         single[(i, j)] + raised[(i, j)] * unit[i] * unit[j]
     })
-}
-
-/// Unknowns to begin at: the best of a grid of shapes, with the others by linear least squares, within `range`.
-pub(super) fn start(model: Model, seen: &Observations, range: Range) -> DVector<f64> {
-    let seen = &seen.every(seen.all.len().div_ceil(TRIED));
-    let channels = seen.channels;
-    let mut problem = Problem::new(model, seen, seen, range);
-    // The variances of the values as they are: only the start depends on them.
-    problem.weights = (0..seen.all.len() * channels)
-        .map(|at| {
-            let observation = &seen.all[at / channels];
-            observation
-                .variance_at(observation.f[at % channels])
-                .sqrt()
-                .recip()
-        })
-        .collect();
-    let (mut least, mut best) = (f64::INFINITY, problem.unknowns.clone());
-    for shape in starts() {
-        for (unknown, value) in problem.unknowns.iter_mut().zip(shape.unknowns()) {
-            *unknown = value;
-        }
-        problem.parts = problem.parts_at(shape, seen);
-        for channel in 0..channels {
-            let [rho_d, strength] = match (range, linear(&problem, channel)) {
-                (Range::Free, found) => found,
-                (Range::Physical, [rho_d, strength]) => physical(rho_d, strength),
-            };
-            problem.unknowns[SHAPE + 2 * channel] = rho_d;
-            problem.unknowns[SHAPE + 1 + 2 * channel] = strength;
-        }
-        let chi_squared = problem.residuals().map_or(f64::INFINITY, |r| r.norm_squared());
-        if chi_squared < least {
-            (least, best) = (chi_squared, problem.unknowns.clone());
-        }
-    }
-    best
-}
-
-/// Shapes from which a fit may start.
-fn starts() -> impl Iterator<Item = Shape> {
-    let pairs = STARTS
-        .into_iter()
-        .enumerate()
-        .flat_map(|(at, wide)| STARTS[..=at].iter().map(move |narrow| [*narrow, wide]));
-    pairs.flat_map(|alpha| {
-        // A lobe that is as wide both ways has no azimuth.
-        let azimuths = if alpha[0] < alpha[1] { AZIMUTHS } else { 1 };
-        (0..azimuths).map(move |turn| Shape {
-            alpha,
-            azimuth_rad: std::f64::consts::PI * turn as f64 / AZIMUTHS as f64,
-        })
-    })
-}
-
-/// ρd and strength of one channel at the roughness of `problem`.
-fn linear(problem: &Problem<'_>, channel: usize) -> [f64; 2] {
-    let channels = problem.seen.channels;
-    let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
-    for (sample, (seen, parts)) in problem.seen.all.iter().zip(&problem.parts).enumerate() {
-        let weight = problem.weights[sample * channels + channel].powi(2);
-        let row = Vector2::new(WHITE, parts[1]);
-        normal += weight * row * row.transpose();
-        right += weight * (seen.f[channel] - parts[0]) * row;
-    }
-    normal
-        .try_inverse()
-        .map_or([0.0; 2], |inverse| (inverse * right).into())
 }
