@@ -25,13 +25,17 @@ pub(crate) struct Args {
     /// the same, by which the patterns were lit
     #[arg(long, value_name = "DIR", requires = "out")]
     calibration: Option<PathBuf>,
+    /// Keep every bit of f and its standard uncertainty [default: as the measurement was begun]
+    #[arg(long)]
+    lossless: bool,
 }
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
     if let Some(out) = &args.out {
         return again(args, out, output);
     }
-    let measurement = Measurement::open_to_write(&args.dir)?;
+    let mut measurement = Measurement::open_to_write(&args.dir)?;
+    measurement.plan.request.lossless |= args.lossless;
     output.log_into(measurement.dir());
     let assembled = rcg::measure::assemble_measurement(&measurement, output)?;
     output.print(&assembled, || text(&assembled, &measurement.path("brdf.zarr")))?;
@@ -41,7 +45,8 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
 
 /// Assembles elsewhere, perhaps with another calibration.
 fn again(args: &Args, out: &Path, output: &Output) -> Done {
-    let measurement = Measurement::open(&args.dir)?;
+    let mut measurement = Measurement::open(&args.dir)?;
+    measurement.plan.request.lossless |= args.lossless;
     let again = assemble_again(&measurement, args.calibration.as_deref(), out, output)?;
     output.print(&again, || text(&again.assembled, out) + &compared(&again))?;
     warn(&again.assembled, output);

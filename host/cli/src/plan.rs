@@ -92,7 +92,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             lines.retain(|(name, _)| *name != "whole grid");
         }
         let on_disk = format!(
-            "{} of frames, {} of BRDF",
+            "{} of frames, at most {} of BRDF",
             bytes(forecast.disk_space.raw_bytes),
             bytes(forecast.disk_space.brdf_bytes)
         );

@@ -86,6 +86,10 @@ pub(crate) struct RequestArgs {
     /// none]
     #[arg(long, value_name = "TILT:TOWARDS[:TURN]", allow_hyphen_values = true)]
     tilt: Option<Tilt>,
+    /// Keep every bit of f and its standard uncertainty, in a brdf.zarr of about three times the size [default: f is rounded by at most a
+    /// tenth of its standard uncertainty]
+    #[arg(long)]
+    lossless: bool,
     /// What you call the sample, for the report [default: as --sample]
     #[arg(long, value_name = "TEXT", value_parser = words)]
     sample_name: Option<String>,
@@ -317,6 +321,7 @@ pub(crate) struct PortArgs {
 
 impl PortArgs {
     /// The `rig` with its trigger box where it is said to be, if it is a real one.
+            lossless: self.lossless || before.lossless,
     pub(crate) fn real(&self, rig: Rig) -> Result<Rig, Failure> {
         if !rig.is_real() {
             return Ok(rig);

@@ -57,6 +57,7 @@ def plan(**options: Any) -> dict[str, Any]:
     | ``light`` | ``single``, ``multiplexed``, ``complement`` or ``auto`` | ``single`` |
     | ``spot_deg`` | opening of the cone that a pattern lights | that of the rig |
     | ``tilt`` | of the sample, degrees: (tilt, towards) or (tilt, towards, turn) | none |
+    | ``lossless`` | whether every bit of f and σ is kept | f is rounded by at most σ/10 |
     | ``noise``, ``seed`` | of the virtual rig | True, 1 |
     | ``truth``, ``calibration`` | how the rig really is (a file), what was found of it (a directory) | as its file says |
     | ``sample_name``, ``sample_description``, ``reference`` | for the report; a known material to compare with | |
@@ -84,6 +85,7 @@ def _asked(
     seed: int | None = None,
     truth: str | os.PathLike[str] | None = None,
     calibration: str | os.PathLike[str] | None = None,
+    lossless: bool | None = None,
     sample_name: str | None = None,
     sample_description: str | None = None,
     reference: str | os.PathLike[str] | None = None,
@@ -104,6 +106,7 @@ def _asked(
         "light": light,
         "spot_deg": finite("spot_deg", spot_deg),
         "tilt": None if tilt is None else ":".join(map(str, tilt)),
+        "lossless": lossless,
         "sample_name": sample_name,
         "sample_description": sample_description,
         "reference": _path(reference),

@@ -19,7 +19,7 @@ use crate::instrument::optics::{Unmeasurable, View};
 use crate::instrument::rig::Rig;
 use crate::plan::Plan;
 use crate::plan::light::Coding;
-use crate::store::{SmallArray, SmallData};
+use crate::store::{ROUNDED, ROUNDING, SmallArray, SmallData};
 
 /// Words of the codes of reasons.
 const REASONS: [(u8, &str); 7] = [
@@ -196,6 +196,7 @@ pub(super) fn attributes(
         "spot_deg": plan.spot_deg,
         "exposure_s": plan.exposure_s,
         "light": plan.code.map(Coding::light),
+        ROUNDED: (!plan.request.lossless).then_some(ROUNDING),
         UNCALIBRATED: unknown.iter().flatten().collect::<Vec<_>>(),
         DIRECTION_UNCERTAINTY: is_known.then_some(applied.direction_deg),
         FIELD_UNCERTAINTY: applied.photometry.as_ref().map(Photometry::uncertainty_by_fields),

@@ -14,7 +14,8 @@ const SIGMA: usize = 2;
 const PROVENANCE: usize = 1;
 const NUMBER: usize = 2;
 
-/// Bytes that a measurement takes on disk; a few per cent more with coordinates, records and pictures.
+/// Bytes that a measurement takes on disk at most; a few per cent more with coordinates, records and pictures. Values are compressed
+/// ([`crate::store::brdf_file`]), which nobody knows the size of beforehand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct DiskSpace {
     /// Of `raw.zarr`.

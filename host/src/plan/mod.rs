@@ -81,6 +81,9 @@ pub struct Request {
     /// How the holder tilts the sample; not at all if there is nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tilt: Option<Tilt>,
+    /// Whether `brdf.zarr` keeps every bit of f and σ.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub lossless: bool,
     /// What the user calls the sample.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sample_name: Option<String>,
@@ -105,6 +108,7 @@ impl Default for Request {
             brackets: Brackets::One,
             light: Light::Single,
             tilt: None,
+            lossless: false,
             sample_name: None,
             sample_description: None,
             reference: None,

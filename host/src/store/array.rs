@@ -2,8 +2,9 @@
 //!
 //! # Design
 //! Chunks are named `c.<index>.0…` in the array's own folder: no folder per chunk, one file creation
-//! per write. A chunk's length is known beforehand; a torn file is refused by its length before it
-//! is read.
+//! per write. A plain chunk's length is known beforehand; a torn file is refused by its length before it
+//! is read. Those of a packed array are compressed by zstd, which any reader of Zarr has, before the checksum; a torn one fails that,
+//! and none is unpacked into more bytes than a chunk has.
 //!
 //! No data never equals a legal value: floating-point arrays have NaN as their fill value, which is what a chunk that was
 //! never written reads as, and what a partial chunk is padded with.
@@ -19,9 +20,10 @@ use std::sync::Arc;
 
 use bytemuck::Pod;
 use serde_json::{Map, Value};
-use zarrs::array::codec::{BytesCodec, Crc32cCodec};
+use zarrs::array::codec::{BytesCodec, Crc32cCodec, ZstdCodec};
 use zarrs::array::{
-    Array, ArrayBuilder, ArrayBytes, ArrayMetadataOptions, ChunkKeySeparator, CodecOptions, ElementOwned,
+    Array, ArrayBuilder, ArrayBytes, ArrayMetadataOptions, BytesToBytesCodecTraits, ChunkKeySeparator,
+    CodecOptions, ElementOwned,
 };
 use zarrs::metadata::FillValueMetadata;
 use zarrs::storage::{ReadableStorageTraits as _, StoreKey};
@@ -36,6 +38,9 @@ use crate::base::text::{by, listed};
 const LARGEST_CHUNK: usize = 1 << 32;
 /// Bytes of the CRC-32C at the end of a chunk.
 const CHECKSUM: usize = 4;
+
+/// Level of zstd: higher ones take several times as long for a few per cent of the bytes.
+const ZSTD_LEVEL: i32 = 1;
 
 /// Type of an array's elements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,6 +99,8 @@ pub(super) struct ArraySpec<'a> {
     /// Length of a chunk along the first axis; along the others a chunk is whole.
     pub(super) chunk: usize,
     pub(super) dims: &'a [&'a str],
+    /// Whether chunks are compressed; those of older files are not.
+    pub(super) packed: bool,
 }
 
 impl ArraySpec<'_> {
@@ -145,8 +152,10 @@ pub(super) struct ZarrArray {
     chunk: usize,
     /// Elements per row.
     row: usize,
-    /// Bytes of a chunk's file.
-    file_bytes: usize,
+    /// Bytes of a chunk without its checksum, and before it is compressed.
+    chunk_bytes: usize,
+    /// Whether chunks are compressed.
+    packed: bool,
     options: CodecOptions,
 }
 
@@ -175,7 +184,7 @@ impl ZarrArray {
         let array = ArrayBuilder::new(shape, spec.chunk_shape(), spec.element.name(), no_data)
             .chunk_key_encoding_default_separator(ChunkKeySeparator::Dot)
             .array_to_bytes_codec(Arc::new(BytesCodec::little()))
-            .bytes_to_bytes_codecs(vec![Arc::new(Crc32cCodec::new())])
+            .bytes_to_bytes_codecs(codecs(spec.packed))
             .dimension_names(Some(spec.dims.iter().copied()))
             .attributes(attributes)
             .build(Arc::clone(store), &format!("/{}", spec.name))
@@ -184,7 +193,7 @@ impl ZarrArray {
         array
             .store_metadata()
             .map_err(|error| StoreError::storage(&path, "write", error))?;
-        Self::wrap(array, store, spec)
+        Self::wrap(array, store, spec, spec.packed)
     }
 
     /// Opens the array if its metadata are those of `spec`; `header` was read from it.
@@ -207,6 +216,13 @@ impl ZarrArray {
             header.data_type.clone(),
         )?;
         expect("dimension_names", listed(spec.dims), listed(&header.dims))?;
+        if header.packed && !spec.packed {
+            expect(
+                "codecs",
+                "bytes, then crc32c".to_owned(),
+                "zstd between them".to_owned(),
+            )?;
+        }
         expect(
             "chunk_grid.configuration.chunk_shape",
             by(&spec.chunk_shape()),
@@ -216,13 +232,14 @@ impl ZarrArray {
             .map_err(|found| StoreError::metadata(&header.path, "shape", SANE_SHAPE, found))?;
         let array = Array::open(Arc::clone(store), &format!("/{}", spec.name))
             .map_err(|error| StoreError::array(&header.path, error))?;
-        Self::wrap(array, store, spec)
+        Self::wrap(array, store, spec, header.packed)
     }
 
     fn wrap(
         array: Array<AtomicStore>,
         store: &Arc<AtomicStore>,
         spec: &ArraySpec<'_>,
+        packed: bool,
     ) -> Result<Self, StoreError> {
         let (row, bytes) = spec
             .sizes()
@@ -234,7 +251,8 @@ impl ZarrArray {
             rows: spec.shape[0],
             chunk: spec.chunk,
             row,
-            file_bytes: bytes + CHECKSUM,
+            chunk_bytes: bytes,
+            packed,
             // An absent chunk means "not written": one of zeros has to be stored, not left out.
             options: CodecOptions::default()
                 .with_concurrent_target(1)
@@ -302,9 +320,9 @@ impl ZarrArray {
         self.store.begin(&self.path_of(index))
     }
 
-    /// Bytes of a whole chunk without its checksum.
+    /// Bytes of a whole chunk without its checksum, and before it is compressed.
     pub(super) const fn chunk_bytes(&self) -> usize {
-        self.file_bytes - CHECKSUM
+        self.chunk_bytes
     }
 
     /// Bytes of the elements in chunk `index` that belong to the array.
@@ -365,22 +383,20 @@ impl ZarrArray {
     pub(super) fn read<T: ElementOwned + Pod>(&self, index: usize) -> Result<Option<Vec<T>>, StoreError> {
         self.check_index(index)?;
         let path = self.path_of(index);
+        let failed = |error| StoreError::chunk(&path, &self.name, index, "read", error);
+        T::validate_data_type(self.array.data_type()).map_err(|error| failed(error.into()))?;
+        if self.packed {
+            return self.read_packed(index);
+        }
         let found = self.store.size_key(&self.key(index));
         match found.map_err(|error| StoreError::storage(&path, "inspect", error))? {
             None => return Ok(None),
-            Some(bytes) if bytes == self.file_bytes as u64 => {}
+            Some(bytes) if bytes == (self.chunk_bytes + CHECKSUM) as u64 => {}
             Some(bytes) => {
-                return Err(StoreError::Chunk {
-                    path,
-                    array: self.name.clone(),
-                    chunk: index,
-                    expected: format!("{} bytes", self.file_bytes),
-                    found: format!("{bytes} bytes"),
-                });
+                let expected = format!("{} bytes", self.chunk_bytes + CHECKSUM);
+                return Err(self.unlike(index, expected, format!("{bytes} bytes")));
             }
         }
-        let failed = |error| StoreError::chunk(&path, &self.name, index, "read", error);
-        T::validate_data_type(self.array.data_type()).map_err(|error| failed(error.into()))?;
         // As bytes, and copied here: zarrs makes the numbers of them one by one.
         let bytes = self
             .array
@@ -394,15 +410,58 @@ impl ZarrArray {
         Ok(Some(rows))
     }
 
-    /// Reads chunk `index`, which has to exist.
-    pub(super) fn read_present<T: ElementOwned + Pod>(&self, index: usize) -> Result<Vec<T>, StoreError> {
-        self.read(index)?.ok_or_else(|| StoreError::Chunk {
+    /// As [`read`](Self::read) of compressed chunks. Whatever a file claims, no more is unpacked than a chunk has, for which zarrs has
+    /// no bound.
+    fn read_packed<T: Pod>(&self, index: usize) -> Result<Option<Vec<T>>, StoreError> {
+        let path = self.path_of(index);
+        let found = self.store.get(&self.key(index));
+        let Some(file) = found.map_err(|error| StoreError::storage(&path, "read", error))? else {
+            return Ok(None);
+        };
+        let Some((packed, checksum)) = file.split_last_chunk::<CHECKSUM>() else {
+            return Err(self.unlike(
+                index,
+                "a chunk and its CRC-32C".to_owned(),
+                format!("{} bytes", file.len()),
+            ));
+        };
+        if crc32c::crc32c(packed).to_le_bytes() != *checksum {
+            return Err(StoreError::Checksum {
+                path,
+                array: self.name.clone(),
+                chunk: index,
+            });
+        }
+        let mut rows = vec![T::zeroed(); self.chunk_bytes / size_of::<T>()];
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(&mut rows);
+        let expected = || format!("{} bytes compressed by zstd", self.chunk_bytes);
+        match zstd::bulk::decompress_to_buffer(packed, bytes) {
+            Ok(length) if length == self.chunk_bytes => {}
+            Ok(length) => return Err(self.unlike(index, expected(), format!("{length} bytes"))),
+            Err(error) => return Err(self.unlike(index, expected(), error.to_string())),
+        }
+        if cfg!(target_endian = "big") {
+            bytes.chunks_exact_mut(size_of::<T>()).for_each(<[u8]>::reverse);
+        }
+        rows.truncate(self.len(index));
+        Ok(Some(rows))
+    }
+
+    /// That chunk `index` is not what was `expected`.
+    fn unlike(&self, index: usize, expected: String, found: String) -> StoreError {
+        StoreError::Chunk {
             path: self.path_of(index),
             array: self.name.clone(),
             chunk: index,
-            expected: "a file".into(),
-            found: "none".into(),
-        })
+            expected,
+            found,
+        }
+    }
+
+    /// Reads chunk `index`, which has to exist.
+    pub(super) fn read_present<T: ElementOwned + Pod>(&self, index: usize) -> Result<Vec<T>, StoreError> {
+        self.read(index)?
+            .ok_or_else(|| self.unlike(index, "a file".to_owned(), "none".to_owned()))
     }
 
     /// The CRC-32C with which the file of chunk `index` ends, as it stands there.
@@ -422,6 +481,16 @@ impl ZarrArray {
         self.array
             .erase_chunk(&self.indices(index))
             .map_err(|error| StoreError::storage(&self.path_of(index), "remove", error))
+    }
+}
+
+/// What makes files of the bytes of chunks.
+fn codecs(packed: bool) -> Vec<Arc<dyn BytesToBytesCodecTraits>> {
+    let checksum: Arc<dyn BytesToBytesCodecTraits> = Arc::new(Crc32cCodec::new());
+    if packed {
+        vec![Arc::new(ZstdCodec::new(ZSTD_LEVEL, false)), checksum]
+    } else {
+        vec![checksum]
     }
 }
 

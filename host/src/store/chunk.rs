@@ -127,6 +127,7 @@ mod tests {
             shape: vec![7, 5],
             chunk: 3,
             dims: &["y", "x"],
+            packed: false,
         };
         let mut about = Map::new();
         about.insert("_FillValue".into(), json!(9));

@@ -205,6 +205,7 @@ fn spec(name: &'static str, element: ElementType, exposures: usize, segment: usi
         shape: vec![exposures],
         chunk: segment,
         dims: DIMS,
+        packed: false,
     }
 }
 

@@ -24,6 +24,8 @@ pub(super) struct Header {
     pub(super) data_type: String,
     pub(super) dims: Vec<String>,
     pub(super) attributes: Map<String, Value>,
+    /// Whether chunks are compressed.
+    pub(super) packed: bool,
 }
 
 impl Header {
@@ -87,12 +89,13 @@ impl Header {
         let Some(names) = names.filter(|names| names.len() == shape.len()) else {
             return Err(wrong("dimension_names", &format!("{} names", shape.len()), dims));
         };
-        // With these two codecs the length of a chunk's file is known.
         let codecs = at("codecs");
-        let codec_names = codecs.and_then(codec_names);
-        if codec_names.as_deref() != Some(&["bytes", "crc32c"]) {
-            return Err(wrong("codecs", "bytes, then crc32c", codecs));
-        }
+        let packed = match codecs.and_then(codec_names).as_deref() {
+            // With these two codecs the length of a chunk's file is known.
+            Some(["bytes", "crc32c"]) => false,
+            Some(["bytes", "zstd", "crc32c"]) => true,
+            _ => return Err(wrong("codecs", "bytes, perhaps zstd, then crc32c", codecs)),
+        };
         let attributes = at("attributes")
             .and_then(Value::as_object)
             .cloned()
@@ -103,6 +106,7 @@ impl Header {
             data_type: data_type.clone(),
             dims: names,
             attributes,
+            packed,
             path,
         })
     }

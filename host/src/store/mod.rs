@@ -20,9 +20,10 @@
 //! | [`whole_file`] | any other file, whole or not there |
 //!
 //! # Tradeoffs
-//! Nothing is compressed. zstd at level 1 takes 12-bit frames with shot noise to 75 %: the four unused
+//! Frames are not compressed. zstd at level 1 takes 12-bit frames with shot noise to 75 %: the four unused
 //! bits, for a third of the speed. Chunks without compression have a known length, so a torn file is
-//! told from a damaged one, and the files need no C library.
+//! told from a damaged one. Values are ([`brdf_file`]): rounded to what their uncertainty justifies, they take a fifth, and each is read more
+//! often than written.
 
 mod array;
 pub mod atomic;
@@ -43,8 +44,8 @@ pub mod tally;
 pub mod whole_file;
 
 pub use atomic::AtomicStore;
-pub use brdf_file::{BrdfLayout, BrdfReader, BrdfWriter};
-pub use brdf_rows::BrdfRows;
+pub use brdf_file::{BrdfLayout, BrdfReader, BrdfWriter, ROUNDED};
+pub use brdf_rows::{BrdfRows, ROUNDING};
 pub(crate) use brdf_rows::{LEAST_SIGMA, USELESS_SIGMA, stored_sigma};
 pub use error::StoreError;
 pub use exposure_record::ExposureRecord;

@@ -36,6 +36,7 @@ fn spec(segments: usize) -> ArraySpec<'static> {
         shape: vec![segments],
         chunk: 1,
         dims: &["segment"],
+        packed: false,
     }
 }
 

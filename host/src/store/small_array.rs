@@ -151,6 +151,7 @@ pub(super) fn write(store: &Arc<AtomicStore>, array: &SmallArray<'_>) -> Result<
         shape,
         chunk,
         dims: array.dims,
+        packed: false,
     };
     let mut attributes = described(array.units, array.long_name);
     add_codes(&mut attributes, array.codes);
@@ -199,6 +200,7 @@ pub(super) fn read(store: &Arc<AtomicStore>, name: &str) -> Result<SmallData, St
             shape,
             chunk,
             dims: &dims,
+            packed: false,
         },
         &header,
     )?;

@@ -102,6 +102,7 @@ fn count_spec(name: &'static str, segments: usize) -> ArraySpec<'static> {
         shape: vec![segments],
         chunk: 1,
         dims: &["segment"],
+        packed: false,
     }
 }
 
@@ -117,6 +118,7 @@ fn orphan_spec(
         shape: vec![segments, slots],
         chunk: 1,
         dims: &["segment", "orphan"],
+        packed: false,
     }
 }
 

@@ -43,14 +43,26 @@ fn decoded(group: &Path, name: &str) -> Vec<f64> {
         match fs::read(group.join(name).join(file)) {
             // The checksum comes last.
             Ok(bytes) => {
-                assert_eq!(bytes.len(), chunk * row * size + 4);
-                values.extend(bytes[..chunk * row * size].chunks_exact(size).map(number));
+                let bytes = plain(&metadata, &bytes[..bytes.len() - 4], chunk * row * size);
+                assert_eq!(bytes.len(), chunk * row * size);
+                values.extend(bytes.chunks_exact(size).map(number));
             }
             Err(_) => values.extend(std::iter::repeat_n(fill, chunk * row)),
         }
     }
     values.truncate(shape[0] * row);
     values
+}
+
+/// The bytes of a chunk without its checksum, of an array with this `metadata`; so many if all is well.
+fn plain(metadata: &Value, bytes: &[u8], length: usize) -> Vec<u8> {
+    let codecs = metadata["codecs"].as_array().unwrap().iter();
+    let names: Vec<&str> = codecs.map(|codec| codec["name"].as_str().unwrap()).collect();
+    match names[..] {
+        ["bytes", "crc32c"] => bytes.to_vec(),
+        ["bytes", "zstd", "crc32c"] => zstd::bulk::decompress(bytes, length).unwrap(),
+        _ => panic!("{names:?}"),
+    }
 }
 
 /// IEEE 754 binary16.
@@ -165,18 +177,21 @@ fn crc32c(bytes: &[u8]) -> [u8; 4] {
     (!sum).to_le_bytes()
 }
 
-/// Makes of a file what version 1 of the format would have: zeros where there is no value.
+/// Makes of a file what version 1 of the format would have: zeros where there is no value, and chunks that are not compressed.
 fn as_version_1(brdf: &Path) {
-    for (array, size) in [("f", 4), ("sigma", 2), ("outgoing_pixel", 8)] {
+    for (array, size) in [("f", 4), ("sigma", 2), ("provenance", 1), ("outgoing_pixel", 8)] {
+        let header = brdf.join(array).join("zarr.json");
+        let mut metadata: Value = serde_json::from_slice(&fs::read(&header).unwrap()).unwrap();
         for entry in fs::read_dir(brdf.join(array)).unwrap() {
             let path = entry.unwrap().path();
             if path.extension().is_some_and(|extension| extension == "json") {
                 continue;
             }
-            let mut bytes = fs::read(&path).unwrap();
-            bytes.truncate(bytes.len() - 4);
+            let bytes = fs::read(&path).unwrap();
+            let mut bytes = plain(&metadata, &bytes[..bytes.len() - 4], 1 << 24);
             for number in bytes.chunks_exact_mut(size) {
                 let is_nan = match *number {
+                    [_] => false,
                     [a, b] => half(u16::from_le_bytes([a, b])).is_nan(),
                     [a, b, c, d] => f32::from_le_bytes([a, b, c, d]).is_nan(),
                     _ => f64::from_le_bytes((&*number).try_into().unwrap()).is_nan(),
@@ -188,6 +203,14 @@ fn as_version_1(brdf: &Path) {
             let sum = crc32c(&bytes);
             fs::write(&path, [&bytes[..], &sum].concat()).unwrap();
         }
+        metadata["codecs"] = json!([
+            { "name": "bytes", "configuration": { "endian": "little" } },
+            { "name": "crc32c" }
+        ]);
+        if size == 1 {
+            metadata["codecs"][0].as_object_mut().unwrap().remove("configuration");
+        }
+        fs::write(&header, metadata.to_string()).unwrap();
     }
     let group = brdf.join("zarr.json");
     let mut metadata: Value = serde_json::from_slice(&fs::read(&group).unwrap()).unwrap();

@@ -101,6 +101,11 @@ impl Measurement {
             ("light", held.light.to_string(), light),
             ("tilt", tilt(held), tilt(request)),
             (
+                "lossless",
+                held.lossless.to_string(),
+                request.lossless.to_string(),
+            ),
+            (
                 "sample-name",
                 or_none(held.sample_name.clone()),
                 or_none(request.sample_name.clone()),

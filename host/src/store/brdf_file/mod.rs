@@ -17,9 +17,8 @@
 //! The writer works in `<name>.partial` and renames it when it is done: a result under its final
 //! name is whole. Several threads may write and read different chunks at a time.
 //!
-//! # Tradeoffs
-//! Half floats for the uncertainty have 11 significant bits, more than an uncertainty deserves. Provenance is nearly constant and would compress to nothing, but
-//! it is a twentieth of the file, and without a codec it needs no C library.
+//! Chunks are compressed by zstd. Measured values end in noise, which does not compress: a file whose attribute [`ROUNDED`] says so
+//! has values and uncertainties rounded on the way into it ([`BrdfRows::round`]), by no more than that share of σ.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -43,6 +42,8 @@ const FORMAT: &str = "brdf";
 const F: &str = "f";
 const SIGMA: &str = "sigma";
 const PROVENANCE: &str = "provenance";
+/// Attribute of files with rounded values: the most that f is rounded by, over σ.
+pub const ROUNDED: &str = "rounded_to_sigma";
 /// The last version whose files have 0 where there is no value.
 const ZEROS_VERSION: u64 = 1;
 /// Axes of `f` and `sigma`; `provenance` has all but the last.
@@ -70,6 +71,7 @@ impl BrdfLayout {
             shape: shape[..rank].to_vec(),
             chunk: self.chunk,
             dims: &DIMS[..rank],
+            packed: true,
         }
     }
 
@@ -186,6 +188,14 @@ impl BrdfWriter {
     /// [`StoreError::Argument`] if there is no such chunk, a length is not that of its incident directions, or f, sigma and
     /// provenance contradict each other; [`StoreError::Io`] or [`StoreError::DiskFull`].
     pub fn write_chunk(&self, index: usize, rows: &BrdfRows) -> Result<(), StoreError> {
+        let mut rounded;
+        let rows = if self.attributes.contains_key(ROUNDED) {
+            rounded = rows.clone();
+            rounded.round();
+            &rounded
+        } else {
+            rows
+        };
         self.f.check_len(index, rows.f.len())?;
         self.sigma.check_len(index, rows.sigma.len())?;
         self.provenance.check_len(index, rows.provenance.len())?;

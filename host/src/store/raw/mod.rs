@@ -87,6 +87,7 @@ impl RawLayout {
             shape: vec![self.exposures, self.height, self.width, self.channels],
             chunk: self.segment,
             dims: FRAME_DIMS,
+            packed: false,
         }
     }
 

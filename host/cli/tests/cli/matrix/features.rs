@@ -40,6 +40,7 @@ pub(super) struct Case {
     pub(super) world: World,
     pub(super) tilt: Option<&'static str>,
     pub(super) noise: bool,
+    pub(super) lossless: bool,
     pub(super) fault: Option<&'static str>,
     /// Killed and resumed.
     pub(super) resume: bool,
@@ -71,6 +72,7 @@ pub(super) const USUAL: Case = Case {
     world: World::AsFiled,
     tilt: None,
     noise: true,
+    lossless: false,
     fault: None,
     resume: false,
     replay: false,
@@ -83,7 +85,7 @@ pub(super) const USUAL: Case = Case {
 /// A feature's name, and the values that are not the usual one with what they change.
 type Feature = (&'static str, &'static [(&'static str, fn(&mut Case))]);
 
-pub(super) const FEATURES: [Feature; 18] = [
+pub(super) const FEATURES: [Feature; 19] = [
     (
         "rig",
         &[("rcg-2", |c| c.rig = "rcg-2"), ("dmd", |c| c.rig = "dmd")],
@@ -148,6 +150,7 @@ pub(super) const FEATURES: [Feature; 18] = [
         ],
     ),
     ("noise", &[("off", |c| c.noise = false)]),
+    ("lossless", &[("on", |c| c.lossless = true)]),
     (
         "faults",
         &[

@@ -100,6 +100,10 @@ impl Trial<'_> {
         if !case.noise {
             put("--noise", "off");
         }
+        if case.lossless {
+            all.push("--lossless".to_owned());
+        }
+        let mut put = |option: &str, value: &str| all.extend([option.to_owned(), value.to_owned()]);
         if case.said {
             put("--operator", "Ada");
             put("--note", "of the matrix");

@@ -26,9 +26,25 @@ fn damage_names_the_array_and_the_chunk() {
         fs::write(path.join(file), &whole[..whole.len() / 2]).unwrap();
         let error = reader.read_chunk(1).unwrap_err();
         assert!(
-            matches!(&error, StoreError::Chunk { array: a, chunk: 1, .. } if a == array),
+            matches!(&error, StoreError::Checksum { array: a, chunk: 1, .. } if a == array),
             "{error}"
         );
+
+        // Of a right checksum, but not of a chunk: more than one, less, and what was never compressed.
+        let unpacked = zstd::bulk::decompress(&whole[..whole.len() - 4], 1 << 20).unwrap();
+        let more = zstd::bulk::compress(&[&unpacked[..], &[0; 1 << 20]].concat(), 1).unwrap();
+        let less = zstd::bulk::compress(&unpacked[1..], 1).unwrap();
+        for bytes in [more, less, unpacked, Vec::new()] {
+            let sum = crc32c::crc32c(&bytes).to_le_bytes();
+            fs::write(path.join(file), [&bytes[..], &sum].concat()).unwrap();
+            let error = reader.read_chunk(1).unwrap_err();
+            assert!(
+                matches!(&error, StoreError::Chunk { array: a, chunk: 1, .. } if a == array),
+                "{error}"
+            );
+        }
+        fs::write(path.join(file), b"abc").unwrap();
+        assert!(matches!(reader.read_chunk(1), Err(StoreError::Chunk { .. })));
 
         fs::remove_file(path.join(file)).unwrap();
         let error = reader.read_chunk(1).unwrap_err();
