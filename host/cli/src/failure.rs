@@ -27,7 +27,12 @@ impl Failure {
         if sentence.contains(&place) {
             return self;
         }
-        let error = anyhow::anyhow!("{place}: {sentence}");
+        self.saying(format!("{place}: {sentence}"))
+    }
+
+    /// The same failure in another sentence.
+    pub(crate) fn saying(self, sentence: String) -> Self {
+        let error = anyhow::anyhow!(sentence);
         match self {
             Self::Input(_) => Self::Input(error),
             Self::Failed(_) => Self::Failed(error),

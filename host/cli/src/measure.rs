@@ -6,13 +6,14 @@ use std::time::Instant;
 use rcg::capture::directory::Measurement;
 use rcg::instrument::rig::Rig;
 use rcg::measure::adaptive::{self, Begun};
-use rcg::measure::report::lines;
+use rcg::measure::report::{Summary, lines};
 use rcg::measure::{Job, complete};
 use rcg::plan::{Plan, Request, Virtual};
 use rcg::virtual_rig::setup::Setup;
 
 use crate::Done;
 use crate::adaptive::AdaptiveArgs;
+use crate::calibrate::first::calibrated;
 use crate::failure::Failure;
 use crate::output::{Output, table};
 use crate::request::{CalibrationArgs, PortArgs, RequestArgs, VirtualArgs};
@@ -128,7 +129,7 @@ fn begin(
     Ok((job, measurement))
 }
 
-pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
+pub(crate) fn run(args: &Args, named: &str, output: &Output) -> Done {
     let is_adaptive = args.adaptive.check(&args.request)?;
     if is_adaptive && args.replay.is_some() {
         return Err(Failure::input(
@@ -136,17 +137,9 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
              with the list of directions lets an adaptive measurement start from them)",
         ));
     }
-    let rig = args.port.real(Rig::load(rig)?)?;
+    let rig = args.port.real(Rig::load(named)?)?;
     args.virtual_rig.check(&rig)?;
     let trigger_box = args.port.trigger_box(&rig)?;
-    let (rig, calibration) = args.calibration.rig(rig)?;
-    let used = args.calibration.dir().zip(calibration.as_ref());
-    let setup = Setup {
-        trigger_box,
-        session: Some(args.session.opening("measure", used)?),
-        calibration,
-        ..Setup::default()
-    };
     let replay = args
         .replay
         .as_ref()
@@ -157,19 +150,41 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     } else {
         None
     };
-    let (job, measurement) = if args.resume && Measurement::exists(&args.out) {
+    let goes_on = args.resume && Measurement::exists(&args.out);
+    if args.resume && !goes_on {
+        Measurement::sweep(&args.out)?;
+    }
+    let first = if goes_on || rig.is_real() || !args.calibration.is_open() {
+        // What goes on has its calibration.
+        None
+    } else {
+        Some(args.calibrated_first(named, &rig, begun.as_ref(), replay.as_ref(), output)?)
+    };
+    let known = args.calibration.or(first);
+    let (rig, calibration) = known.rig(rig)?;
+    let used = known.dir().zip(calibration.as_ref());
+    let setup = Setup {
+        trigger_box,
+        session: Some(args.session.opening("measure", used)?),
+        calibration,
+        ..Setup::default()
+    };
+    let (job, measurement) = if goes_on {
         resumed(args, &rig, &setup, begun.as_ref(), replay.as_ref())?
     } else {
-        if args.resume {
-            Measurement::sweep(&args.out)?;
-        }
         begin(args, &rig, setup, begun.as_ref(), replay.as_ref(), output)?
     };
     output.log_into(measurement.dir());
     let began = Instant::now();
     let summary = complete(&measurement, &job, &|| began.elapsed(), output)?;
-    output.print(&summary, || {
+    let calibration = known.dir().map(|dir| dir.display().to_string());
+    let answer = Answer {
+        summary: &summary,
+        calibration: calibration.as_deref(),
+    };
+    output.print(&answer, || {
         let mut lines = lines(&summary);
+        lines.extend(calibration.clone().map(|dir| ("calibration", dir)));
         lines.push(("report", measurement.path("report.html").display().to_string()));
         table(&lines)
     })?;
@@ -178,7 +193,41 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     Ok(())
 }
 
+/// What came of it.
+#[derive(serde::Serialize)]
+struct Answer<'a> {
+    #[serde(flatten)]
+    summary: &'a Summary,
+    /// The directory of the calibration that was taken into account.
+    calibration: Option<&'a str>,
+}
+
 impl Args {
+    /// The directory of a calibration of the virtual `rig`, which `named` is the argument of; what cannot be measured with it is refused
+    /// before that.
+    fn calibrated_first(
+        &self,
+        named: &str,
+        rig: &Rig,
+        begun: Option<&Begun>,
+        replay: Option<&Plan>,
+        output: &Output,
+    ) -> Result<PathBuf, Failure> {
+        if begun.is_none() {
+            Measurement::check_new(&self.out)?;
+        }
+        let before = begun
+            .map(|begun| begun.request.clone())
+            .or(replay.map(Plan::replayed));
+        let virtual_rig = begun
+            .map(|begun| &begun.virtual_rig)
+            .or(replay.and_then(|plan| plan.virtual_rig.as_ref()));
+        let (request, virtual_rig) = self.asked(before.as_ref(), virtual_rig)?;
+        Setup::from(virtual_rig.clone()).world()?.check_camera(rig)?;
+        request.rig(rig)?;
+        calibrated(named, rig, &virtual_rig, request.tilt, output)
+    }
+
     /// What is asked for, with what there was before in place of the defaults.
     fn asked(
         &self,

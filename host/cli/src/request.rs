@@ -232,20 +232,42 @@ impl FaultArgs {
 /// What is known of the instrument.
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct CalibrationArgs {
-    /// Take the calibration in this directory into account; it must be one of the rig
-    #[arg(long, value_name = "DIR")]
+    /// Take the calibration in this directory into account; it must be one of the rig; none takes the rig to be as its file says
+    /// [default: none; for `measure` on the virtual rig, which it calibrates first, the result of that, kept for further runs]
+    #[arg(
+        long,
+        value_name = "DIR|none",
+        env = "RCG_CALIBRATION",
+        hide_env_values = true
+    )]
     calibration: Option<PathBuf>,
 }
+
+/// In place of a directory: no calibration.
+pub(crate) const NO_CALIBRATION: &str = "none";
 
 impl CalibrationArgs {
     /// Its directory, if one was given.
     pub(crate) fn dir(&self) -> Option<&Path> {
-        self.calibration.as_deref()
+        let given = self.calibration.as_deref();
+        given.filter(|given| *given != Path::new(NO_CALIBRATION))
+    }
+
+    /// These, or the calibration in `dir` where nothing was said of one.
+    pub(crate) fn or(&self, dir: Option<PathBuf>) -> Self {
+        Self {
+            calibration: self.calibration.clone().or(dir),
+        }
+    }
+
+    /// Whether nothing was said of a calibration.
+    pub(crate) fn is_open(&self) -> bool {
+        self.calibration.is_none()
     }
 
     /// The rig to measure with: `rig`, or what the calibration made of it, and the calibration.
     pub(crate) fn rig(&self, rig: Rig) -> Result<(Rig, Option<Calibration>), Failure> {
-        let Some(dir) = &self.calibration else {
+        let Some(dir) = self.dir() else {
             return Ok((rig, None));
         };
         let calibration = Calibration::open(dir, &rig)?;
@@ -299,6 +321,7 @@ impl RequestArgs {
             spot_auto: self.spot.map_or(before.spot_auto, |spot| spot == Spot::Auto),
             light: self.light.unwrap_or(before.light),
             tilt: self.tilt.or(before.tilt),
+            lossless: self.lossless || before.lossless,
             sample_name: self.sample_name.clone().or(before.sample_name),
             sample_description: self.sample_description.clone().or(before.sample_description),
             reference: before.reference,
@@ -321,7 +344,6 @@ pub(crate) struct PortArgs {
 
 impl PortArgs {
     /// The `rig` with its trigger box where it is said to be, if it is a real one.
-            lossless: self.lossless || before.lossless,
     pub(crate) fn real(&self, rig: Rig) -> Result<Rig, Failure> {
         if !rig.is_real() {
             return Ok(rig);

@@ -7,10 +7,11 @@
 //! | [`photometry`] | camera, projector's response, light and throughput, interreflection | reflectance standards |
 //!
 //! What is found, and its files, is [`crate::instrument::calibration`]. Who puts the targets in is [`by_hand`]. Before anything is calibrated
-//! somebody aligns the rig, and looks at it while they do: [`live`].
+//! somebody aligns the rig, and looks at it while they do: [`live`]. Of the virtual rig it is [`kept`].
 
 pub mod by_hand;
 pub mod geometry;
+pub mod kept;
 pub mod live;
 pub mod photometry;
 

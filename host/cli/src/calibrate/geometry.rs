@@ -84,6 +84,27 @@ fn tilt_uncertainty(text: &str) -> Result<f64, String> {
 }
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
+    let Some((geometry, warning)) = calibrated(args, rig, output)? else {
+        return Ok(());
+    };
+    let answer = Answer {
+        geometry: &geometry,
+        warning: warning.as_deref(),
+    };
+    output.print(&answer, || match &warning {
+        Some(warning) => format!("{}warning: {warning}\n", text(&geometry)),
+        None => text(&geometry),
+    })?;
+    output.warn(warning.as_slice());
+    Ok(())
+}
+
+/// What was found, and what is to be said of it; `None` if somebody who puts targets in stopped before all was captured.
+pub(super) fn calibrated(
+    args: &Args,
+    rig: &str,
+    output: &Output,
+) -> Result<Option<(Geometry, Option<String>)>, Failure> {
     let session = args.session.opening("calibrate geometry", None)?;
     let _lock = Lock::folder(&args.out)?;
     session.check(&args.out)?;
@@ -111,7 +132,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         session.note(&args.out)?;
         let how_far = by_hand.take(site.bench().as_mut(), &mut Lines { output }, output)?;
         if is_stopped(&how_far, "geometry", &args.out, output)? {
-            return Ok(());
+            return Ok(None);
         }
     } else if Views::exist(&args.out) {
         output.remark(&format!(
@@ -140,16 +161,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
             args.out.display()
         )
     });
-    let answer = Answer {
-        geometry: &geometry,
-        warning: warning.as_deref(),
-    };
-    output.print(&answer, || match &warning {
-        Some(warning) => format!("{}warning: {warning}\n", text(&geometry)),
-        None => text(&geometry),
-    })?;
-    output.warn(warning.as_slice());
-    Ok(())
+    Ok(Some((geometry, warning)))
 }
 
 /// What was found, and what is to be known of it.

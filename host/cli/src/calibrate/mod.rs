@@ -1,5 +1,6 @@
 //! `rcg calibrate`
 
+pub(crate) mod first;
 mod geometry;
 pub(crate) mod hands;
 mod photometry;

@@ -81,6 +81,23 @@ const STANDARD: &str = "lambert:0.98";
 const IMAGE_SIZE: u32 = 96;
 
 pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
+    let Some(photometry) = calibrated(args, rig, output)? else {
+        return Ok(());
+    };
+    let rig = Rig::load(&args.out.join(RIG).display().to_string())?;
+    let summary = Summary {
+        weaknesses: weaknesses(&photometry, &rig)?,
+        height: height(&photometry, &rig)?,
+        photometry,
+    };
+    output.print(&summary, || text(&summary))?;
+    let warnings = summary.photometry.standards.iter().filter_map(Standard::warning);
+    output.warn(&warnings.collect::<Vec<_>>());
+    Ok(())
+}
+
+/// What was found; `None` if somebody who puts targets in stopped before all was captured.
+pub(super) fn calibrated(args: &Args, rig: &str, output: &Output) -> Result<Option<Photometry>, Failure> {
     let trust = trust(args)?;
     let session = args.session.opening("calibrate photometry", None)?;
     let _lock = Lock::folder(&args.out)?;
@@ -95,7 +112,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
         session.note(&args.out)?;
         let how_far = by_hand.take(site.bench().as_mut(), &mut Lines { output }, output)?;
         if is_stopped(&how_far, "photometry", &args.out, output)? {
-            return Ok(());
+            return Ok(None);
         }
     } else if Views::exist(&args.out) {
         output.remark(&format!(
@@ -111,16 +128,7 @@ pub(crate) fn run(args: &Args, rig: &str, output: &Output) -> Done {
     let photometry =
         calibrate(&args.out, &said, &trust).map_err(|error| Failure::from(error).at(args.out.display()))?;
     session.note(&args.out)?;
-    let rig = Rig::load(&args.out.join(RIG).display().to_string())?;
-    let summary = Summary {
-        weaknesses: weaknesses(&photometry, &rig)?,
-        height: height(&photometry, &rig)?,
-        photometry,
-    };
-    output.print(&summary, || text(&summary))?;
-    let warnings = summary.photometry.standards.iter().filter_map(Standard::warning);
-    output.warn(&warnings.collect::<Vec<_>>());
-    Ok(())
+    Ok(Some(photometry))
 }
 
 /// What the arguments say of captures that are there already.

@@ -27,6 +27,7 @@ mod brackets;
 mod budgets;
 mod by_hand;
 mod calibrations;
+mod calibrated_first;
 mod cameras;
 mod command;
 mod commands;

@@ -1,0 +1,121 @@
+//! The virtual rig is calibrated before a measurement if nothing is said of a calibration, and that is kept.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+use crate::command::{rcg, text};
+
+/// `rcg measure` of a small picture, with a cache in `folder` and nothing said of a calibration.
+fn measure(folder: &Path, out: &str, more: &[&str]) -> Command {
+    let out = folder.join(out);
+    let line = [
+        "measure",
+        "--out",
+        text(&out),
+        "--step",
+        "30",
+        "--image-size",
+        "16",
+        "--json",
+    ];
+    let mut command = rcg(&[&line[..], more].concat());
+    command
+        .env_remove("RCG_CALIBRATION")
+        .env("HOME", folder)
+        .env("XDG_CACHE_HOME", folder.join("cache"));
+    command
+}
+
+/// The calibrations that are kept in `folder`.
+fn kept(folder: &Path) -> Vec<PathBuf> {
+    let shelf = folder.join("cache/rcg/calibrations");
+    let found = fs::read_dir(shelf).map(|entries| entries.map(|entry| entry.unwrap().path()).collect());
+    found.unwrap_or_default()
+}
+
+fn sentence(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+#[test]
+fn the_virtual_rig_is_calibrated_once_as_by_the_commands_and_measured_with_that() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    let printed = |output: Output| -> Value {
+        assert!(output.status.success(), "{}", sentence(&output));
+        serde_json::from_slice(&output.stdout).unwrap()
+    };
+    let first = printed(measure(folder, "first", &[]).output().unwrap());
+    let [dir] = &kept(folder)[..] else {
+        panic!("one is kept: {}", kept(folder).len());
+    };
+    assert_eq!(first["calibration"], text(dir));
+    // What the commands find, to the bit.
+    let by_hand = folder.join("by-hand");
+    for what in ["geometry", "photometry"] {
+        let ended = rcg(&["calibrate", what, "--out", text(&by_hand)])
+            .output()
+            .unwrap();
+        assert!(ended.status.success(), "{}", sentence(&ended));
+    }
+    for name in ["rig.toml", "geometry.json", "photometry.json"] {
+        let [kept, found] = [dir, &by_hand].map(|dir| fs::read(dir.join(name)).unwrap());
+        assert_eq!(kept, found, "{name}");
+    }
+    // The next one takes it, whatever its sample and seed: a mark in it says so.
+    let path = dir.join("photometry.json");
+    let marked = fs::read_to_string(&path)
+        .unwrap()
+        .replace("\"gamma\": ", "\"gamma\": 1");
+    fs::write(&path, marked).unwrap();
+    printed(
+        measure(folder, "next", &["--sample", "lambert:0.5", "--seed", "3"])
+            .output()
+            .unwrap(),
+    );
+    assert_eq!(kept(folder).len(), 1);
+    let applied = |out: &str| fs::read(folder.join(out).join("calibration.json")).unwrap();
+    assert_ne!(applied("first"), applied("next"));
+    // Going on needs none, and `none` is none.
+    printed(measure(folder, "first", &["--resume"]).output().unwrap());
+    let without = printed(
+        measure(folder, "without", &["--calibration", "none"])
+            .output()
+            .unwrap(),
+    );
+    assert_eq!(without["calibration"], Value::Null);
+    assert!(!folder.join("without/calibration.json").exists());
+}
+
+#[test]
+fn what_cannot_be_measured_or_calibrated_is_refused_and_nothing_is_kept() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    let refused = |more: &[&str], code: i32, parts: &[&str]| {
+        let ended = measure(folder, "out", more).output().unwrap();
+        let said = sentence(&ended);
+        assert_eq!(ended.status.code(), Some(code), "{said}");
+        assert!(parts.iter().all(|part| said.contains(part)), "{said}");
+        assert!(kept(folder).is_empty() && !folder.join("out").exists());
+    };
+    // Before anything is captured.
+    refused(&["--sample", "nothing"], 2, &["nothing"]);
+    refused(&["--truth", "nowhere.toml"], 2, &["nowhere.toml"]);
+    // A camera that rounds the light of three colours away cannot show the standard.
+    let truth = folder.join("truth.toml");
+    let drawn = rcg(&["truth", "--angle-deg", "8", "--seed", "1", "--out", text(&truth)])
+        .output()
+        .unwrap();
+    assert!(drawn.status.success());
+    refused(
+        &["--truth", text(&truth)],
+        1,
+        &[
+            "the virtual rig is calibrated first, and that failed: ",
+            "--calibration none measures without",
+        ],
+    );
+}
