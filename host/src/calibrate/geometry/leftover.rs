@@ -34,6 +34,8 @@ const OUTLIER: f64 = 5.0;
 pub(super) struct Leftover {
     /// RMS of what is left of a match and no chance, radians.
     pub(super) rad: f64,
+    /// Mean square of that before what the unknowns take of it is added, radians².
+    pub(super) seen_rad2: f64,
     /// Factor of the covariance of the unknowns.
     pub(super) design_effect: f64,
 }
@@ -69,6 +71,7 @@ impl Leftover {
         if matches <= 0.0 {
             return Self {
                 rad: 0.0,
+                seen_rad2: 0.0,
                 design_effect: 1.0,
             };
         }
@@ -78,10 +81,12 @@ impl Leftover {
         // Each has two components.
         let numbers = 2.0 * matches / each;
         let taken = (numbers / (numbers - unknowns as f64).max(1.0)).min(MOST_TAKEN);
-        let (beyond, chance) = (taken * (beyond / matches).max(0.0), chance / matches);
+        let seen_rad2 = (beyond / matches).max(0.0);
+        let (beyond, chance) = (taken * seen_rad2, chance / matches);
         let correlation = beyond / (beyond + chance);
         Self {
             rad: beyond.sqrt(),
+            seen_rad2,
             design_effect: 1.0 + (each - 1.0) * correlation,
         }
     }

@@ -13,6 +13,8 @@
 //! | `shadows` | where the wire is, and what else hides the standard |
 //! | `parameters` | the unknowns and their tolerances |
 //! | `solve` | robust least squares |
+//! | `shape` | what the mirror's shape may make of the unknowns |
+//! | `uncertainty` | that of directions |
 //! | `leftover` | what the fit leaves that is no chance |
 //! | `picture` | the residuals over the camera's image |
 //!
@@ -38,16 +40,18 @@ mod outlines;
 mod parameters;
 mod picture;
 mod shadows;
+mod shape;
 mod sightings;
 mod solve;
 mod stands;
 #[cfg(test)]
 mod tests;
+mod uncertainty;
 
 use std::path::Path;
 
-use glam::{DVec2, DVec3};
-use nalgebra::{DMatrix, DVector};
+use glam::DVec2;
+use nalgebra::DMatrix;
 
 pub use by_hand::ByHand;
 pub use capture::{Request, Said, Views, capture};
@@ -57,11 +61,11 @@ use orientation::{orientations, turned};
 use parameters::{Parameter, parameters};
 use shadows::{Shadows, Wire};
 use sightings::Sightings;
-use solve::{Residual, Solution, Task, moved, sketch, solve};
+use solve::{Residual, Solution, Task, sketch, solve};
+use uncertainty::{uncertainties, undetermined};
 
 use super::{CalibrateError, RIG};
 use crate::base::median::median;
-use crate::hemisphere::judged::is_judged;
 use crate::instrument::calibration::{Found, GEOMETRY, Geometry, TiltFound, WORST_DEG, file, rig_hash};
 use crate::instrument::optics::View;
 use crate::instrument::parts::Obstacle;
@@ -272,8 +276,8 @@ fn found(
     let (agreement, covariance) = agreed(solution)?;
     let tilts = tilts(views, mounts, seen, solution, &of_tilts(solution, &covariance));
     agreement.check(mounts, &tilts, views.tilt_uncertainty_deg)?;
-    let covariance = in_units(unknowns, &covariance);
-    let of_directions = uncertainties(nominal, unknowns, &solution.rig, &covariance);
+    let of_directions = uncertainties(nominal, unknowns, &solution.rig, &in_units(unknowns, &covariance));
+    let covariance = in_units(unknowns, &with_shape(solution, &covariance));
     let with_left = |deg: f64| deg.hypot((left.rad / 2_f64.sqrt()).to_degrees());
     let [camera_deg, projector_deg] = of_directions.devices_deg.map(with_left);
     let is_determined = camera_deg.hypot(projector_deg) <= WORST_DEG;
@@ -341,6 +345,12 @@ fn agreed(solution: &Solution) -> Result<(Agreement, DMatrix<f64>), CalibrateErr
     Ok((agreement, covariance))
 }
 
+/// The `covariance` of all unknowns with what the mirror's shape makes of them. Directions are no more uncertain by it: what a fit puts right
+/// of a mirror by moving a lens is right.
+fn with_shape(solution: &Solution, covariance: &DMatrix<f64>) -> DMatrix<f64> {
+    covariance + solution.shape.covariance(covariance)
+}
+
 /// The part of `covariance` that is of the mirror's leans, which stand behind the rig's unknowns.
 fn of_tilts(solution: &Solution, covariance: &DMatrix<f64>) -> DMatrix<f64> {
     let (first, count) = (solution.changes.len(), solution.leans.len());
@@ -402,99 +412,4 @@ fn tilts(
             match_residual_deg: residual(view).to_degrees(),
         })
         .collect()
-}
-
-/// How uncertain directions are, apart from a turn of all of them about the sample's normal.
-struct Uncertainty {
-    /// Standard uncertainty of camera and projector, RMS over what of their images is judged, degrees.
-    devices_deg: [f64; 2],
-    /// Standard uncertainty of the turn, degrees.
-    turn_deg: f64,
-    /// What each unknown by itself would make of the directions of both, squared.
-    shares: Vec<f64>,
-}
-
-/// What each of some unknowns makes of the directions `w` of one device, [direction, [unknown]], radians per unit.
-type Moves = Vec<(DVec3, Vec<DVec3>)>;
-
-/// Uncertainty of the directions of camera and projector.
-///
-/// A turn of both about the normal changes nothing but where azimuth 0 lies, which is by definition where the tilts, on average, say: it
-/// is no uncertainty of directions and is stated apart.
-fn uncertainties(
-    nominal: &Rig,
-    parameters: &[Parameter],
-    found: &Rig,
-    covariance: &DMatrix<f64>,
-) -> Uncertainty {
-    // A difference that is small against the uncertainty and large against rounding.
-    let step = 1e-4;
-    let mut rigs = vec![found.clone()];
-    rigs.extend((0..parameters.len()).map(|at| {
-        let mut by = DVector::zeros(parameters.len());
-        by[at] = step;
-        moved(found, parameters, &by)
-    }));
-    let moves = [View::camera as fn(&Rig) -> View, View::projector].map(|view| -> Moves {
-        let (views, reference): (Vec<View>, View) = (rigs.iter().map(view).collect(), view(nominal));
-        let size = |px: usize| px as f64 / f64::from(PROBES);
-        let (width, height) = reference.size_px();
-        let probes = (0..PROBES).flat_map(|row| (0..PROBES).map(move |column| (column, row)));
-        let probes = probes.filter_map(|(column, row)| {
-            let (u, v) = (
-                (f64::from(column) + 0.5) * size(width),
-                (f64::from(row) + 0.5) * size(height),
-            );
-            // Towards the border of the hemisphere nothing holds the lenses, and nothing is judged.
-            views[0].direction(u, v).ok().filter(|w| is_judged(*w))?;
-            let w = views[0].sight(u, v)?;
-            let moved = parameters
-                .iter()
-                .zip(&views[1..])
-                .map(|(parameter, view)| (view.sight(u, v).unwrap_or(w) - w) / (step * parameter.tolerance));
-            Some((w, moved.collect()))
-        });
-        probes.collect()
-    });
-    let across = |w: DVec3| DVec3::Z.cross(w);
-    let of_turn: f64 = moves
-        .iter()
-        .flatten()
-        .map(|(w, _)| across(*w).length_squared())
-        .sum();
-    let turns = DVector::from_fn(parameters.len(), |at, _| {
-        let along = moves.iter().flatten().map(|(w, moved)| moved[at].dot(across(*w)));
-        along.sum::<f64>() / of_turn.max(f64::MIN_POSITIVE)
-    });
-    let mut shares = vec![0.0; parameters.len()];
-    let devices_deg = moves.map(|moves| {
-        let mut sum = 0.0;
-        for (w, moved) in &moves {
-            let jacobian = DMatrix::from_fn(3, parameters.len(), |axis, at| {
-                (moved[at] - turns[at] * across(*w))[axis]
-            });
-            sum += (&jacobian * covariance * jacobian.transpose()).trace();
-            for (at, share) in shares.iter_mut().enumerate() {
-                *share += jacobian.column(at).norm_squared() * covariance[(at, at)];
-            }
-        }
-        (sum / moves.len().max(1) as f64).sqrt().to_degrees()
-    });
-    Uncertainty {
-        devices_deg,
-        turn_deg: turns.dot(&(covariance * &turns)).sqrt().to_degrees(),
-        shares,
-    }
-}
-
-/// Names of the unknowns whose uncertainty turns the directions most.
-fn undetermined(parameters: &[Parameter], shares: &[f64]) -> String {
-    let mut order: Vec<usize> = (0..parameters.len()).collect();
-    order.sort_by(|a, b| shares[*b].total_cmp(&shares[*a]));
-    let names: Vec<&str> = order
-        .iter()
-        .take(3)
-        .map(|at| parameters[*at].name.as_str())
-        .collect();
-    names.join(", ")
 }

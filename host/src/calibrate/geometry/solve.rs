@@ -8,7 +8,10 @@
 //! Unknowns are those of the rig, then two of each tilt of the flat mirror ([`super::mounts`]), all in units of their
 //! tolerances, and each is itself an observation.
 //! The covariance is that of the last round: what the matches and edges tell, less by their χ² per degree of freedom if that is
-//! above 1 and by what neighbours share, with what is stated of the unknowns.
+//! above 1 and by what neighbours share, with what is stated of the unknowns. What the mirror's shape adds ([`super::shape`]) stands
+//! apart: directions are those of the mirror as it is.
+
+use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
@@ -18,8 +21,9 @@ use rayon::prelude::*;
 use super::leftover::Leftover;
 use super::mounts::Mount;
 use super::parameters::Parameter;
+use super::shape::{STEP_RAD, Shape, shapes};
 use super::sightings::{Match, Sightings};
-use crate::instrument::optics::{View, reflect};
+use crate::instrument::optics::{Figure, View, reflect};
 use crate::instrument::rig::Rig;
 
 /// Rounds of weights, at most.
@@ -79,19 +83,26 @@ pub(super) struct Solution {
     /// Scales of matches and of edges, radians.
     pub(super) scales_rad: [f64; 2],
     pub(super) left: Leftover,
+    /// What the mirror's shape makes of the unknowns.
+    pub(super) shape: Shape,
 }
 
 impl Solution {
     /// Covariance of the unknowns in units of their tolerances, where what is stated of tilts has so many times its variance.
     /// `None` if it has none.
     pub(super) fn covariance(&self, tilts: f64) -> Option<DMatrix<f64>> {
-        let mut information = self.information.clone();
-        let of_rig = information.nrows() - self.leans.len();
-        for at in 0..information.nrows() {
-            information[(at, at)] += if at < of_rig { 1.0 } else { tilts.recip() };
-        }
-        Some(information.cholesky()?.inverse())
+        covariance(&self.information, self.changes.len(), tilts)
     }
+}
+
+/// Covariance of unknowns of which is known this `information`, and what is stated of them: of the first ones, which are of the rig, their
+/// tolerances, of the others, which are of tilts, so many times their variance. `None` if it has none.
+fn covariance(information: &DMatrix<f64>, of_rig: usize, tilts: f64) -> Option<DMatrix<f64>> {
+    let mut information = information.clone();
+    for at in 0..information.nrows() {
+        information[(at, at)] += if at < of_rig { 1.0 } else { tilts.recip() };
+    }
+    Some(information.cholesky()?.inverse())
 }
 
 /// `nominal` with the parameters moved by `unknowns` tolerances.
@@ -124,6 +135,22 @@ impl Task<'_> {
             camera,
             projector: self.projector(rig),
             edges,
+        }
+    }
+
+    /// What is seen of `rig` if its mirror has this `figure`, but for edges, which it does not move.
+    fn look_with(&self, rig: &Rig, figure: &Arc<dyn Figure>, looks: &Looks) -> Looks {
+        let [camera, projector] =
+            [View::camera(rig), View::projector(rig)].map(|view| view.with_figure(Some(figure.clone())));
+        let matches = || self.seen.matches.iter();
+        Looks {
+            camera: matches()
+                .map(|found| camera.sight(found.camera_px.x, found.camera_px.y))
+                .collect(),
+            projector: matches()
+                .map(|found| projector.sight(found.projector_px.x, found.projector_px.y))
+                .collect(),
+            edges: looks.edges.clone(),
         }
     }
 
@@ -246,6 +273,29 @@ impl Problem<'_> {
             tracing::debug!(?report, "no convergence");
         }
         is_done.then_some(solved)
+    }
+
+    /// What each shape of the mirror makes of the rows of matches and edges, [row, shape], per radian of its RMS slope.
+    fn of_shapes(&self) -> DMatrix<f64> {
+        let rig = self.task.rig(&self.unknowns);
+        let looks = self.task.look(&rig);
+        let leans = self.task.leans(&self.unknowns);
+        let count = self.unknowns.len();
+        let here = self.rows(&self.task.missed(&looks, leans), &self.unknowns);
+        let column = |figure: Arc<dyn Figure>| {
+            let turned = self.task.look_with(&rig, &figure, &looks);
+            // A slope turns what is seen by twice as much.
+            let angles = looks.camera.iter().zip(&turned.camera);
+            let angles: Vec<f64> = angles
+                .filter_map(|(flat, turned)| Some((flat.as_ref()? - turned.as_ref()?).length_squared()))
+                .collect();
+            let slope_rad = (angles.iter().sum::<f64>() / angles.len().max(1) as f64).sqrt() / 2.0;
+            let rows = self.rows(&self.task.missed(&turned, leans), &self.unknowns) - &here;
+            rows.rows(0, rows.len() - count) / slope_rad.max(1e-3 * STEP_RAD)
+        };
+        let shapes = shapes(self.task.nominal.mirror.a_m);
+        let columns: Vec<DVector<f64>> = shapes.into_par_iter().map(column).collect();
+        DMatrix::from_columns(&columns)
     }
 
     /// Rows: two of each match, one of each edge, then the unknowns themselves.
@@ -394,14 +444,23 @@ pub(super) fn solve(task: Task) -> Option<Solution> {
     problem.weights.iter_mut().for_each(|weight| *weight *= worth);
     let problem = problem.minimized()?;
     let jacobian = problem.jacobian()?;
-    let jacobian = jacobian.rows(0, jacobian.nrows() - unknowns);
+    let jacobian = jacobian.rows(0, jacobian.nrows() - unknowns).into_owned();
+    let information = jacobian.tr_mul(&jacobian);
+    let shape = Shape::of(
+        &problem.of_shapes(),
+        &jacobian,
+        &covariance(&information, task.parameters.len(), 1.0)?,
+        &problem.weights[..task.seen.matches.len()],
+        left.seen_rad2,
+    );
     Some(Solution {
         rig: task.rig(&problem.unknowns),
         changes: problem.unknowns.as_slice()[..task.parameters.len()].to_vec(),
         leans: task.leans(&problem.unknowns).to_vec(),
-        information: jacobian.tr_mul(&jacobian),
+        information,
         residuals: task.residuals(&problem.unknowns),
         scales_rad,
         left,
+        shape,
     })
 }

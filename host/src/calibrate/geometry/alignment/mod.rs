@@ -20,7 +20,7 @@ use serde::Serialize;
 
 use self::words::{name, words};
 use super::parameters::{ANGLE_DEG, POSITION_M};
-use super::{Fit, PROBES, Sightings, Views, agreed, check_matches, in_units};
+use super::{Fit, PROBES, Sightings, Views, agreed, check_matches, in_units, with_shape};
 use crate::calibrate::CalibrateError;
 use crate::hemisphere::judged::is_judged;
 use crate::instrument::optics::View;
@@ -170,8 +170,12 @@ pub fn advise(dir: &std::path::Path) -> Result<Advice, CalibrateError> {
     let stated = views.scaled()?;
     let fit = Fit::of(&views, &stated, &seen)?;
     let (_, covariance) = agreed(&fit.solution)?;
-    let covariance = in_units(&fit.unknowns, &covariance);
-    Ok(Finding::of(&fit, covariance).advice())
+    Ok(Finding {
+        covariance: in_units(&fit.unknowns, &covariance),
+        of_parts: in_units(&fit.unknowns, &with_shape(&fit.solution, &covariance)),
+        fit: &fit,
+    }
+    .advice())
 }
 
 /// Camera and projector, and where their lenses are.
@@ -210,15 +214,13 @@ const COMBINED: [Motion; 4] = [
 /// What was found, and what should be.
 struct Finding<'a> {
     fit: &'a Fit,
-    /// Covariance of the unknowns, in the units of the rig file.
+    /// Covariance of the unknowns for directions, in the units of the rig file.
     covariance: DMatrix<f64>,
+    /// Covariance of where the parts are, in the same units: what the mirror's shape makes of them counts.
+    of_parts: DMatrix<f64>,
 }
 
-impl<'a> Finding<'a> {
-    fn of(fit: &'a Fit, covariance: DMatrix<f64>) -> Self {
-        Self { fit, covariance }
-    }
-
+impl Finding<'_> {
     /// The place of the unknown `name`.
     fn place(&self, name: &str) -> Option<usize> {
         self.fit.unknowns.iter().position(|unknown| unknown.name == name)
@@ -226,8 +228,7 @@ impl<'a> Finding<'a> {
 
     /// Standard uncertainty of the unknown `name`, in the unit of the rig file.
     fn sigma(&self, name: &str) -> f64 {
-        self.place(name)
-            .map_or(0.0, |at| self.covariance[(at, at)].sqrt())
+        self.place(name).map_or(0.0, |at| self.of_parts[(at, at)].sqrt())
     }
 
     /// Standard uncertainty of where a device is along the unit vector `axis`, mirror frame, metres.
@@ -237,7 +238,7 @@ impl<'a> Finding<'a> {
         for (row, along) in places.iter().zip(axis.to_array()) {
             for (column, other) in places.iter().zip(axis.to_array()) {
                 if let (Some(row), Some(column)) = (row, column) {
-                    variance += along * other * self.covariance[(*row, *column)];
+                    variance += along * other * self.of_parts[(*row, *column)];
                 }
             }
         }
