@@ -11,10 +11,7 @@
 //! Some light of the projector goes straight through the splitter and comes back to the camera from what stands behind it. It
 //! grows with all light of the pattern, wherever it goes.
 
-use std::sync::Arc;
-
-use rustfft::num_complex::Complex32;
-use rustfft::{Fft, FftPlanner};
+use rcg_fourier::{Complex32, Fourier};
 
 use super::flaws::{Flaws, Ghost, Glare};
 use crate::instrument::frame_format::FrameFormat;
@@ -100,8 +97,7 @@ struct Convolution {
     height_px: usize,
     /// Side of the square of the transform: no tail comes round.
     size: usize,
-    forward: Arc<dyn Fft<f32>>,
-    inverse: Arc<dyn Fft<f32>>,
+    fourier: Fourier,
     /// The kernel's transform, transposed; it is real because the kernel is the same both ways round.
     kernel: Vec<f32>,
 }
@@ -111,13 +107,11 @@ impl Convolution {
         let (width_px, height_px) = (format.width_px, format.height_px);
         let reach = (REACH * half).ceil() as usize;
         let size = fast_length(width_px.max(height_px) + reach);
-        let mut planner = FftPlanner::new();
         let mut convolution = Self {
             width_px,
             height_px,
             size,
-            forward: planner.plan_fft_forward(size),
-            inverse: planner.plan_fft_inverse(size),
+            fourier: Fourier::new(size),
             kernel: Vec::new(),
         };
         let mut image = vec![Complex32::ZERO; size * size];
@@ -131,7 +125,7 @@ impl Convolution {
                 image[at(y) * size + at(x)].re = value as f32;
             }
         }
-        convolution.transform(&mut image, &convolution.forward);
+        convolution.transform(&mut image, Fourier::forward);
         // Both transforms together multiply by the number of places.
         let scale = 1.0 / (sum * (size * size) as f64);
         convolution.kernel = image
@@ -149,20 +143,20 @@ impl Convolution {
             let imaginary = second.map_or(0.0, |second| second[pixel]);
             image[pixel / width * size + pixel % width] = Complex32::new(*value, imaginary);
         }
-        self.transform(&mut image, &self.forward);
+        self.transform(&mut image, Fourier::forward);
         for (value, kernel) in image.iter_mut().zip(&self.kernel) {
             *value *= kernel;
         }
         // It is transposed now, and is again.
-        self.transform(&mut image, &self.inverse);
+        self.transform(&mut image, Fourier::inverse);
         let rows = image.chunks_exact(size).take(self.height_px);
         rows.flat_map(|row| row[..width].iter().copied()).collect()
     }
 
     /// Transforms rows, then columns; the result is transposed.
-    fn transform(&self, image: &mut [Complex32], fft: &Arc<dyn Fft<f32>>) {
+    fn transform(&self, image: &mut [Complex32], one_way: fn(&Fourier, &mut [Complex32])) {
         for _ in 0..2 {
-            fft.process(image);
+            one_way(&self.fourier, image);
             transpose(image, self.size);
         }
         transpose(image, self.size);
