@@ -25,6 +25,10 @@ pub(crate) struct Args {
     /// the same, by which the patterns were lit
     #[arg(long, value_name = "DIR", requires = "out")]
     calibration: Option<PathBuf>,
+    /// Fuse each pixel with what its surroundings say of it, where the image is smooth, or leave it as it is [default: as the measurement was
+    /// begun]
+    #[arg(long, value_name = "on|off", value_parser = ["on", "off"], requires = "out")]
+    estimate: Option<String>,
     /// Keep every bit of f and its standard uncertainty [default: as the measurement was begun]
     #[arg(long)]
     lossless: bool,
@@ -46,7 +50,11 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
 /// Assembles elsewhere, perhaps with another calibration.
 fn again(args: &Args, out: &Path, output: &Output) -> Done {
     let mut measurement = Measurement::open(&args.dir)?;
-    measurement.plan.request.lossless |= args.lossless;
+    let request = &mut measurement.plan.request;
+    request.lossless |= args.lossless;
+    if let Some(estimate) = &args.estimate {
+        request.estimate = estimate == "on";
+    }
     let again = assemble_again(&measurement, args.calibration.as_deref(), out, output)?;
     output.print(&again, || text(&again.assembled, out) + &compared(&again))?;
     warn(&again.assembled, output);

@@ -81,6 +81,10 @@ pub(crate) struct RequestArgs {
     /// directions), or what a pilot capture finds to leave the least noise in the same time (auto) [default: single]
     #[arg(long, value_name = "single|multiplexed|complement|auto")]
     light: Option<Light>,
+    /// Fuse each pixel with what its surroundings say of it, where the image is smooth: less noise, at the price of computing; its
+    /// standard uncertainty says by how much [default: off]
+    #[arg(long, value_name = "on|off", value_parser = ["on", "off"])]
+    estimate: Option<String>,
     /// Tilt of the sample by its holder, about the sample's centre: the normal leans by TILT towards the azimuth TOWARDS of
     /// the untilted sample, the sample is turned by TURN about it, degrees; for captures that `rcg fill` merges [default:
     /// none]
@@ -320,6 +324,10 @@ impl RequestArgs {
             },
             spot_auto: self.spot.map_or(before.spot_auto, |spot| spot == Spot::Auto),
             light: self.light.unwrap_or(before.light),
+            estimate: self
+                .estimate
+                .as_ref()
+                .map_or(before.estimate, |estimate| estimate == "on"),
             tilt: self.tilt.or(before.tilt),
             lossless: self.lossless || before.lossless,
             sample_name: self.sample_name.clone().or(before.sample_name),

@@ -128,6 +128,11 @@ pub(crate) fn coordinates(
     ]
 }
 
+/// The attribute of `brdf.zarr` that says what else than their own numbers values are made of: nothing (`off`), or [`SURROUNDINGS`].
+const ESTIMATE: &str = "estimate";
+/// The pixels around.
+const SURROUNDINGS: &str = "surroundings";
+
 /// How the incident directions of a list are described.
 const LIST: &str = "any directions, interpolated on their spherical Delaunay triangulation";
 
@@ -196,6 +201,7 @@ pub(super) fn attributes(
         "spot_deg": plan.spot_deg,
         "exposure_s": plan.exposure_s,
         "light": plan.code.map(Coding::light),
+        ESTIMATE: if resampling.surroundings.is_some() { SURROUNDINGS } else { "off" },
         ROUNDED: (!plan.request.lossless).then_some(ROUNDING),
         UNCALIBRATED: unknown.iter().flatten().collect::<Vec<_>>(),
         DIRECTION_UNCERTAINTY: is_known.then_some(applied.direction_deg),

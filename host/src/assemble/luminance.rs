@@ -79,7 +79,7 @@ impl<'a> FrameAssembler<'a> {
                 radiometry,
                 drift,
                 segment: plan.segment,
-                resampling: seen(rig, &Edges::new(applied.edge_deg), &off_sample, disk),
+                resampling: seen((rig, plan), &Edges::new(applied.edge_deg), &off_sample, disk),
                 stray: None,
             },
             correction: None,

@@ -13,7 +13,8 @@
 //! Code patterns are shared out into the images of single directions (`assemble/coded`). Exposures of different length are merged
 //! pixel by pixel (`assemble/merge.rs`) before anything else. Then what came other ways is taken away (`assemble/stray.rs`).
 //!
-//! Camera pixels are interpolated linearly onto the outgoing disk. The standard uncertainty of noise follows from the variance above, 1/6
+//! Camera pixels, if the plan says so fused with what their surroundings say of them (`assemble/surroundings.rs`), are interpolated linearly onto the
+//! outgoing disk. The standard uncertainty of noise follows from the variance above, 1/6
 //! for rounding with dither, and that of the mean dark frame; `correction` adds what else there is. With noise go what the pixels'
 //! responses differ by, each pixel's own, and the noise of rows, which pixels of a row have in common. Calibration saw pixels of another
 //! size of image: what each of these responds by is not known, and stated for all alike. What pixels differ by in the dark is in the
@@ -69,6 +70,7 @@ mod projection;
 mod radiometry;
 mod shape;
 mod stray;
+mod surroundings;
 mod window;
 
 use coded::Cells;
@@ -82,6 +84,7 @@ pub use probe::{Probe, Probed};
 use projection::Projection;
 use radiometry::{BlackFrames, Work, usual_lag};
 use stray::StrayLight;
+use surroundings::Surroundings;
 use window::{Agree, Window};
 
 pub(crate) use luminance::{FrameAssembler, certainly_lit};
@@ -164,7 +167,7 @@ pub fn assemble(
     let disk = Disk::new(plan.request.image_size as usize);
     let edges = Edges::new(applied.edge_deg);
     let off_sample = OffSample::new(applied, plan)?;
-    let resampling = seen(rig, &edges, &off_sample, disk);
+    let resampling = seen((rig, plan), &edges, &off_sample, disk);
     let grid = &directions.grid;
     let reasons = Probe::left(target.probe, missing(rig, plan, directions, &edges, &off_sample));
     let of_calibration = |reason: String| AssembleError::Mismatch {
@@ -484,10 +487,14 @@ fn unlit(
         .or_else(|| off_sample.is_missed(w).then_some(Unmeasurable::OffSample))
 }
 
-/// How the camera pixels of `rig` that see nothing but the sample become cells of `disk`.
-fn seen(rig: &Rig, edges: &Edges, off_sample: &OffSample<'_>, disk: Disk) -> Resampling {
+/// How the camera pixels of `rig` that see nothing but the sample become cells of `disk`, as `plan` has it.
+fn seen((rig, plan): (&Rig, &Plan), edges: &Edges, off_sample: &OffSample<'_>, disk: Disk) -> Resampling {
     let camera = View::camera(rig);
     let mut cut = edges.cut_pixels(&camera);
     off_sample.cut_pixels(&mut cut, &camera);
-    Resampling::new(&camera, &cut, disk)
+    let surroundings = plan.request.estimate.then(|| Surroundings::new(&camera, &cut));
+    Resampling {
+        surroundings,
+        ..Resampling::new(&camera, &cut, disk)
+    }
 }

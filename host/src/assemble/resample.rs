@@ -8,6 +8,7 @@
 
 use glam::DVec3;
 
+use super::surroundings::Surroundings;
 use crate::hemisphere::disk::{Disk, bilinear};
 use crate::instrument::optics::{DirectionMap, Unmeasurable, View};
 
@@ -43,6 +44,8 @@ pub(crate) struct Resampling {
     pub(crate) reasons: Vec<Option<Unmeasurable>>,
     /// Per cell, the solid angle in sr of the camera pixel there; NaN where there is none.
     pub(crate) pixel_sr: Vec<f64>,
+    /// If pixels are to know of their surroundings.
+    pub(crate) surroundings: Option<Surroundings>,
 }
 
 impl Resampling {
@@ -74,6 +77,7 @@ impl Resampling {
             taps,
             reasons,
             pixel_sr,
+            surroundings: None,
         }
     }
 }

@@ -78,6 +78,9 @@ pub struct Request {
     /// How light is made.
     #[serde(default, skip_serializing_if = "Light::is_single")]
     pub light: Light,
+    /// Whether pixels are fused with what their surroundings say of them.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub estimate: bool,
     /// How the holder tilts the sample; not at all if there is nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tilt: Option<Tilt>,
@@ -107,6 +110,7 @@ impl Default for Request {
             spot_auto: false,
             brackets: Brackets::One,
             light: Light::Single,
+            estimate: false,
             tilt: None,
             lossless: false,
             sample_name: None,

@@ -156,6 +156,10 @@ impl Chain<'_> {
         line.extend(words(&["--sample", &request.sample, "--seed", &seed]));
         line.extend(words(&["--grid", &request.grid, "--step", &step]));
         line.extend(words(&["--image-size", &size, "--brackets", &request.brackets]));
+        line.extend(words(&["--light", &request.light]));
+        if request.estimate {
+            line.extend(words(&["--estimate", "on"]));
+        }
         line.extend(tilt.iter().flat_map(|tilt| words(&["--tilt", tilt])));
         for (option, rate) in &request.faults {
             line.extend([option.clone(), rate.clone()]);

@@ -26,6 +26,12 @@ pub(super) fn line(world: &World) -> String {
         request.grid,
         request.brackets
     );
+    if request.light != "single" {
+        write!(line, ", light {}", request.light).expect("strings take everything");
+    }
+    if request.estimate {
+        line.push_str(", estimated");
+    }
     for tilt in &request.captures {
         let tilt = tilt.as_deref().unwrap_or("none");
         if request.captures.len() > 1 || tilt != "none" {

@@ -366,7 +366,7 @@ pub(super) fn project_merged<const CHANNELS: usize>(
 /// Writes f, sigma and provenance at the cells that have taps (NaN where a pixel saturated), from the signal of the pixels, its
 /// standard uncertainties by stray light and by the lamp (nothing if there are none), which neighbours have in common, its variance
 /// by noise and response, given the pixel and its signal, and the standard deviation of what its row has in common, given the
-/// pixel. `factor` is f per signal. Returns as [`project`] does.
+/// pixel. `factor` is f per signal. Pixels know of their surroundings if `resampling` has those. Returns as [`project`] does.
 pub(super) fn resample<const CHANNELS: usize>(
     (signal, room): (&[Vec4], &Room),
     (variance_of, of_row): (impl Fn(usize, Vec4) -> Vec4, impl Fn(usize) -> Vec4),
@@ -376,15 +376,22 @@ pub(super) fn resample<const CHANNELS: usize>(
     out: &mut Out<'_>,
 ) -> (u64, u64) {
     let (mut measured, mut saturated) = (0, 0);
+    let fused = resampling.surroundings.as_ref();
+    let fused = fused.map(|surroundings| surroundings.fuse(signal, &variance_of));
+    let signal = fused.as_ref().map_or(signal, |fused| fused.signal.as_slice());
     for taps in &resampling.taps {
         let cell = taps.cell as usize;
         let mut sum = Vec4::ZERO;
         let (mut variance, mut stray, mut lamp) = (Vec4::ZERO, Vec4::ZERO, Vec4::ZERO);
+        let mut shared = Vec4::ZERO;
         let mut rows = [Vec4::ZERO; 2];
         for (tap, (&pixel, &weight)) in taps.pixel.iter().zip(&taps.weight).enumerate() {
             let signal = signal[pixel as usize];
             sum += signal * weight;
-            variance += variance_of(pixel as usize, signal) * (weight * weight);
+            match &fused {
+                None => variance += variance_of(pixel as usize, signal) * (weight * weight),
+                Some(fused) => shared += fused.sigma[pixel as usize] * weight,
+            }
             rows[tap / 2] += of_row(pixel as usize) * weight;
             for (sum, doubt) in [(&mut stray, &room.doubt), (&mut lamp, &room.lamp)] {
                 if let Some(doubt) = doubt.get(pixel as usize) {
@@ -392,7 +399,7 @@ pub(super) fn resample<const CHANNELS: usize>(
                 }
             }
         }
-        variance += stray * stray + lamp * lamp + rows[0] * rows[0] + rows[1] * rows[1];
+        variance += shared * shared + stray * stray + lamp * lamp + rows[0] * rows[0] + rows[1] * rows[1];
         let f = sum * factor;
         let clear = f.is_finite();
         let (f, uncertainty) = if clear {

@@ -134,6 +134,7 @@ fn responses_and_rows_are_stated_by_as_much_as_they_scatter() {
         }],
         reasons: vec![None],
         pixel_sr: vec![1e-3],
+        surroundings: None,
     };
     let way = Way {
         irradiance: 1.0,

@@ -84,6 +84,7 @@ impl Measurement {
         }
         .to_string();
         let tilt = |request: &Request| or_none(request.tilt.map(|tilt| tilt.to_string()));
+        let on_or_off = |is_on: bool| if is_on { "on" } else { "off" }.to_owned();
         let mut fields = vec![
             ("grid", grid(held), other_grid),
             (
@@ -99,6 +100,7 @@ impl Measurement {
                 request.brackets.to_string(),
             ),
             ("light", held.light.to_string(), light),
+            ("estimate", on_or_off(held.estimate), on_or_off(request.estimate)),
             ("tilt", tilt(held), tilt(request)),
             (
                 "lossless",

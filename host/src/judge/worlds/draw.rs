@@ -153,6 +153,10 @@ pub struct DrawnRequest {
     pub grid: String,
     /// `1` or `auto`.
     pub brackets: String,
+    /// `single` or `auto`.
+    pub light: String,
+    /// Whether pixels are fused with what their surroundings say.
+    pub estimate: bool,
     /// Options of `rcg measure` for faults on the lines and their rates.
     pub faults: Vec<(String, String)>,
     /// The tilt of each capture of the sample, `None` for none: one capture, or an untilted and a tilted one.
@@ -179,6 +183,10 @@ const SAMPLES: [&str; 9] = [
 const BY_CHANCE: f64 = 0.4;
 /// Widths α of a lobe by chance.
 const WIDTHS: [f64; 2] = [0.1, 0.6];
+/// Share of the measurements for which a pilot capture chooses between single spots and codes of light, and of those whose pixels know of
+/// their surroundings.
+const CODED: f64 = 0.25;
+const ESTIMATED: f64 = 0.5;
 /// Options for faults on the lines.
 const FAULTS: [&str; 3] = ["--missed-triggers", "--dropped-frames", "--doubled-frames"];
 /// Share of the measurements that have a fault of each kind, and its rates.
@@ -266,12 +274,17 @@ impl DrawnRig {
                 faults.push((option.to_owned(), rounded(log_uniform(&mut rng, RATES))));
             }
         }
+        // Last, as above.
+        let light = if rng.random_bool(CODED) { "auto" } else { "single" }.to_owned();
+        let estimate = rng.random_bool(ESTIMATED);
         DrawnRequest {
             index,
             sample,
             seed,
             grid,
             brackets,
+            light,
+            estimate,
             faults,
             captures,
         }

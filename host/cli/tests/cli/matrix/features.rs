@@ -37,6 +37,7 @@ pub(super) struct Case {
     pub(super) brackets: Option<&'static str>,
     pub(super) exposure_ms: Option<&'static str>,
     pub(super) light: Option<&'static str>,
+    pub(super) estimate: Option<&'static str>,
     pub(super) world: World,
     pub(super) tilt: Option<&'static str>,
     pub(super) noise: bool,
@@ -69,6 +70,7 @@ pub(super) const USUAL: Case = Case {
     brackets: None,
     exposure_ms: None,
     light: None,
+    estimate: None,
     world: World::AsFiled,
     tilt: None,
     noise: true,
@@ -85,7 +87,7 @@ pub(super) const USUAL: Case = Case {
 /// A feature's name, and the values that are not the usual one with what they change.
 type Feature = (&'static str, &'static [(&'static str, fn(&mut Case))]);
 
-pub(super) const FEATURES: [Feature; 19] = [
+pub(super) const FEATURES: [Feature; 20] = [
     (
         "rig",
         &[("rcg-2", |c| c.rig = "rcg-2"), ("dmd", |c| c.rig = "dmd")],
@@ -135,6 +137,7 @@ pub(super) const FEATURES: [Feature; 19] = [
             ("auto", |c| c.light = Some("auto")),
         ],
     ),
+    ("estimate", &[("on", |c| c.estimate = Some("on"))]),
     (
         "world",
         &[

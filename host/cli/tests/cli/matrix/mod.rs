@@ -85,6 +85,7 @@ impl Trial<'_> {
             ("--brackets", case.brackets),
             ("--exposure-ms", case.exposure_ms),
             ("--light", case.light),
+            ("--estimate", case.estimate),
             ("--tilt", case.tilt),
         ] {
             if let Some(value) = value {
