@@ -288,7 +288,7 @@ mod tests {
         let mut image = vec![Vec4::splat(100.0); SIDE * SIDE];
         image[hole] = Vec4::splat(1e6);
         let saturated = 40 * SIDE + 10;
-        image[saturated] = Vec4::new(100.0, f32::NAN, 100.0, 0.0);
+        image[saturated] = Vec4::new(100.0, f32::NAN, 100.0, 100.0);
         let fused = surroundings.fuse(&image, |_, signal| signal.max(Vec4::ONE));
         for (pixel, signal) in fused.signal.iter().enumerate() {
             match pixel {
