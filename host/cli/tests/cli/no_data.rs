@@ -208,7 +208,10 @@ fn as_version_1(brdf: &Path) {
             { "name": "crc32c" }
         ]);
         if size == 1 {
-            metadata["codecs"][0].as_object_mut().unwrap().remove("configuration");
+            metadata["codecs"][0]
+                .as_object_mut()
+                .unwrap()
+                .remove("configuration");
         }
         fs::write(&header, metadata.to_string()).unwrap();
     }
