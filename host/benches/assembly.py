@@ -77,7 +77,7 @@ def in_numpy(raw, path):
         f[:, ~inside], sigma[:, ~inside] = numpy.nan, numpy.nan
         end = first + len(rows)
         f_out[first:end], sigma_out[first:end] = f, sigma.astype("f2")
-        provenance_out[first:end] = inside.astype("u1")
+        provenance_out[first:end] = numpy.broadcast_to(inside.astype("u1"), f.shape[:-1])
 
 
 def write_only(source, path):
