@@ -76,7 +76,7 @@ def in_numpy(raw, path):
         sigma = numpy.sqrt(sum(variance[:, at] * weight**2 for at, weight in corners))
         f[:, ~inside], sigma[:, ~inside] = numpy.nan, numpy.nan
         end = first + len(rows)
-        f_out[first:end], sigma_out[first:end] = f, sigma.astype("f2")
+        f_out[first:end], sigma_out[first:end] = f, numpy.minimum(sigma, 65504).astype("f2")
         provenance_out[first:end] = numpy.broadcast_to(inside.astype("u1"), f.shape[:-1])
 
 
