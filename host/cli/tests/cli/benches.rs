@@ -26,7 +26,7 @@ fn what_cannot_be_tried_is_refused_before_anything_is_drawn() {
         (["--draws", "0"], &["--draws", "found `0`"]),
     ] {
         refuses(
-            &[&["bench", "--out", text(&out)], &arguments[..]].concat(),
+            &[&["bench", "--out", text(&out)][..], &arguments].concat(),
             "",
             2,
             parts,

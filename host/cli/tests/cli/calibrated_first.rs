@@ -53,8 +53,9 @@ fn the_virtual_rig_is_calibrated_once_as_by_the_commands_and_measured_with_that(
         serde_json::from_slice(&output.stdout).unwrap()
     };
     let first = printed(measure(folder, "first", &[]).output().unwrap());
-    let [dir] = &kept(folder)[..] else {
-        panic!("one is kept: {}", kept(folder).len());
+    let found = kept(folder);
+    let [dir] = &found[..] else {
+        panic!("one is kept: {}", found.len());
     };
     assert_eq!(first["calibration"], text(dir));
     // What the commands find, to the bit.
