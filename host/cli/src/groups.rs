@@ -30,7 +30,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ),
     (
         "Commands that study and simulate",
-        &["study", "paper", "multiplex", "truth", "worlds"],
+        &["study", "bench", "paper", "multiplex", "truth", "worlds"],
     ),
     (
         "Commands for the parts of an instrument, and for this program",

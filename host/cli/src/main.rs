@@ -7,6 +7,7 @@
 mod adaptive;
 mod arguments;
 mod assemble;
+mod bench;
 mod budget;
 mod calibrate;
 mod camera;
@@ -125,6 +126,7 @@ enum Command {
     Plot(plot::Args),
     Report(report::Args),
     Study(study::Args),
+    Bench(bench::Args),
     Paper(paper::Args),
     Multiplex(multiplex::Args),
     Standard(standard::Args),
@@ -281,6 +283,7 @@ fn done(cli: &Cli, output: &Output) -> Done {
         Command::Plot(args) => plot::run(args, output),
         Command::Report(args) => report::run(args, output),
         Command::Study(args) => study::run(args, output),
+        Command::Bench(args) => bench::run(args, rig, output),
         Command::Multiplex(args) => multiplex::run(args, rig, output),
         Command::Standard(args) => standard::run(args, output),
         Command::Truth(args) => truth::run(args, rig, output),

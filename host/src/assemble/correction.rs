@@ -32,7 +32,7 @@ use super::lit::{Lit, lit, pixel_sr, place, polar_deg};
 use super::polarisation::Polarisation;
 use super::probe::{Probe, Probed};
 use super::radiometry::{Common, Radiometry};
-use super::shape::{ByShape, Shape};
+use super::shape::{ByShape, Shape, hypot};
 use crate::assemble::resample::{Resampling, Taps};
 use crate::brdf::budget::{BudgetSums, Shared, band};
 use crate::brdf::quadrature::spot_rad;
@@ -278,11 +278,9 @@ impl Correction {
         let standards2 = self.standards_variance(f, back.per_share);
         let leant2 = (lit.leant * f).powi(2);
         let systematic = (value.polarised + part2 + field2 + lamp_common2 + standards2 + leant2).sqrt();
-        let total = sigma
-            .hypot(value.by_shape)
-            .hypot(systematic)
-            .hypot(value.mixed)
-            .hypot(back.uncertainty);
+        let total = [value.by_shape, systematic, value.mixed, back.uncertainty]
+            .into_iter()
+            .fold(sigma, hypot);
         let turned2 = value.directed.powi(2);
         Variances {
             total,

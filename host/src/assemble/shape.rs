@@ -64,6 +64,14 @@ pub(super) struct Shape {
     blur: Vec<[f32; 3]>,
 }
 
+/// A cell by its number, its column and its row.
+#[derive(Clone, Copy)]
+struct Cell {
+    at: usize,
+    x: usize,
+    y: usize,
+}
+
 /// Room for the numbers of one image.
 #[derive(Default)]
 pub(super) struct ByShape {
@@ -135,15 +143,18 @@ impl Shape {
             let place = cell * self.channels + channel;
             measured(cell).then(|| (f[place], noise[place]))
         }));
-        for cell in 0..cells {
-            if let Some(value) = by.seen[cell] {
-                by.slope2[cell] = self.slope2(cell, value, &by.seen);
-                by.blurred[cell] = self.blurred(cell, value, &by.seen);
+        for cell in self.cells() {
+            if let Some(value) = by.seen[cell.at] {
+                by.slope2[cell.at] = self.slope2(cell, value, &by.seen);
+                by.blurred[cell.at] = self.blurred(cell, value, &by.seen);
             }
         }
-        for cell in (0..cells).filter(|cell| measured(*cell)) {
+        for cell in self.cells() {
+            let Cell { at, x, y } = cell;
+            if by.seen[at].is_none() {
+                continue;
+            }
             let most = |of: &[f32], reach: usize| {
-                let (x, y) = (cell % self.size, cell / self.size);
                 let around = |at: usize| at.saturating_sub(reach)..(at + reach + 1).min(self.size);
                 around(y)
                     .map(|y| {
@@ -152,34 +163,46 @@ impl Shape {
                     })
                     .fold(0.0, f32::max)
             };
-            let [columns, rows] = self.apart[cell];
+            let [columns, rows] = self.apart[at];
             let is_within = SIDES.into_iter().all(|(axis, side)| {
                 let beside = self.neighbour(cell, axis, side, 1);
                 beside.is_some_and(|beside| by.seen[beside].is_some())
             });
             let reach = columns.max(rows) + usize::from(!is_within);
-            let by_direction2 = by.slope2[cell] * (self.direction_variance + beside2);
-            by.directed[cell] = by_direction2.sqrt();
-            by.total[cell] = by.directed[cell].hypot(most(&by.blurred, reach));
+            let by_direction2 = by.slope2[at] * (self.direction_variance + beside2);
+            by.directed[at] = by_direction2.sqrt();
+            by.total[at] = hypot(by.directed[at], most(&by.blurred, reach));
         }
     }
 
+    /// All cells, row by row.
+    fn cells(&self) -> impl Iterator<Item = Cell> {
+        let size = self.size;
+        (0..size).flat_map(move |y| {
+            (0..size).map(move |x| Cell {
+                at: y * size + x,
+                x,
+                y,
+            })
+        })
+    }
+
     /// The cell so many cells `apart` on one side (0 or 1) of `cell` along an axis (0 columns, 1 rows).
-    fn neighbour(&self, cell: usize, axis: usize, side: usize, apart: usize) -> Option<usize> {
-        let (place, step) = [(cell % self.size, 1), (cell / self.size, self.size)][axis];
+    fn neighbour(&self, cell: Cell, axis: usize, side: usize, apart: usize) -> Option<usize> {
+        let (place, step) = [(cell.x, 1), (cell.y, self.size)][axis];
         if side == 0 {
-            (place >= apart).then(|| cell - apart * step)
+            (place >= apart).then(|| cell.at - apart * step)
         } else {
-            (place + apart < self.size).then(|| cell + apart * step)
+            (place + apart < self.size).then(|| cell.at + apart * step)
         }
     }
 
     /// Square of the slope at `cell`, sr⁻²/rad².
-    fn slope2(&self, cell: usize, (value, noise): (f32, f32), seen: &[Seen]) -> f32 {
+    fn slope2(&self, cell: Cell, (value, noise): (f32, f32), seen: &[Seen]) -> f32 {
         (0..2)
             .map(|axis| {
                 let side = |side: usize| {
-                    let step = self.steps[cell][2 * axis + side]?;
+                    let step = self.steps[cell.at][2 * axis + side]?;
                     Some((seen[self.neighbour(cell, axis, side, 1)?]?, step))
                 };
                 let (difference, noise2, width) = match (side(0), side(1)) {
@@ -198,8 +221,8 @@ impl Shape {
     }
 
     /// The standard uncertainty by blur of the value of `cell`, which has `noise`, about, sr⁻¹.
-    fn blurred(&self, cell: usize, (value, noise): (f32, f32), seen: &[Seen]) -> f32 {
-        let [columns, rows, both] = self.blur[cell];
+    fn blurred(&self, cell: Cell, (value, noise): (f32, f32), seen: &[Seen]) -> f32 {
+        let [columns, rows, both] = self.blur[cell.at];
         let beyond = |difference: f32, noise2: f32| (difference * difference - BENT * noise2).max(0.0).sqrt();
         let (mut factor, mut highest) = (1.0_f32, 0.0_f32);
         for (axis, variance) in [columns, rows].into_iter().enumerate() {
@@ -210,7 +233,7 @@ impl Shape {
                 let one = side(0, apart).or_else(|| side(1, apart))?;
                 Some((one, one, apart))
             };
-            let apart = || (1..=self.apart[cell][axis]).rev();
+            let apart = || (1..=self.apart[cell.at][axis]).rev();
             let widest = apart()
                 .find_map(both_sides)
                 .or_else(|| apart().find_map(one_side));
@@ -235,14 +258,20 @@ impl Shape {
             }
         }
         let corner = |across: usize, along: usize| {
-            let beside = self.neighbour(cell, 0, across, self.apart[cell][0])?;
-            seen[self.neighbour(beside, 1, along, self.apart[cell][1])?]
+            let [columns, rows] = self.apart[cell.at];
+            let at = self.neighbour(cell, 0, across, columns)?;
+            let x = if across == 0 {
+                cell.x - columns
+            } else {
+                cell.x + columns
+            };
+            seen[self.neighbour(Cell { at, x, ..cell }, 1, along, rows)?]
         };
         let mut coupled = 0.0;
         if let (Some(a), Some(b), Some(c), Some(d)) = (corner(0, 0), corner(1, 0), corner(0, 1), corner(1, 1))
         {
             let noise2 = a.1 * a.1 + b.1 * b.1 + c.1 * c.1 + d.1 * d.1;
-            let area = self.apart[cell][0] * self.apart[cell][1];
+            let area = self.apart[cell.at][0] * self.apart[cell.at][1];
             coupled = both.abs() * beyond(a.0 + d.0 - b.0 - c.0, noise2) / (4.0 * area as f32);
         }
         let even = 3.0_f32.sqrt().recip();
@@ -252,14 +281,20 @@ impl Shape {
 
     /// What a lobe at `cell` stands on, and its noise: the least of what is seen far from it in four directions, sr⁻¹; 0 if it is not seen
     /// so far.
-    fn foot(&self, cell: usize, seen: &[Seen]) -> (f32, f32) {
+    fn foot(&self, cell: Cell, seen: &[Seen]) -> (f32, f32) {
         let far = SIDES.into_iter().filter_map(|(axis, side)| {
-            let apart = FOOT * self.apart[cell][axis];
+            let apart = FOOT * self.apart[cell.at][axis];
             seen[self.neighbour(cell, axis, side, apart)?]
         });
         let least = far.min_by(|a, b| a.0.total_cmp(&b.0));
         least.filter(|(f, _)| *f > 0.0).unwrap_or_default()
     }
+}
+
+/// √(a² + b²) of numbers that are finite, or NaN: as C has it, without its care for those that are infinite.
+pub(super) fn hypot(a: f32, b: f32) -> f32 {
+    let [a, b] = [a, b].map(f64::from);
+    (a * a + b * b).sqrt() as f32
 }
 
 /// What blur of `variance` has taken of a lobe along one axis, as a share of what is left of it; `bend` is its second

@@ -8,9 +8,9 @@
 //! [`BrdfRows::seal`].
 //!
 //! # Tradeoffs
-//! Digits below a tenth of σ say nothing, and nothing compresses them. [`BrdfRows::round`] takes them away: f becomes a multiple of the
-//! largest power of two that is at most σ/5, so that it moves by at most [`ROUNDING`]·σ, and σ keeps 6 significant bits, 0.8 % of itself at
-//! most. What rounding adds to the variance is 1/300 of it at most, less than σ says of itself. Rounding twice is rounding once.
+//! Digits below a tenth of σ say nothing, and nothing compresses them. [`BrdfRows::round`] takes them away: f becomes a multiple of a
+//! power of two that moves it by at most [`ROUNDING`]·σ, and σ keeps 6 significant bits. f keeps as many, however large σ is: what is below a tenth of σ
+//! would be 0 otherwise, and sums over it too small. What rounding adds to the variance is 1/300 of it at most, less than σ says of itself. Rounding twice is rounding once.
 //!
 //! A half float reaches from 6·10⁻⁸ to 65504 sr⁻¹. A smaller standard uncertainty is stored as the smallest, because 0 would
 //! claim that a value is exact, and a larger one as the largest, which stands for "useless".
@@ -30,6 +30,10 @@ const _: () = assert!(
 
 /// The most that rounding moves f, over σ.
 pub const ROUNDING: f64 = 0.1;
+/// Steps of rounded values over the rounded σ at most, which may be larger than σ by 1/64.
+const STEP: f32 = 2.0 * ROUNDING as f32 * (1.0 - 1.0 / 64.0);
+/// Steps of rounded values over the power of two below them at most.
+const COARSEST: f32 = 1.0 / 32.0;
 /// Bits of the significand of a half float that rounding takes from σ: of 11, 6 are left.
 const SIGMA_BITS: u32 = 5;
 
@@ -59,16 +63,17 @@ fn rounded_sigma(sigma: f16) -> f16 {
     if is_normal { f16::from_bits(up) } else { sigma }
 }
 
-/// `f` as the nearest multiple of the largest power of two up to 2·[`ROUNDING`]·`sigma`; of NaN, NaN, and of what has no digits below
-/// that, itself.
+/// `f` as the nearest multiple of the largest power of two up to [`STEP`]·`sigma` and [`COARSEST`] of that below itself; of NaN, NaN, and
+/// of what has no digits below that, itself.
 fn rounded(f: f32, sigma: f16) -> f32 {
-    /// Of a significand.
-    const SIGNIFICAND: u32 = 0x007F_FFFF;
-    let step = f32::from_bits((2.0 * ROUNDING as f32 * sigma.to_f32()).to_bits() & !SIGNIFICAND);
+    /// Of a float: its exponent, that of a power of two.
+    const EXPONENT: u32 = 0x7F80_0000;
+    let power = |of: f32| f32::from_bits(of.to_bits() & EXPONENT);
+    let step = power(STEP * sigma.to_f32()).min(COARSEST * power(f));
     let steps = f / step;
-    // From 2²³ on every float is a whole number; 0 has one sign.
+    // From 2²³ on every float is a whole number; of 0, and of what is hardly more, there are no steps.
     if steps.abs() < 8_388_608.0 {
-        steps.round_ties_even() * step + 0.0
+        steps.round_ties_even() * step
     } else {
         f
     }
@@ -306,7 +311,8 @@ mod tests {
                 let (sigma, sigma_to) = (sigma.to_f64(), sigma_to.to_f64());
                 prop_assert!((sigma_to - sigma).abs() <= sigma / 64.0);
                 let moved = (f64::from(*f) - f64::from(*to)).abs();
-                prop_assert!(moved <= ROUNDING * sigma_to * (1.0 + 1e-6), "{f} ± {sigma}: {to}");
+                prop_assert!(moved <= ROUNDING * sigma, "{f} ± {sigma}: {to}");
+                prop_assert!(moved <= f64::from(f.abs()) / 32.0, "{f}: {to}");
             }
             let mut again = rounded.clone();
             again.round();
@@ -322,9 +328,12 @@ mod tests {
             provenance: vec![1, 1, 0, 1],
         };
         rows.round();
-        // 2·0.1·0.01 lies above 2⁻⁹.
-        assert_eq!(rows.f[0].to_bits(), (63.0 / 512.0_f32).to_bits());
-        assert_eq!([rows.f[1], rows.f[3]].map(f32::to_bits), [0, 0]);
+        // A fifth of 0.01 lies above 2⁻⁹; of what is far below its uncertainty six bits are left.
+        let expected = [63.0 / 512.0, -49.0 / 16384.0, 63.0 / 512.0_f32];
+        assert_eq!(
+            [0, 1, 3].map(|at: usize| rows.f[at].to_bits()),
+            expected.map(f32::to_bits)
+        );
         assert!(rows.f[2].is_nan() && rows.sigma[2].is_nan());
         assert_eq!(rows.sigma[3], f16::MAX);
     }

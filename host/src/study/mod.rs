@@ -14,6 +14,7 @@ mod figures;
 mod ideal;
 pub mod multiplex;
 pub mod paper;
+pub mod pareto;
 mod spheres;
 
 use std::fs;

@@ -4,6 +4,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use rcg::calibrate::kept::key;
+use rcg::instrument::rig::Rig;
+use rcg::plan::Virtual;
 use serde_json::Value;
 
 use crate::command::{rcg, text};
@@ -41,6 +44,7 @@ fn sentence(output: &Output) -> String {
 }
 
 #[test]
+#[ignore = "long: ./test.sh full runs it"]
 fn the_virtual_rig_is_calibrated_once_as_by_the_commands_and_measured_with_that() {
     let scratch = tempfile::tempdir().unwrap();
     let folder = scratch.path();
@@ -49,8 +53,9 @@ fn the_virtual_rig_is_calibrated_once_as_by_the_commands_and_measured_with_that(
         serde_json::from_slice(&output.stdout).unwrap()
     };
     let first = printed(measure(folder, "first", &[]).output().unwrap());
-    let [dir] = &kept(folder)[..] else {
-        panic!("one is kept: {}", kept(folder).len());
+    let found = kept(folder);
+    let [dir] = &found[..] else {
+        panic!("one is kept: {}", found.len());
     };
     assert_eq!(first["calibration"], text(dir));
     // What the commands find, to the bit.
@@ -91,31 +96,51 @@ fn the_virtual_rig_is_calibrated_once_as_by_the_commands_and_measured_with_that(
 }
 
 #[test]
-fn what_cannot_be_measured_or_calibrated_is_refused_and_nothing_is_kept() {
+fn what_cannot_be_measured_is_refused_before_anything_is_calibrated() {
     let scratch = tempfile::tempdir().unwrap();
     let folder = scratch.path();
-    let refused = |more: &[&str], code: i32, parts: &[&str]| {
-        let ended = measure(folder, "out", more).output().unwrap();
+    let refused = |change: fn(&mut Command), more: &[&str], parts: &[&str]| {
+        let mut command = measure(folder, "out", more);
+        change(&mut command);
+        let ended = command.output().unwrap();
         let said = sentence(&ended);
-        assert_eq!(ended.status.code(), Some(code), "{said}");
+        assert!(!ended.status.success(), "{said}");
         assert!(parts.iter().all(|part| said.contains(part)), "{said}");
         assert!(kept(folder).is_empty() && !folder.join("out").exists());
     };
-    // Before anything is captured.
-    refused(&["--sample", "nothing"], 2, &["nothing"]);
-    refused(&["--truth", "nowhere.toml"], 2, &["nowhere.toml"]);
-    // A camera that rounds the light of three colours away cannot show the standard.
-    let truth = folder.join("truth.toml");
-    let drawn = rcg(&["truth", "--angle-deg", "8", "--seed", "1", "--out", text(&truth)])
+    let same = |_: &mut Command| ();
+    refused(same, &["--sample", "gold"], &["'gold'"]);
+    refused(same, &["--truth", "nowhere.toml"], &["nowhere.toml"]);
+    refused(same, &["--tilt", "89:0"], &["tilt"]);
+    let nowhere = |command: &mut Command| {
+        command.env("XDG_CACHE_HOME", "/dev/null");
+    };
+    refused(nowhere, &[], &["/dev/null/rcg/calibrations"]);
+}
+
+#[test]
+fn a_kept_calibration_is_taken_by_its_key_and_only_where_none_is_named() {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path();
+    let rig = Rig::load("rcg-1-16bit").unwrap();
+    let program = Path::new(env!("CARGO_BIN_EXE_rcg"));
+    let key = key(&rig, &Virtual::default(), None, program).unwrap();
+    // One that cannot be read tells that it was looked for.
+    let dir = folder.join("cache/rcg/calibrations").join(key);
+    fs::create_dir_all(&dir).unwrap();
+    let ended = measure(folder, "out", &["--seed", "5"]).output().unwrap();
+    assert!(sentence(&ended).contains(text(&dir)), "{}", sentence(&ended));
+    assert!(!ended.status.success() && !folder.join("out").exists());
+    let by_name = measure(folder, "by-name", &["--calibration", "none"])
         .output()
         .unwrap();
-    assert!(drawn.status.success());
-    refused(
-        &["--truth", text(&truth)],
-        1,
-        &[
-            "the virtual rig is calibrated first, and that failed: ",
-            "--calibration none measures without",
-        ],
-    );
+    assert!(by_name.status.success(), "{}", sentence(&by_name));
+    let by_environment = measure(folder, "by-environment", &[])
+        .env("RCG_CALIBRATION", "none")
+        .output()
+        .unwrap();
+    assert!(by_environment.status.success(), "{}", sentence(&by_environment));
+    // What was begun goes on as it was begun.
+    let goes_on = measure(folder, "by-name", &["--resume"]).output().unwrap();
+    assert!(goes_on.status.success(), "{}", sentence(&goes_on));
 }

@@ -174,7 +174,7 @@ impl Scene {
             _ if words[0] == "controller" => of_trigger_box(&words[1], &["r.csv", "r.jsonl"].map(&file)),
             // Long, and tried elsewhere; cameras and projectors are tried where there is one, by the
             // trials.
-            "paper" | "study" | "worlds" | "camera list" | "camera info" | "camera grab"
+            "bench" | "paper" | "study" | "worlds" | "camera list" | "camera info" | "camera grab"
             | "projector list" | "projector info" | "projector show" | "projector upload"
             | "projector test" | "projector video" => vec![],
             "camera bench" => vec![format!("{TRIAL} --to {dir}")],

@@ -23,6 +23,7 @@ mod bad_studies;
 mod bad_trigger_box;
 mod bad_values;
 mod bands;
+mod benches;
 mod brackets;
 mod budgets;
 mod by_hand;
