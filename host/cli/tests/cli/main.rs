@@ -48,6 +48,7 @@ mod matrix;
 mod multiplexed;
 mod no_data;
 mod outputs;
+mod parts;
 mod pictures;
 mod pipes;
 mod real_rigs;
