@@ -40,6 +40,8 @@ mod identity;
 mod judge;
 #[cfg(unix)]
 mod killed;
+#[cfg(unix)]
+mod killed_anywhere;
 mod light;
 mod lineage;
 mod locks;
