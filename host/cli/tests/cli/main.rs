@@ -33,6 +33,8 @@ mod commands;
 mod directions;
 mod exports;
 mod faults_on_purpose;
+#[cfg(target_os = "linux")]
+mod faulty_host;
 mod fits;
 mod further_lines;
 mod grids;
