@@ -229,19 +229,29 @@ pub fn assemble(
             progress,
         )?
     };
-    let (total, budget) = share::sum(&written);
+    let range = dynamic_range(rig, &exposures_s).map(|ratio| ratio * applied.linear_to());
+    let common = |shared: f64| common_uncertainty(applied, lamp, shared);
+    concluded(&target, writer, &written, (plan, range), common)
+}
+
+/// Puts what was `written` for `target` under its name; `common` says what all values share by what the standards and the lamp make of it.
+fn concluded(
+    target: &Target<'_>,
+    writer: BrdfWriter,
+    written: &[Written],
+    (plan, dynamic_range): (&Plan, Option<f64>),
+    common: impl Fn(f64) -> Option<f64>,
+) -> Result<Assembled, AssembleError> {
+    let (total, budget) = share::sum(written);
     let total = Assembled {
-        dynamic_range: dynamic_range(rig, &exposures_s).map(|ratio| ratio * applied.linear_to()),
+        dynamic_range,
         ..counted(plan, total)
     };
     if let Share::Part(part) = target.share {
-        part.finish(writer, &written)?;
+        part.finish(writer, written)?;
         return Ok(total);
     }
-    finished(
-        writer,
-        (&budget, common_uncertainty(applied, lamp, budget.shared())),
-    )?;
+    finished(writer, (&budget, common(budget.shared())))?;
     if target.share == Share::Finish {
         share::remove(target.path)?;
     }

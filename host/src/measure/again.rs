@@ -90,6 +90,7 @@ pub fn assemble_again(
 }
 
 /// Where a result goes, and what of it is made.
+#[derive(Clone, Copy)]
 pub(super) struct To<'a> {
     /// The `brdf.zarr`.
     pub(super) out: &'a Path,
