@@ -160,19 +160,7 @@ pub fn segment(seed: u64) -> Outcome {
                 for (number, one) in captured.iter().enumerate() {
                     let (pattern, bracket) = (number / timings.len(), number % timings.len());
                     let expected = Seen::new(pattern, &timings[bracket]);
-                    let is_wrong = Seen::of(&one.dn) != expected;
-                    if is_wrong && std::env::var_os("DBG").is_some() {
-                        eprintln!(
-                            "seed {seed} n {number} of {patterns}x{} {:?} ticks {:?} id {} ts {} attempts {} expected {expected:?}",
-                            timings.len(),
-                            Seen::of(&one.dn),
-                            one.ticks,
-                            one.frame_id,
-                            one.camera_timestamp_s,
-                            one.attempts
-                        );
-                    }
-                    outcome.wrong += u64::from(is_wrong);
+                    outcome.wrong += u64::from(Seen::of(&one.dn) != expected);
                 }
                 outcome.handed_on += captured.len() as u64;
                 outcome.whole += 1;
