@@ -6,6 +6,7 @@ use std::path::Path;
 
 use divan::{Bencher, counter::ItemsCount};
 use half::f16;
+use rcg::assemble::share::Share;
 use rcg::assemble::{CHUNK, Target, assemble};
 use rcg::base::progress::Silent;
 use rcg::capture::directory::Measurement;
@@ -53,6 +54,7 @@ fn assemble_frames(bencher: Bencher) {
         path: &brdf,
         lineage: None,
         probe: None,
+        share: Share::Whole,
     };
     bencher
         .counter(ItemsCount::new(m.plan.direction_count))

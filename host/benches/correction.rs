@@ -7,6 +7,7 @@ use std::path::Path;
 use std::sync::LazyLock;
 
 use divan::{Bencher, counter::ItemsCount};
+use rcg::assemble::share::Share;
 use rcg::assemble::{Target, assemble};
 use rcg::base::progress::Silent;
 use rcg::calibrate::photometry;
@@ -88,6 +89,7 @@ fn assembled(bencher: Bencher, change: impl Fn(&mut AppliedCalibration)) {
         path: &brdf,
         lineage: None,
         probe: None,
+        share: Share::Whole,
     };
     bencher
         .counter(ItemsCount::new(m.plan.direction_count))

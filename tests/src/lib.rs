@@ -10,6 +10,7 @@
 //! - [`bridge`]: the firmware's own logic behind a real port and real wires; the one thing in real time
 //! - [`controller`]: the firmware's own logic as a peer, with a journal of what it really did
 //! - [`measurements`]: what the whole chain measured, held against what is there
+//! - [`mixed`]: a whole instrument on which everything goes wrong at once
 //! - [`older`]: a controller of the version before
 //! - [`strangers`]: peers that are no controller of this version
 
@@ -20,6 +21,7 @@ pub mod bridge;
 pub mod controller;
 pub mod line;
 pub mod measurements;
+pub mod mixed;
 pub mod older;
 pub mod strangers;
 pub mod world;

@@ -4,9 +4,11 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use rcg::assemble::Assembled;
+use rcg::assemble::share::{Part, Share};
 use rcg::capture::directory::Measurement;
 use rcg::judge::differences::Differences;
 use rcg::measure::again::{Again, assemble_again};
+use rcg::measure::assemble_share;
 use rcg::measure::report::{dynamic_range, quantile};
 
 use crate::Done;
@@ -32,18 +34,42 @@ pub(crate) struct Args {
     /// Keep every bit of f and its standard uncertainty [default: as the measurement was begun]
     #[arg(long)]
     lossless: bool,
+    /// Make part K of N (whole chunks of incident directions) in a process of its own: in any order, at the same time, on any computer that has
+    /// the disk; --finish puts the parts together
+    #[arg(long, value_name = "K/N", conflicts_with = "finish")]
+    part: Option<Part>,
+    /// Put the parts together that were made with --part, once all are there; the result is that of one process to the bit
+    #[arg(long)]
+    finish: bool,
+}
+
+impl Args {
+    fn share(&self) -> Share {
+        match self.part {
+            Some(part) => Share::Part(part),
+            None if self.finish => Share::Finish,
+            None => Share::Whole,
+        }
+    }
 }
 
 pub(crate) fn run(args: &Args, output: &Output) -> Done {
     if let Some(out) = &args.out {
         return again(args, out, output);
     }
-    let mut measurement = Measurement::open_to_write(&args.dir)?;
+    let mut measurement = match args.part {
+        Some(_) => Measurement::open_together(&args.dir)?,
+        None => Measurement::open_to_write(&args.dir)?,
+    };
     measurement.plan.request.lossless |= args.lossless;
-    output.log_into(measurement.dir());
-    let assembled = rcg::measure::assemble_measurement(&measurement, output)?;
-    output.print(&assembled, || text(&assembled, &measurement.path("brdf.zarr")))?;
-    warn(&assembled, output);
+    if args.part.is_none() {
+        output.log_into(measurement.dir());
+    }
+    let assembled = assemble_share(&measurement, args.share(), output)?;
+    output.print(&assembled, || {
+        args.text(&assembled, &measurement.path("brdf.zarr"))
+    })?;
+    warn(args, &assembled, output);
     Ok(())
 }
 
@@ -55,27 +81,43 @@ fn again(args: &Args, out: &Path, output: &Output) -> Done {
     if let Some(estimate) = &args.estimate {
         request.estimate = estimate == "on";
     }
-    let again = assemble_again(&measurement, args.calibration.as_deref(), out, output)?;
-    output.print(&again, || text(&again.assembled, out) + &compared(&again))?;
-    warn(&again.assembled, output);
+    let again = assemble_again(
+        &measurement,
+        args.calibration.as_deref(),
+        out,
+        args.share(),
+        output,
+    )?;
+    output.print(&again, || {
+        let compared = if args.part.is_some() {
+            String::new()
+        } else {
+            compared(&again)
+        };
+        args.text(&again.assembled, out) + &compared
+    })?;
+    warn(args, &again.assembled, output);
     Ok(())
 }
 
-fn warn(assembled: &Assembled, output: &Output) {
-    if assembled.measured == 0 {
+fn warn(args: &Args, assembled: &Assembled, output: &Output) {
+    if assembled.measured == 0 && args.part.is_none() {
         output.warn(&["nothing was measured: no sample has a value".to_owned()]);
     }
 }
 
-fn text(assembled: &Assembled, path: &Path) -> String {
-    format!(
-        "{} incident directions, {} samples measured, {} saturated, dynamic range {}: {}\n",
-        assembled.directions,
-        assembled.measured,
-        assembled.saturated,
-        dynamic_range(assembled.dynamic_range),
-        path.display()
-    )
+impl Args {
+    fn text(&self, assembled: &Assembled, path: &Path) -> String {
+        let of = self.part.map_or(String::new(), |part| format!("part {part} of "));
+        format!(
+            "{} incident directions, {} samples measured, {} saturated, dynamic range {}: {of}{}\n",
+            assembled.directions,
+            assembled.measured,
+            assembled.saturated,
+            dynamic_range(assembled.dynamic_range),
+            path.display()
+        )
+    }
 }
 
 /// What was taken into account, and what that changed.

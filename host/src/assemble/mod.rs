@@ -30,11 +30,10 @@ pub mod fill;
 pub(crate) mod resample;
 pub mod turn;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use glam::DVec3;
-use rayon::prelude::*;
 use serde_json::Value;
 
 use crate::assemble::resample::Resampling;
@@ -48,10 +47,11 @@ use crate::instrument::optics::{Unmeasurable, View};
 use crate::instrument::rig::Rig;
 use crate::plan::brackets::dark_noise_dn;
 use crate::plan::{Directions, Exposure, Plan};
-use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment, StoreError};
+use crate::store::{BrdfLayout, BrdfWriter, RawStore, Segment};
 
 mod agreement;
 mod bias;
+mod chunks;
 mod coded;
 mod colours;
 mod coordinates;
@@ -69,10 +69,12 @@ mod probe;
 mod projection;
 mod radiometry;
 mod shape;
+pub mod share;
 mod stray;
 mod surroundings;
 mod window;
 
+use chunks::Chunks;
 use coded::Cells;
 use coordinates::{attributes, common_uncertainty};
 pub(crate) use coordinates::{coordinates, interpolation_errors, list_attributes};
@@ -82,17 +84,16 @@ pub use error::AssembleError;
 use off_sample::OffSample;
 pub use probe::{Probe, Probed};
 use projection::Projection;
-use radiometry::{BlackFrames, Work, usual_lag};
+use radiometry::{BlackFrames, usual_lag};
+use share::{Share, Written};
 use stray::StrayLight;
 use surroundings::Surroundings;
-use window::{Agree, Window};
+use window::Agree;
 
 pub(crate) use luminance::{FrameAssembler, certainly_lit};
 
 /// Incident directions per chunk of `brdf.zarr`.
 pub const CHUNK: usize = 32;
-/// Chunks that are computed at a time.
-const BATCH: usize = 32;
 
 /// What assembly found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
@@ -140,6 +141,8 @@ pub struct Target<'a> {
     pub lineage: Option<&'a Value>,
     /// What is wanted of one sample; with it that one's chunk alone is made.
     pub probe: Option<&'a Probe>,
+    /// Which of its chunks are made now.
+    pub share: Share,
 }
 
 /// Assembles the frames of `raw` into `brdf.zarr` at `target`; `progress` is told the number of frames done.
@@ -198,53 +201,115 @@ pub fn assemble(
     if let Some(photometry) = &applied.photometry {
         correction.learn(rig, photometry, &black.radiometry, &resampling);
     }
+    let (path, _together) = target.share.begin(target.path)?;
     let writer = BrdfWriter::create(
-        target.path,
+        &path,
         layout(grid.len(), disk, format.channels),
         &coordinates(grid, &reasons, disk, &resampling.reasons, &resampling.pixel_sr),
         attributes(rig, plan, applied, lamp, &resampling, target.lineage),
         true,
     )?;
-    let mut projection = Projection {
-        channels: format.channels,
-        disk,
-        radiometry: black.radiometry,
-        drift: black.drift,
-        segment: plan.segment,
-        stray,
-        resampling,
+    let written = if target.share == Share::Finish {
+        share::gather(target.path, &writer)?
+    } else {
+        let projection = Projection {
+            channels: format.channels,
+            disk,
+            radiometry: black.radiometry,
+            drift: black.drift,
+            segment: plan.segment,
+            stray,
+            resampling,
+        };
+        let frames = (&raw, raw_path, &patterns[..], &agree as &Agree<'_>);
+        let means = (projection, correction);
+        write_chunks(
+            (rig, plan, directions),
+            frames,
+            means,
+            &writer,
+            (&target, &reasons),
+            progress,
+        )?
     };
-    bias::learn(&mut projection, (plan, directions), &raw, &patterns, &agree)?;
-    let (subject, folder) = ((rig, plan, directions), writer.partial_path());
-    let cells = Cells::of(subject, &projection, &raw, &agree, folder, progress)?;
+    let range = dynamic_range(rig, &exposures_s).map(|ratio| ratio * applied.linear_to());
+    let common = |shared: f64| common_uncertainty(applied, lamp, shared);
+    concluded(&target, writer, &written, (plan, range), common)
+}
+
+/// Puts what was `written` for `target` under its name; `common` says what all values share by what the standards and the lamp make of it.
+fn concluded(
+    target: &Target<'_>,
+    writer: BrdfWriter,
+    written: &[Written],
+    (plan, dynamic_range): (&Plan, Option<f64>),
+    common: impl Fn(f64) -> Option<f64>,
+) -> Result<Assembled, AssembleError> {
+    let (total, budget) = share::sum(written);
+    let total = Assembled {
+        dynamic_range,
+        ..counted(plan, total)
+    };
+    if let Share::Part(part) = target.share {
+        part.finish(writer, written)?;
+        return Ok(total);
+    }
+    finished(writer, (&budget, common(budget.shared())))?;
+    if target.share == Share::Finish {
+        share::remove(target.path)?;
+    }
+    Ok(total)
+}
+
+/// Writes the chunks of the share that `target` is of, from the frames of `raw` at `raw_path`, which show these `patterns`.
+fn write_chunks(
+    subject: (&Rig, &Plan, &Directions),
+    (raw, raw_path, patterns, agree): (&RawStore, &Path, &[Exposure], &Agree<'_>),
+    (mut projection, correction): (Projection, Correction),
+    writer: &BrdfWriter,
+    (target, reasons): (&Target<'_>, &[Option<Unmeasurable>]),
+    progress: &(dyn Fn(usize) + Sync),
+) -> Result<Vec<Written>, AssembleError> {
+    let (_, plan, directions) = subject;
+    bias::learn(&mut projection, (plan, directions), raw, patterns, agree)?;
+    let cells = Cells::of(subject, &projection, raw, agree, writer.partial_path(), progress)?;
     let chunks = Chunks {
         places: match &cells {
-            None => places(&raw, &patterns, plan.brackets(), &reasons),
-            Some(cells) => cells.places(&reasons),
+            None => places(raw, patterns, plan.brackets(), reasons),
+            Some(cells) => cells.places(reasons),
         },
         probe: target.probe,
         projection,
         correction,
         cells,
-        writer: &writer,
+        writer,
     };
-    let (total, budget) = if chunks.cells.is_some() {
-        chunks.write_cells(plan.lit_patterns() * plan.brackets())?
+    let made = target.share.chunks(directions.grid.len().div_ceil(CHUNK));
+    if chunks.cells.is_some() {
+        return Ok(chunks.write_cells(made)?);
+    }
+    let mismatch = |reason| AssembleError::Mismatch {
+        path: raw_path.display().to_string(),
+        reason,
+    };
+    chunks.write(made, raw_path, agree, mismatch, progress)
+}
+
+/// `total` with the number of frames that went in: of code patterns all did, into every chunk.
+fn counted(plan: &Plan, total: Assembled) -> Assembled {
+    let frames = if plan.code.is_some() {
+        plan.lit_patterns() * plan.brackets()
     } else {
-        chunks.write(raw_path, &agree, mismatch, progress)?
+        total.frames
     };
-    let range = dynamic_range(rig, &exposures_s).map(|ratio| ratio * applied.linear_to());
-    let common = common_uncertainty(applied, lamp, budget.shared());
-    finished(writer, total, range, (&budget, common))
+    Assembled { frames, ..total }
 }
 
 /// Writes what the values and their `budget` say of the whole, and puts the file of the `writer` under its name.
 fn finished(
     mut writer: BrdfWriter,
-    total: Assembled,
-    dynamic_range: Option<f64>,
     (budget, common): (&BudgetSums, Option<f64>),
-) -> Result<Assembled, AssembleError> {
+) -> Result<(), AssembleError> {
     if let Some(common) = common {
         writer.state(COMMON_UNCERTAINTY, common.into())?;
     }
@@ -253,11 +318,7 @@ fn finished(
     }
     let errors = Brdf::open(writer.partial_path())?.learn()?;
     writer.rewrite(&interpolation_errors(errors.as_ref()))?;
-    writer.finish()?;
-    Ok(Assembled {
-        dynamic_range,
-        ..total
-    })
+    Ok(writer.finish()?)
 }
 
 /// Of so many incident directions.
@@ -371,106 +432,6 @@ fn black_frames(
         );
     }
     Ok(frames)
-}
-
-/// What the chunks are made with.
-struct Chunks<'a> {
-    /// Of each incident direction, see [`places`].
-    places: Vec<Option<(usize, usize)>>,
-    projection: Projection,
-    correction: Correction,
-    /// If patterns were codes.
-    cells: Option<Cells>,
-    writer: &'a BrdfWriter,
-    probe: Option<&'a Probe>,
-}
-
-impl Chunks<'_> {
-    /// Writes all chunks from the frames at `raw_path`; the dynamic range is left open.
-    fn write(
-        &self,
-        raw_path: &Path,
-        agree: &Agree<'_>,
-        mismatch: impl Fn(String) -> AssembleError,
-        progress: &(dyn Fn(usize) + Sync),
-    ) -> Result<(Assembled, BudgetSums), AssembleError> {
-        let (mut total, mut budget) = (Assembled::default(), BudgetSums::default());
-        let chunks = self.places.len().div_ceil(CHUNK);
-        std::thread::scope(|scope| -> Result<(), AssembleError> {
-            let mut window = Window::new(scope, RawStore::open(raw_path)?);
-            for first in (0..chunks).step_by(BATCH) {
-                let batch = first..(first + BATCH).min(chunks);
-                let rows = batch.start * CHUNK..(batch.end * CHUNK).min(self.places.len());
-                let needed = self.places[rows]
-                    .iter()
-                    .flatten()
-                    .map(|place: &(usize, usize)| place.0);
-                let (Some(low), Some(high)) = (needed.clone().min(), needed.max()) else {
-                    continue;
-                };
-                window.move_to(low..=high, agree, &mismatch)?;
-                let held = window.held();
-                let counts = batch
-                    .into_par_iter()
-                    .map_init(Work::default, |work, chunk| self.write_one(chunk, held, work))
-                    .collect::<Result<Vec<_>, StoreError>>()?;
-                for (counts, of_chunk) in counts {
-                    budget.merge(&of_chunk);
-                    total.add(&counts);
-                }
-                progress(total.frames);
-            }
-            Ok(())
-        })?;
-        Ok((total, budget))
-    }
-
-    /// Writes all chunks from the cells that `frames` were shared out into; the dynamic range is left open.
-    fn write_cells(mut self, frames: usize) -> Result<(Assembled, BudgetSums), AssembleError> {
-        let (mut total, mut budget) = (Assembled::default(), BudgetSums::default());
-        let chunks: Vec<usize> = (0..self.places.len().div_ceil(CHUNK)).collect();
-        for batch in chunks.chunks(BATCH) {
-            let counts = batch
-                .par_iter()
-                .map_init(Work::default, |work, chunk| {
-                    self.write_one(*chunk, &BTreeMap::new(), work)
-                })
-                .collect::<Result<Vec<_>, StoreError>>()?;
-            for (counts, of_chunk) in counts {
-                budget.merge(&of_chunk);
-                total.add(&counts);
-            }
-        }
-        if let Some(cells) = self.cells.take() {
-            cells.remove()?;
-        }
-        total.frames = frames;
-        Ok((total, budget))
-    }
-
-    /// Writes one chunk, unless it has nothing.
-    fn write_one(
-        &self,
-        chunk: usize,
-        window: &BTreeMap<usize, Segment>,
-        work: &mut Work,
-    ) -> Result<(Assembled, BudgetSums), StoreError> {
-        let range = chunk * CHUNK..((chunk + 1) * CHUNK).min(self.places.len());
-        if self.places[range.clone()].iter().all(Option::is_none) {
-            return Ok(Default::default()); // an absent chunk means missing
-        }
-        let places = &self.places[range];
-        let mut counts = match &self.cells {
-            None => self.projection.rows(chunk * CHUNK, places, window, work),
-            Some(cells) => cells.rows(chunk * CHUNK, places, &self.projection, work)?,
-        };
-        let budget = self
-            .correction
-            .apply(chunk * CHUNK, &mut work.rows, &work.common, self.probe);
-        counts.measured -= work.rows.seal();
-        self.writer.write_chunk(chunk, &work.rows)?;
-        Ok((counts, budget))
-    }
 }
 
 /// Why a spot of `spot_deg` degrees from `w`, which the `projector` has by the rig file, may not light the sample as a whole;

@@ -139,6 +139,44 @@ impl BudgetSums {
         }
     }
 
+    /// All numbers, real ones by their bits, in the order of the fields.
+    pub(crate) fn to_bits(&self) -> Vec<u64> {
+        let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+        [
+            bits(self.shares.as_flattened()),
+            self.samples.to_vec(),
+            bits(&self.log_relative),
+            self.positive.to_vec(),
+            bits(&self.shared),
+            bits(&self.by_cause),
+            bits(&[self.values]),
+        ]
+        .concat()
+    }
+
+    /// The sums of which [`to_bits`](Self::to_bits) made these; `None` if there are more or fewer.
+    pub(crate) fn from_bits(bits: &[u64]) -> Option<Self> {
+        let mut sums = Self::default();
+        let mut bits = bits.iter().copied();
+        let mut real = |places: &mut [f64]| {
+            for place in places {
+                *place = f64::from_bits(bits.next()?);
+            }
+            Some(())
+        };
+        real(sums.shares.as_flattened_mut())?;
+        let mut counts = [[0.0; REGIONS]; 2];
+        real(&mut counts[0])?;
+        real(&mut sums.log_relative)?;
+        real(&mut counts[1])?;
+        real(&mut sums.shared)?;
+        real(&mut sums.by_cause)?;
+        real(std::slice::from_mut(&mut sums.values))?;
+        sums.samples = counts[0].map(f64::to_bits);
+        sums.positive = counts[1].map(f64::to_bits);
+        bits.next().is_none().then_some(sums)
+    }
+
     /// The arrays of `brdf.zarr`; NaN where there is no sample, or none at all.
     pub(crate) fn arrays(sums: Option<&Self>) -> [SmallArray<'static>; 3] {
         let mut shared = vec![f64::NAN; REGIONS];

@@ -44,6 +44,8 @@ pub use source::{Source, SourceError};
 pub use values::Stated;
 
 /// Attribute of `brdf.zarr` for what [`Brdf::uncalibrated`] tells.
+/// Attribute of a part of a result: its number and how many there are.
+pub(crate) const PART: &str = "part";
 pub(crate) const UNCALIBRATED: &str = "uncalibrated";
 /// Attribute of `brdf.zarr`: whether it was measured or simulated, as the next two say.
 pub(crate) const METHOD: &str = "method";
@@ -129,6 +131,20 @@ pub struct Brdf {
     busy: Option<Busy>,
 }
 
+/// The file that `reader` reads, if it is a whole result and nothing has changed what it says of itself.
+fn unchanged(reader: BrdfReader, path: &Path) -> Result<BrdfReader, BrdfError> {
+    reader.check_attributes(path)?;
+    match reader.attributes().get(PART) {
+        None => Ok(reader),
+        Some(part) => Err(BrdfError::Content {
+            path: path.display().to_string(),
+            field: PART,
+            expected: "a whole result (`--finish` makes it of its parts)".to_owned(),
+            found: format!("part {part}"),
+        }),
+    }
+}
+
 impl Brdf {
     /// Opens the BRDF at `path`.
     ///
@@ -204,7 +220,7 @@ impl Brdf {
         Ok(Self {
             cells: Cells::new(disk, |cell| outgoing[cell].is_none()),
             path: path.to_owned(),
-            reader,
+            reader: unchanged(reader, path)?,
             grid,
             disk,
             incident,

@@ -241,6 +241,15 @@ impl Instrument {
                     *outcome = Outcome::Unsteady;
                 }
             }
+            let clock_hz = self.device.info().clock_hz;
+            for record in records
+                .iter()
+                .filter(|record| is_cut_short(record, &steps, clock_hz))
+            {
+                if let Some(outcome @ Outcome::Paired(_)) = pairing.outcomes.get_mut(record.step.0 as usize) {
+                    *outcome = Outcome::Disputed;
+                }
+            }
             tally.spurious_strobes += spurious_on.len() as u64;
             count_strays(tally, &pairing, &frames);
 
@@ -407,6 +416,17 @@ impl Instrument {
         }
         Ok(())
     }
+}
+
+/// Whether the strobe of a `record` is less than half as long as the exposure that its step asks for: then it is none of that trigger, which
+/// the camera ignored, but of something else that made it expose behind it.
+fn is_cut_short(record: &StepRecord, steps: &[Timing], clock_hz: u32) -> bool {
+    let asked = steps
+        .get(record.step.0 as usize)
+        .map(|timing| timing.step(clock_hz).cam.width);
+    asked
+        .zip(record.strobe)
+        .is_some_and(|(asked, strobe)| 2 * strobe.width.0 < asked.0)
 }
 
 /// Counts the `frames` of a run that came twice or that no strobe explains.

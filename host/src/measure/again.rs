@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use crate::assemble::like::is_same_place;
+use crate::assemble::share::Share;
 use crate::assemble::{Assembled, Probe, Target, assemble};
 use crate::base::progress::Progress;
 use crate::brdf::Brdf;
@@ -37,7 +38,7 @@ pub struct Again {
 }
 
 /// Assembles the frames of `measurement` into the `brdf.zarr` at `out`, with the calibration in the directory `calibration` in place of its
-/// own if there is one.
+/// own if there is one; of a part nothing is compared.
 ///
 /// # Errors
 /// [`MeasureError`], [`MeasurementError::OtherGeometry`] for frames that were captured with another geometry; what is there stays as it is.
@@ -45,6 +46,7 @@ pub fn assemble_again(
     measurement: &Measurement,
     calibration: Option<&Path>,
     out: &Path,
+    share: Share,
     progress: &dyn Progress,
 ) -> Result<Again, MeasureError> {
     check_apart(measurement, out)?;
@@ -59,8 +61,16 @@ pub fn assemble_again(
     let own = own.transpose().map_err(Box::new)?.map(|applied| applied.sum());
     // Before any work: a damaged one cannot be compared with.
     let path = measurement.path("brdf.zarr");
-    let older = path.exists().then(|| Brdf::open(&path)).transpose()?;
-    let assembled = assembled(measurement, other.as_ref(), out, None, progress)?;
+    let is_whole = !matches!(share, Share::Part(_));
+    let older = (is_whole && path.exists())
+        .then(|| Brdf::open(&path))
+        .transpose()?;
+    let to = To {
+        out,
+        probe: None,
+        share,
+    };
+    let assembled = assembled(measurement, other.as_ref(), to, progress)?;
     let differences = match older {
         Some(older) => {
             progress.begin("compare", 1, "results");
@@ -79,13 +89,22 @@ pub fn assemble_again(
     })
 }
 
-/// Assembles the frames of `measurement` into the `brdf.zarr` at `out`, with the `other` calibration if there is one, or what of it a
-/// `probe` looks at.
+/// Where a result goes, and what of it is made.
+#[derive(Clone, Copy)]
+pub(super) struct To<'a> {
+    /// The `brdf.zarr`.
+    pub(super) out: &'a Path,
+    /// What is wanted of some samples alone.
+    pub(super) probe: Option<&'a Probe>,
+    /// Which share of it.
+    pub(super) share: Share,
+}
+
+/// Assembles the frames of `measurement` as `to` says, with the `other` calibration if there is one.
 pub(super) fn assembled(
     measurement: &Measurement,
     other: Option<&AppliedCalibration>,
-    out: &Path,
-    probe: Option<&Probe>,
+    to: To<'_>,
     progress: &dyn Progress,
 ) -> Result<Assembled, MeasureError> {
     let frames = measurement.plan.lit_patterns() * measurement.plan.brackets();
@@ -102,9 +121,10 @@ pub(super) fn assembled(
     let applied = other.unwrap_or(&own);
     let lineage = measurement.lineage(&raw, other)?;
     let target = Target {
-        path: out,
+        path: to.out,
         lineage: Some(&lineage),
-        probe,
+        probe: to.probe,
+        share: to.share,
     };
     let raw = measurement.path("raw.zarr");
     let assembled = assemble(rig, plan, directions, applied, &raw, target, &|done| {

@@ -12,8 +12,9 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::MeasureError;
-use super::again::assembled;
+use super::again::{To, assembled};
 use super::budget::aligned;
+use crate::assemble::share::Share;
 use crate::assemble::{Probe, Probed};
 use crate::base::progress::Progress;
 use crate::brdf::RegionBudget;
@@ -139,13 +140,12 @@ pub fn at(
         .map(|pair| nearest(measurement, &disk, *pair))
         .collect();
     let probe = Probe::new(samples.iter().flatten().copied().collect());
-    assembled(
-        measurement,
-        None,
-        &scratch.join("brdf.zarr"),
-        Some(&probe),
-        progress,
-    )?;
+    let to = To {
+        out: &scratch.join("brdf.zarr"),
+        probe: Some(&probe),
+        share: Share::Whole,
+    };
+    assembled(measurement, None, to, progress)?;
     let applied = AppliedCalibration::read(measurement.dir()).map_err(Box::new)?;
     let known = Known::of(&applied, measurement.rig.light.polarisation);
     let budgets = |[incident, cell]: [usize; 2], found: &[Probed]| {

@@ -16,6 +16,7 @@ use std::time::Duration;
 
 use serde_json::{Map, json};
 
+use crate::assemble::share::Share;
 use crate::assemble::{AssembleError, Assembled};
 use crate::base::blame::Blame;
 use crate::base::progress::Progress;
@@ -135,10 +136,29 @@ pub fn assemble_measurement(
     measurement: &Measurement,
     progress: &dyn Progress,
 ) -> Result<Assembled, MeasureError> {
-    let assembled = again::assembled(measurement, None, &measurement.path("brdf.zarr"), None, progress)?;
-    let mut facts = Map::new();
-    facts.insert("assembled".to_owned(), json!(assembled));
-    measurement.note(State::Assembled, facts)?;
+    assemble_share(measurement, Share::Whole, progress)
+}
+
+/// Assembles this `share` of the result of `measurement`; a part of it leaves the measurement itself as it is.
+///
+/// # Errors
+/// [`MeasureError`].
+pub fn assemble_share(
+    measurement: &Measurement,
+    share: Share,
+    progress: &dyn Progress,
+) -> Result<Assembled, MeasureError> {
+    let to = again::To {
+        out: &measurement.path("brdf.zarr"),
+        probe: None,
+        share,
+    };
+    let assembled = again::assembled(measurement, None, to, progress)?;
+    if !matches!(share, Share::Part(_)) {
+        let mut facts = Map::new();
+        facts.insert("assembled".to_owned(), json!(assembled));
+        measurement.note(State::Assembled, facts)?;
+    }
     Ok(assembled)
 }
 

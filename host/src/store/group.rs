@@ -14,12 +14,15 @@ use serde_json::{Map, Value, json};
 use zarrs::storage::{StoreKey, WritableStorageTraits as _};
 
 use super::atomic::AtomicStore;
+use super::checksum::sum_of_json;
 use super::error::StoreError;
 
 /// Attribute of the group that says which kind of file it is.
 const FORMAT: &str = "rcg_format";
 /// Attribute of the group that says which version of that kind.
 const FORMAT_VERSION: &str = "rcg_format_version";
+/// Attribute of the group: SHA-256 of all others. Files of before have none.
+const CHECKSUM: &str = "rcg_checksum";
 /// The version of `brdf.zarr` that this program writes; it reads those of before too. 3 may lie turned on the sample.
 const BRDF_VERSION: u64 = 3;
 /// The version of `raw.zarr` that this program writes, and the only one that it reads: 2 has tallies, seals and orphans by
@@ -41,7 +44,7 @@ pub(super) fn version_of(attributes: &Map<String, Value>) -> u64 {
 }
 
 /// `path` with a suffix on its last component, which a trailing slash does not hide.
-pub(super) fn with_suffix(path: &Path, suffix: &str) -> Result<PathBuf, StoreError> {
+pub(crate) fn with_suffix(path: &Path, suffix: &str) -> Result<PathBuf, StoreError> {
     let Some(name) = path.file_name() else {
         return Err(StoreError::argument(
             path,
@@ -131,6 +134,9 @@ pub(super) fn write(
     attributes: &Map<String, Value>,
     arrays: &Map<String, Value>,
 ) -> Result<(), StoreError> {
+    let mut attributes = attributes.clone();
+    let sum = sum_of(&attributes, &[]);
+    attributes.insert(CHECKSUM.to_owned(), sum.into());
     let metadata = json!({
         "zarr_format": 3,
         "node_type": "group",
@@ -142,6 +148,33 @@ pub(super) fn write(
     store
         .set(&key, text.into())
         .map_err(|error| StoreError::storage(&store.path_of(&key), "write", error))
+}
+
+/// SHA-256 of `attributes` as they are once they were written and read, but for their own sum and those `without` which they are compared.
+pub(super) fn sum_of(attributes: &Map<String, Value>, without: &[&str]) -> String {
+    let mut kept = attributes.clone();
+    kept.retain(|name, _| name != CHECKSUM && !without.contains(&name.as_str()));
+    let text = serde_json::to_string(&kept).expect("JSON values can be written");
+    sum_of_json(&serde_json::from_str(&text).expect("what was written is JSON"))
+}
+
+/// Refuses `attributes` of the group at `path` that something else than this program has changed since they were written.
+pub(super) fn check_sum(path: &Path, attributes: &Map<String, Value>) -> Result<(), StoreError> {
+    let Some(expected) = attributes.get(CHECKSUM) else {
+        return Ok(());
+    };
+    let found = sum_of(attributes, &[]);
+    if *expected == found {
+        return Ok(());
+    }
+    let expected = format!("those that were written (SHA-256 {})", short(expected));
+    let found = format!("others ({found})");
+    Err(StoreError::metadata(
+        &path.join("zarr.json"),
+        "attributes",
+        expected,
+        found,
+    ))
 }
 
 /// Key of the metadata of `array`, or of the group itself if that is empty.

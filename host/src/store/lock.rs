@@ -5,7 +5,8 @@
 //! the last write; who makes a file such as a `brdf.zarr` holds one on `<name>.lock` beside it. A second writer is
 //! refused in one sentence; readers take no lock and are never kept waiting. The kernel holds the lock, not the
 //! file's existence: it is gone with the process, however that ends, and the file that a killed one leaves behind locks
-//! nobody out. The holder removes the file when it is done. One who opened it before that would then lock a file without
+//! nobody out. Those who make parts of a file hold the lock together (a shared lock), who makes the whole holds it alone. The holder, or the last
+//! of them, removes the file when it is done. One who opened it before that would then lock a file without
 //! a name, therefore the name is looked up again under the lock.
 //!
 //! The lock is `flock(2)` ([`File::try_lock`]). On a network disk Linux turns it into a byte-range lock that the server
@@ -31,7 +32,7 @@ const MOMENT: Duration = Duration::from_millis(50);
 pub struct Lock {
     path: PathBuf,
     /// The open file, whose lock it is.
-    _file: File,
+    file: File,
     _made: Made,
 }
 
@@ -49,7 +50,7 @@ impl Lock {
     pub fn folder(folder: &Path) -> Result<Self, StoreError> {
         let made = Made((!folder.exists()).then(|| folder.to_owned()));
         make_folder(folder)?;
-        Self::take(folder, folder.join(NAME), made)
+        Self::take(folder, folder.join(NAME), made, File::try_lock)
     }
 
     /// The right to write what will be `path`.
@@ -60,10 +61,36 @@ impl Lock {
         if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
             make_folder(folder)?;
         }
-        Self::take(path, super::group::with_suffix(path, ".lock")?, Made(None))
+        let lock = super::group::with_suffix(path, ".lock")?;
+        Self::take(path, lock, Made(None), File::try_lock)
     }
 
-    fn take(what: &Path, path: PathBuf, made: Made) -> Result<Self, StoreError> {
+    /// The right to write parts of what will be `path`, together with others that have it; nobody writes the whole meanwhile.
+    ///
+    /// # Errors
+    /// As for [`output`](Self::output).
+    pub fn output_together(path: &Path) -> Result<Self, StoreError> {
+        if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
+            make_folder(folder)?;
+        }
+        let lock = super::group::with_suffix(path, ".lock")?;
+        Self::take(path, lock, Made(None), File::try_lock_shared)
+    }
+
+    /// The right to write beside a measurement in `folder` together with others that have it; nobody changes the measurement meanwhile.
+    ///
+    /// # Errors
+    /// As for [`folder`](Self::folder).
+    pub fn folder_together(folder: &Path) -> Result<Self, StoreError> {
+        Self::take(folder, folder.join(NAME), Made(None), File::try_lock_shared)
+    }
+
+    fn take(
+        what: &Path,
+        path: PathBuf,
+        made: Made,
+        try_lock: fn(&File) -> Result<(), TryLockError>,
+    ) -> Result<Self, StoreError> {
         let mut patience = PATIENCE;
         loop {
             let mut file = OpenOptions::new()
@@ -73,7 +100,7 @@ impl Lock {
                 .write(true)
                 .open(&path)
                 .map_err(|error| StoreError::io(&path, "create", error))?;
-            match file.try_lock() {
+            match try_lock(&file) {
                 Ok(()) => {}
                 Err(TryLockError::WouldBlock) if patience > 0 => {
                     patience -= 1;
@@ -103,7 +130,7 @@ impl Lock {
             if is_at(&file, &path).map_err(|error| StoreError::io(&path, "inspect", error))? {
                 let lock = Self {
                     path,
-                    _file: file
+                    file: file
                         .try_clone()
                         .map_err(|error| StoreError::io(what, "lock", error))?,
                     _made: made,
@@ -121,9 +148,12 @@ impl Lock {
 
 impl Drop for Lock {
     fn drop(&mut self) {
-        // Still locked: who opens the file from now on makes a new one. If it stays, it locks nobody out.
+        // Still locked: who opens the file from now on makes a new one. If it stays, it locks nobody out. Of those who have it together
+        // the last one can have it alone.
         #[cfg(unix)]
-        fs::remove_file(&self.path).ok();
+        if self.file.try_lock().is_ok() {
+            fs::remove_file(&self.path).ok();
+        }
     }
 }
 

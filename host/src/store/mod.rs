@@ -49,6 +49,7 @@ pub use brdf_rows::{BrdfRows, ROUNDING};
 pub(crate) use brdf_rows::{LEAST_SIGMA, USELESS_SIGMA, stored_sigma};
 pub use error::StoreError;
 pub use exposure_record::ExposureRecord;
+pub(crate) use group::with_suffix;
 pub use lock::Lock;
 pub use raw::{RawLayout, RawStore, Segment, SegmentWriter};
 pub use small_array::{SmallArray, SmallData};

@@ -36,6 +36,8 @@ mod directions;
 mod estimates;
 mod exports;
 mod faults_on_purpose;
+#[cfg(target_os = "linux")]
+mod faulty_host;
 mod fits;
 mod further_lines;
 mod grids;
@@ -43,6 +45,8 @@ mod identity;
 mod judge;
 #[cfg(unix)]
 mod killed;
+#[cfg(unix)]
+mod killed_anywhere;
 mod light;
 mod lineage;
 mod locks;
@@ -51,6 +55,7 @@ mod matrix;
 mod multiplexed;
 mod no_data;
 mod outputs;
+mod parts;
 mod pictures;
 mod pipes;
 mod real_rigs;

@@ -218,6 +218,11 @@ fn as_version_1(brdf: &Path) {
     let group = brdf.join("zarr.json");
     let mut metadata: Value = serde_json::from_slice(&fs::read(&group).unwrap()).unwrap();
     metadata["attributes"]["rcg_format_version"] = json!(1);
+    // Files of then have no sum of what stands here.
+    metadata["attributes"]
+        .as_object_mut()
+        .unwrap()
+        .shift_remove("rcg_checksum");
     fs::write(&group, metadata.to_string()).unwrap();
 }
 

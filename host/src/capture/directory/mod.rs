@@ -178,6 +178,20 @@ impl Measurement {
         Ok(Self::open(dir)?.holding(lock))
     }
 
+    /// Opens the measurement in `dir` to make a part of its result, together with others; nobody writes the measurement meanwhile.
+    ///
+    /// # Errors
+    /// As for [`open_to_write`](Self::open_to_write).
+    pub fn open_together(dir: &Path) -> Result<Self, MeasurementError> {
+        if !Self::exists(dir) {
+            return Err(MeasurementError::NotOne {
+                path: dir.display().to_string(),
+            });
+        }
+        let lock = Lock::folder_together(dir)?;
+        Ok(Self::open(dir)?.holding(lock))
+    }
+
     /// Opens the measurement in `dir` to read it; a writer's right it neither has nor needs.
     ///
     /// # Errors

@@ -208,6 +208,13 @@ impl BrdfWriter {
         self.f.write(index, &rows.f)
     }
 
+    /// Whether `part` says of itself what this file does, but for what is only known when all chunks are written and the attribute `without`.
+    #[must_use]
+    pub fn is_of_same_origin(&self, part: &BrdfReader, without: &str) -> bool {
+        let sum = |attributes| group::sum_of(attributes, &[without]);
+        sum(&self.attributes) == sum(&part.attributes)
+    }
+
     /// Where the file is until it has its final name; what was written of it can be read there.
     #[must_use]
     pub fn partial_path(&self) -> &Path {
@@ -294,6 +301,14 @@ impl BrdfReader {
     /// All attributes of the group.
     pub fn attributes(&self) -> &Map<String, Value> {
         &self.attributes
+    }
+
+    /// Refuses attributes of the file at `path` that something has changed since they were written; those of files without a checksum pass.
+    ///
+    /// # Errors
+    /// [`StoreError::Metadata`].
+    pub fn check_attributes(&self, path: &Path) -> Result<(), StoreError> {
+        group::check_sum(path, &self.attributes)
     }
 
     /// Number of chunks, the last perhaps shorter.

@@ -232,6 +232,7 @@ impl RawStore {
         let segments = frames.chunks();
         let tallies = TallyColumns::open(&store, segments, layout.segment)?;
         let seals = Seals::open(&store, segments, subject(&attributes))?;
+        group::check_sum(path, &attributes)?;
         let progress = Mutex::new(Progress {
             next: None,
             swept: false,
