@@ -158,7 +158,7 @@ pub(crate) fn run(args: &Args, named: &str, output: &Output) -> Done {
         // What goes on has its calibration.
         None
     } else {
-        Some(args.calibrated_first(named, &rig, begun.as_ref(), replay.as_ref(), output)?)
+        args.calibrated_first(named, &rig, begun.as_ref(), replay.as_ref(), output)?
     };
     let known = args.calibration.or(first);
     let (rig, calibration) = known.rig(rig)?;
@@ -204,7 +204,7 @@ struct Answer<'a> {
 
 impl Args {
     /// The directory of a calibration of the virtual `rig`, which `named` is the argument of; what cannot be measured with it is refused
-    /// before that.
+    /// before that. `None` for one that is as its file says: nothing of it is to be found.
     fn calibrated_first(
         &self,
         named: &str,
@@ -212,7 +212,7 @@ impl Args {
         begun: Option<&Begun>,
         replay: Option<&Plan>,
         output: &Output,
-    ) -> Result<PathBuf, Failure> {
+    ) -> Result<Option<PathBuf>, Failure> {
         if begun.is_none() {
             Measurement::check_new(&self.out)?;
         }
@@ -223,9 +223,12 @@ impl Args {
             .map(|begun| &begun.virtual_rig)
             .or(replay.and_then(|plan| plan.virtual_rig.as_ref()));
         let (request, virtual_rig) = self.asked(before.as_ref(), virtual_rig)?;
+        if virtual_rig.truth.is_none() {
+            return Ok(None);
+        }
         Setup::from(virtual_rig.clone()).world()?.check_camera(rig)?;
         request.rig(rig)?;
-        calibrated(named, rig, &virtual_rig, request.tilt, output)
+        calibrated(named, rig, &virtual_rig, request.tilt, output).map(Some)
     }
 
     /// What is asked for, with what there was before in place of the defaults.

@@ -237,7 +237,7 @@ impl FaultArgs {
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct CalibrationArgs {
     /// Take the calibration in this directory into account; it must be one of the rig; none takes the rig to be as its file says
-    /// [default: none; for `measure` on the virtual rig, which it calibrates first, the result of that, kept for further runs]
+    /// [default: none; for `measure` with --truth, which calibrates that virtual rig first, the result of that, kept for further runs]
     #[arg(
         long,
         value_name = "DIR|none",

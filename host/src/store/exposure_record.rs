@@ -13,8 +13,9 @@ use rcg_protocol::StepFlags;
 use serde_json::{Map, Value, json};
 use zarrs::array::ElementOwned;
 
-use super::array::{ArraySpec, ElementType, ZarrArray, described};
+use super::array::{ArraySpec, ElementType, ZarrArray};
 use super::atomic::AtomicStore;
+use super::described::described;
 use super::error::StoreError;
 use super::header::Header;
 

@@ -31,6 +31,7 @@ pub mod brdf_file;
 pub mod brdf_rows;
 pub(crate) mod checksum;
 mod chunk;
+mod described;
 mod error;
 pub mod exposure_record;
 mod group;

@@ -11,9 +11,10 @@ use std::sync::Arc;
 use serde_json::json;
 use sha2::{Digest as _, Sha256};
 
-use super::array::{ArraySpec, ElementType, ZarrArray, described};
+use super::array::{ArraySpec, ElementType, ZarrArray};
 use super::atomic::AtomicStore;
 use super::checksum::hex;
+use super::described::described;
 use super::error::StoreError;
 use super::exposure_record::FILL_U64;
 use super::header::Header;

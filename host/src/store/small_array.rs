@@ -7,8 +7,9 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::array::{ArraySpec, ElementType, ZarrArray, add_codes, described};
+use super::array::{ArraySpec, ElementType, ZarrArray};
 use super::atomic::AtomicStore;
+use super::described::{add_codes, described};
 use super::error::StoreError;
 use super::header::Header;
 use crate::base::text::{by, listed};

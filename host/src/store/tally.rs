@@ -12,8 +12,9 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use super::array::{ArraySpec, ElementType, ZarrArray, described};
+use super::array::{ArraySpec, ElementType, ZarrArray};
 use super::atomic::AtomicStore;
+use super::described::described;
 use super::error::StoreError;
 use super::exposure_record::FILL_U64;
 use super::header::Header;

@@ -1,4 +1,4 @@
-//! The virtual rig is calibrated before a measurement if nothing is said of a calibration, and that is kept.
+//! A virtual rig that strays from its file is calibrated before a measurement if nothing is said of a calibration, and that is kept.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,9 +11,21 @@ use serde_json::Value;
 
 use crate::command::{rcg, text};
 
-/// `rcg measure` of a small picture, with a cache in `folder` and nothing said of a calibration.
+/// A rig that strays, in `folder`.
+fn truth(folder: &Path) -> PathBuf {
+    let truth = folder.join("truth.toml");
+    if !truth.exists() {
+        let drawn = rcg(&["truth", "--seed", "3", "--out", text(&truth)])
+            .output()
+            .unwrap();
+        assert!(drawn.status.success(), "{}", sentence(&drawn));
+    }
+    truth
+}
+
+/// `rcg measure` of a small picture on the rig that strays or another one, with a cache in `folder` and nothing said of a calibration.
 fn measure(folder: &Path, out: &str, more: &[&str]) -> Command {
-    let out = folder.join(out);
+    let (truth, out) = (truth(folder), folder.join(out));
     let line = [
         "measure",
         "--out",
@@ -24,7 +36,9 @@ fn measure(folder: &Path, out: &str, more: &[&str]) -> Command {
         "16",
         "--json",
     ];
-    let mut command = rcg(&[&line[..], more].concat());
+    let strays = ["--truth", text(&truth)];
+    let strays: &[&str] = if more.contains(&"--truth") { &[] } else { &strays };
+    let mut command = rcg(&[&line[..], strays, more].concat());
     command
         .env_remove("RCG_CALIBRATION")
         .env("HOME", folder)
@@ -61,9 +75,17 @@ fn the_virtual_rig_is_calibrated_once_as_by_the_commands_and_measured_with_that(
     // What the commands find, to the bit.
     let by_hand = folder.join("by-hand");
     for what in ["geometry", "photometry"] {
-        let ended = rcg(&["calibrate", what, "--out", text(&by_hand)])
-            .output()
-            .unwrap();
+        let truth = truth(folder);
+        let ended = rcg(&[
+            "calibrate",
+            what,
+            "--truth",
+            text(&truth),
+            "--out",
+            text(&by_hand),
+        ])
+        .output()
+        .unwrap();
         assert!(ended.status.success(), "{}", sentence(&ended));
     }
     for name in ["rig.toml", "geometry.json", "photometry.json"] {
@@ -124,7 +146,11 @@ fn a_kept_calibration_is_taken_by_its_key_and_only_where_none_is_named() {
     let folder = scratch.path();
     let rig = Rig::load("rcg-1-16bit").unwrap();
     let program = Path::new(env!("CARGO_BIN_EXE_rcg"));
-    let key = key(&rig, &Virtual::default(), None, program).unwrap();
+    let strays = Virtual {
+        truth: Some(text(&truth(folder)).to_owned()),
+        ..Virtual::default()
+    };
+    let key = key(&rig, &strays, None, program).unwrap();
     // One that cannot be read tells that it was looked for.
     let dir = folder.join("cache/rcg/calibrations").join(key);
     fs::create_dir_all(&dir).unwrap();
@@ -140,6 +166,23 @@ fn a_kept_calibration_is_taken_by_its_key_and_only_where_none_is_named() {
         .output()
         .unwrap();
     assert!(by_environment.status.success(), "{}", sentence(&by_environment));
+    // A rig that is as its file says has nothing that calibration could find.
+    let ideal = rcg(&[
+        "measure",
+        "--step",
+        "45",
+        "--image-size",
+        "16",
+        "--out",
+        text(&folder.join("ideal")),
+    ])
+    .env_remove("RCG_CALIBRATION")
+    .env("HOME", folder)
+    .env("XDG_CACHE_HOME", folder.join("cache"))
+    .output()
+    .unwrap();
+    assert!(ideal.status.success(), "{}", sentence(&ideal));
+    assert!(!folder.join("ideal/calibration.json").exists());
     // What was begun goes on as it was begun.
     let goes_on = measure(folder, "by-name", &["--resume"]).output().unwrap();
     assert!(goes_on.status.success(), "{}", sentence(&goes_on));

@@ -26,9 +26,10 @@ use std::sync::Arc;
 
 use serde_json::{Map, Value};
 
-use super::array::{ArraySpec, ElementType, ZarrArray, add_codes, described};
+use super::array::{ArraySpec, ElementType, ZarrArray};
 use super::atomic::AtomicStore;
 use super::brdf_rows::BrdfRows;
+use super::described::{add_codes, described};
 use super::error::StoreError;
 use super::group;
 use super::header::Header;

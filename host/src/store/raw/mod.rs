@@ -29,8 +29,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use serde_json::{Map, Value};
 
-use super::array::{ArraySpec, ElementType, ZarrArray, described};
+use super::array::{ArraySpec, ElementType, ZarrArray};
 use super::atomic::AtomicStore;
+use super::described::described;
 use super::error::StoreError;
 use super::exposure_record::{ExposureRecord, RecordColumns};
 use super::group;

@@ -32,7 +32,7 @@ fn damage_names_the_array_and_the_chunk() {
 
         // Of a right checksum, but not of a chunk: more than one, less, and what was never compressed.
         let unpacked = zstd::bulk::decompress(&whole[..whole.len() - 4], 1 << 20).unwrap();
-        let more = zstd::bulk::compress(&[&unpacked[..], &[0; 1 << 20]].concat(), 1).unwrap();
+        let more = zstd::bulk::compress(&[&unpacked[..], &vec![0; 1 << 20]].concat(), 1).unwrap();
         let less = zstd::bulk::compress(&unpacked[1..], 1).unwrap();
         for bytes in [more, less, unpacked, Vec::new()] {
             let sum = crc32c::crc32c(&bytes).to_le_bytes();
