@@ -2,6 +2,7 @@
 //! says which file it is.
 
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -108,13 +109,14 @@ fn read(path: &Path) -> Result<String, String> {
     let brdf = Brdf::open(path).map_err(|error| error.to_string())?;
     let mut all = format!("{:?} {:?} {:?}", brdf.grid(), brdf.disk(), brdf.attributes());
     for incident in 0..brdf.grid().len() {
-        all += &format!("{:?}", brdf.incident_reason(incident));
+        write!(all, "{:?}", brdf.incident_reason(incident)).unwrap();
     }
     for cell in 0..brdf.disk().len() {
-        all += &format!("{:?} {}", brdf.outgoing_reason(cell), brdf.pixel_sr(cell));
+        write!(all, "{:?} {}", brdf.outgoing_reason(cell), brdf.pixel_sr(cell)).unwrap();
     }
     for chunk in 0..brdf.chunks() {
-        all += &format!("{:?}", brdf.chunk(chunk).map_err(|error| error.to_string())?);
+        let rows = brdf.chunk(chunk).map_err(|error| error.to_string())?;
+        write!(all, "{rows:?}").unwrap();
     }
     Ok(all)
 }
