@@ -258,8 +258,8 @@ const ROWS: &[Row] = &[
     },
     Row {
         fault: "host stalls for 2 s",
-        comes: Recovered,
-        how: "the box's dead-man time ends the run, which is told; a shorter one costs nothing",
+        comes: Stopped,
+        how: "one that is shorter than the box's dead-man time costs nothing; a longer one ends the run, which is told, and `--resume` completes it",
         tests: &[
             (SAFETY, "a_host_that_suspends"),
             ("hil/tests/trials/link.rs", "a_host_that_sleeps"),
