@@ -67,24 +67,25 @@ fn plan_writes_what_capture_and_assemble_take_up_and_measure_does_in_one_go() {
     assert_eq!(assembled["directions"], plan["directions"]);
     assert!(number(&assembled, "measured") > 0.0 && number(&assembled, "saturated") >= 0.0);
 
-    // It takes what was said on disk, but for what describes it and its check sums.
+    // It takes what was said on disk, but for what describes it and its check sums; values are compressed, to nobody knows how little.
     let size = |array: &str| -> f64 {
         let files = std::fs::read_dir(staged.join(array)).unwrap();
         files
             .map(|file| file.unwrap().metadata().unwrap().len() as f64)
             .sum()
     };
-    for (stated, arrays) in [
-        ("raw_bytes", &["raw.zarr/frames"][..]),
+    for (stated, arrays, least) in [
+        ("raw_bytes", &["raw.zarr/frames"][..], 1.0),
         (
             "brdf_bytes",
             &["brdf.zarr/f", "brdf.zarr/sigma", "brdf.zarr/provenance"],
+            0.01,
         ),
     ] {
         let stated = number(&plan, &format!("disk_space.{stated}"));
         let found: f64 = arrays.iter().map(|array| size(array)).sum();
         assert!(
-            stated <= found && found < stated + 4000.0 * arrays.len() as f64,
+            least * stated <= found && found < stated + 4000.0 * arrays.len() as f64,
             "{stated} {found}"
         );
     }
