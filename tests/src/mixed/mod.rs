@@ -43,7 +43,7 @@ pub struct Outcome {
     pub wrong: u64,
     /// Segments that were captured whole.
     pub whole: u64,
-    /// Segments that were given up, by name, after they had been begun again [`RESUMED`] times.
+    /// Segments that were given up, by name, after they had been begun again as often as a user would.
     pub given_up: u64,
     /// Errors that ended a run, by name.
     pub errors: u64,

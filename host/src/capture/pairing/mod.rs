@@ -9,7 +9,7 @@
 //!
 //! Where strobes come at equal distances, times alone do not tell a run from the same run moved by one, and numbers do only as far as the
 //! camera really began to count with the run. So the frames of a run count together or not at all: where one contradicts, or is left over and
-//! nothing explains it ([`is_explained`]), or where all would stand on other strobes just as well ([`may_be_moved`]), all are disputed.
+//! nothing explains it (`is_explained`), or where all would stand on other strobes just as well (`may_be_moved`), all are disputed.
 
 use std::collections::BTreeSet;
 
