@@ -331,10 +331,16 @@ impl<'a> Loop<'a> {
             .map_err(|reason| unusable("adaptive.zarr", reason))?;
         drop(black);
         let cells = judged_cells(self.disk);
-        let mut directions_deg = journal.directions_deg()?;
-        if directions_deg.is_empty() {
-            directions_deg = first;
+        // What was chosen before it was interrupted is gone through again round by round, so that it is told as if nothing had been.
+        let chosen = journal.directions_deg()?;
+        let mut directions_deg = first;
+        if chosen.is_empty() {
             journal.choose(&directions_deg)?;
+        } else {
+            directions_deg
+                .iter_mut()
+                .zip(&chosen)
+                .for_each(|(one, known)| *one = *known);
         }
         let mut images: Vec<Image> = Vec::new();
         let mut history = Vec::new();
@@ -385,6 +391,11 @@ impl<'a> Loop<'a> {
                     history,
                 };
                 return Ok((directions_deg, adapted));
+            }
+            let done = directions_deg.len();
+            if chosen.len() > done {
+                directions_deg.extend(&chosen[done..chosen.len().min(done + wanted)]);
+                continue;
             }
             directions_deg.extend(next.into_iter().map(in_degrees));
             journal.choose(&directions_deg)?;
