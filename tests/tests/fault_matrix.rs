@@ -2,6 +2,7 @@
 //!
 //! `RCG_WRITE=1 cargo test -p rcg-tests --test fault_matrix` writes that file anew.
 
+use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -358,12 +359,8 @@ fn page() -> String {
             .iter()
             .map(|(file, name)| format!("[{name}](../{file})"))
             .collect();
-        text += &format!(
-            "| {} | {comes} | {} | {} |\n",
-            row.fault,
-            row.how,
-            tests.join(", ")
-        );
+        let (fault, how, tests) = (row.fault, row.how, tests.join(", "));
+        writeln!(text, "| {fault} | {comes} | {how} | {tests} |").unwrap();
     }
     text += "\nMany more at once: `RCG_EXPOSURES=1000000 cargo test --release -p rcg-tests --test mixed_faults -- --nocapture` simulates a million \
              exposures with all kinds mixed, `RCG_KILLS=1000 cargo test -p rcg-cli --test cli killed_anywhere -- --nocapture` kills a thousand \

@@ -122,6 +122,12 @@ fn a_camera_that_counts_from_elsewhere_moves_no_frame() {
     }
 }
 
+/// Of a run that may be another's no frame counts.
+fn assert_none_paired(pairing: &Pairing) {
+    let is_paired = |outcome: &Outcome| matches!(outcome, Paired(_));
+    assert!(!pairing.outcomes.iter().any(is_paired), "{pairing:?}");
+}
+
 #[test]
 fn an_exposure_before_the_first_that_nobody_was_told_of_moves_no_frame() {
     // As long before the first as steps are apart, but for a tenth.
@@ -132,13 +138,7 @@ fn an_exposure_before_the_first_that_nobody_was_told_of_moves_no_frame() {
         .chain((0..6).map(|step| frame(step + 1, step)))
         .collect();
     let pairing = pair(6, &records, &[], &frames, TICK_S);
-    assert!(
-        pairing
-            .outcomes
-            .iter()
-            .all(|outcome| !matches!(outcome, Paired(_))),
-        "{pairing:?}"
-    );
+    assert_none_paired(&pairing);
 }
 
 #[test]
@@ -148,13 +148,7 @@ fn a_jump_of_the_clock_at_a_lost_record_moves_no_frame() {
         .map(|step| frame(step, if step < 3 { step } else { step + 1 }))
         .collect();
     let pairing = pair(8, &records, &[], &frames, TICK_S);
-    assert!(
-        pairing
-            .outcomes
-            .iter()
-            .all(|outcome| !matches!(outcome, Paired(_))),
-        "{pairing:?}"
-    );
+    assert_none_paired(&pairing);
 }
 
 #[test]
