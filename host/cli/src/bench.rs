@@ -6,7 +6,6 @@
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 
 use clap::Parser;
 use rcg::base::progress::Progress as _;
@@ -23,6 +22,7 @@ use crate::failure::Failure;
 use crate::measure;
 use crate::output::Output;
 use crate::request::image_size;
+use crate::stage::stage;
 
 /// Find which plan of measuring errs least in which time on the instrument.
 ///
@@ -254,12 +254,7 @@ impl Run<'_> {
 
     /// What the stage that `line` calls answered, or the sentence with which it refused.
     fn stage(&self, line: &[&str]) -> Result<Result<Value, String>, Failure> {
-        let ended = Command::new(&self.program)
-            .args(line)
-            .args(["--rig", self.rig, "-q", "--json"])
-            .env_remove("RCG_LOG")
-            .stdin(Stdio::null())
-            .output()?;
+        let ended = stage(&self.program, line).args(["--rig", self.rig]).output()?;
         let answer: Value = serde_json::from_slice(&ended.stdout).unwrap_or_default();
         match (ended.status.code(), answer["error"].as_str()) {
             (Some(0), _) => Ok(Ok(answer)),

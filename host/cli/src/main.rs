@@ -44,6 +44,7 @@ mod request;
 mod rig;
 mod session;
 mod shell;
+mod stage;
 mod standard;
 mod study;
 mod truth;

@@ -94,13 +94,16 @@ impl Surroundings {
         );
         let mut missed = vec![Vec4::ZERO; signal.len()];
         let mut told = vec![Vec4::ZERO; signal.len()];
+        let mut own_variances = vec![Vec4::ZERO; signal.len()];
         for reach in 1..=FARTHEST {
             self.add_ring(reach, &own, &known, &mut pairs);
             for (pixel, [sum, count]) in pairs.iter().enumerate() {
-                let is_told = count.cmpgt(Vec4::ZERO) & known[pixel].cmpgt(Vec4::ZERO);
-                let expected = variance_of(pixel, *sum / *count) * (Vec4::ONE + (*count * 2.0).recip());
-                let is_told = is_told & expected.cmpgt(Vec4::ZERO);
-                let off = own[pixel] - *sum / *count;
+                let predicted = *sum / *count;
+                own_variances[pixel] = variance_of(pixel, predicted);
+                let expected = own_variances[pixel] * (Vec4::ONE + (*count * 2.0).recip());
+                let is_told =
+                    count.cmpgt(Vec4::ZERO) & known[pixel].cmpgt(Vec4::ZERO) & expected.cmpgt(Vec4::ZERO);
+                let off = own[pixel] - predicted;
                 missed[pixel] = Vec4::select(is_told, off * off / expected, Vec4::ZERO);
                 told[pixel] = Vec4::select(is_told, Vec4::ONE, Vec4::ZERO);
             }
@@ -109,7 +112,7 @@ impl Surroundings {
             for (pixel, [sum, count]) in pairs.iter().enumerate() {
                 let predicted = *sum / *count;
                 let (missed, numbers) = (sums[0].squares[pixel], sums[1].squares[pixel]);
-                let own_variance = variance_of(pixel, predicted);
+                let own_variance = own_variances[pixel];
                 // All in units of the own variance.
                 let unseen = sqrt(Vec4::splat(2.0) / numbers);
                 let spread = (*count * 2.0).recip() + (missed / numbers - Vec4::ONE).max(Vec4::ZERO);

@@ -8,13 +8,13 @@
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 
 use rcg::brdf::Brdf;
 use rcg::brdf::sample::parse;
 use rcg::judge::worlds::{DrawnRequest, DrawnRig, File, Judgement, Outcome, Sizes, judge};
 
 use crate::failure::Failure;
+use crate::stage::stage;
 
 /// Why a chain did not go on.
 pub(super) enum Stop {
@@ -172,12 +172,11 @@ impl Chain<'_> {
         let log = folder.join("commands.txt");
         let mut log = OpenOptions::new().create(true).append(true).open(log)?;
         writeln!(log, "rcg {}", line.join(" "))?;
-        let mut command = Command::new(self.program);
-        command.args(line).args(["-q", "--json"]).env_remove("RCG_LOG");
+        let mut command = stage(self.program, line);
         if let Some(threads) = self.threads {
             command.env("RAYON_NUM_THREADS", threads.to_string());
         }
-        let answer = command.stdin(Stdio::null()).output()?;
+        let answer = command.output()?;
         fs::write(folder.join(format!("{name}.json")), &answer.stdout)?;
         fs::write(folder.join(format!("{name}.stderr")), &answer.stderr)?;
         let said = String::from_utf8_lossy(&answer.stderr).replace(&self.at(""), "");

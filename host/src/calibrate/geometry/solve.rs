@@ -142,14 +142,9 @@ impl Task<'_> {
     fn look_with(&self, rig: &Rig, figure: &Arc<dyn Figure>, looks: &Looks) -> Looks {
         let [camera, projector] =
             [View::camera(rig), View::projector(rig)].map(|view| view.with_figure(Some(figure.clone())));
-        let matches = || self.seen.matches.iter();
         Looks {
-            camera: matches()
-                .map(|found| camera.sight(found.camera_px.x, found.camera_px.y))
-                .collect(),
-            projector: matches()
-                .map(|found| projector.sight(found.projector_px.x, found.projector_px.y))
-                .collect(),
+            camera: self.sights(&camera, |found| found.camera_px),
+            projector: self.sights(&projector, |found| found.projector_px),
             edges: looks.edges.clone(),
         }
     }
@@ -188,18 +183,21 @@ impl Task<'_> {
                 .min_by(|a, b| a.abs().total_cmp(&b.abs()))?;
             (nearest.abs() < EDGE_RAD).then_some(DVec2::new(nearest, 0.0))
         };
-        let sight = |found: &Match| camera.sight(found.camera_px.x, found.camera_px.y);
         (
-            self.seen.matches.iter().map(sight).collect(),
+            self.sights(&camera, |found| found.camera_px),
             self.seen.edges_px.iter().map(of_edge).collect(),
         )
     }
 
     /// What the projector of `rig` sees at each match.
     fn projector(&self, rig: &Rig) -> Vec<Option<DVec3>> {
-        let projector = View::projector(rig);
-        let sight = |found: &Match| projector.sight(found.projector_px.x, found.projector_px.y);
-        self.seen.matches.iter().map(sight).collect()
+        self.sights(&View::projector(rig), |found| found.projector_px)
+    }
+
+    /// What a device with this `view` sees at its position `of` each match.
+    fn sights(&self, view: &View, of: fn(&Match) -> DVec2) -> Vec<Option<DVec3>> {
+        let positions = self.seen.matches.iter().map(of);
+        positions.map(|at| view.sight(at.x, at.y)).collect()
     }
 
     /// Residuals of all matches, then of all edges, of what `looks` like this, with mirrors that lean by `leans` of the stated

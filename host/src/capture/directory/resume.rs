@@ -84,7 +84,6 @@ impl Measurement {
         }
         .to_string();
         let tilt = |request: &Request| or_none(request.tilt.map(|tilt| tilt.to_string()));
-        let on_or_off = |is_on: bool| if is_on { "on" } else { "off" }.to_owned();
         let mut fields = vec![
             ("grid", grid(held), other_grid),
             (
@@ -137,7 +136,6 @@ impl Measurement {
     /// What there is of the virtual rig that may differ: field, what it is here, and as it is asked for. Of files that lie elsewhere now
     /// the content counts.
     fn virtual_fields(&self, held: &Virtual, asked: &Virtual) -> [(&'static str, String, String); 4] {
-        let on_or_off = |noise: bool| if noise { "on" } else { "off" }.to_owned();
         let truth = |spec: &Virtual| spec.truth.clone().unwrap_or_else(|| "none".to_owned());
         let named = |what: &str, held: String, other: String| {
             let is_same = self.is_same_file(Some(asked), what);
@@ -163,4 +161,9 @@ impl Measurement {
             found,
         }
     }
+}
+
+/// An option as it is asked for.
+fn on_or_off(is_on: bool) -> String {
+    if is_on { "on" } else { "off" }.to_owned()
 }

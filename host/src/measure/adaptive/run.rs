@@ -332,16 +332,12 @@ impl<'a> Loop<'a> {
         drop(black);
         let cells = judged_cells(self.disk);
         // What was chosen before it was interrupted is gone through again round by round, so that it is told as if nothing had been.
-        let chosen = journal.directions_deg()?;
-        let mut directions_deg = first;
+        let (mut chosen, beginning) = (journal.directions_deg()?, first.len());
         if chosen.is_empty() {
-            journal.choose(&directions_deg)?;
-        } else {
-            directions_deg
-                .iter_mut()
-                .zip(&chosen)
-                .for_each(|(one, known)| *one = *known);
+            journal.choose(&first)?;
+            chosen = first;
         }
+        let mut directions_deg = chosen[..beginning.min(chosen.len())].to_vec();
         let mut images: Vec<Image> = Vec::new();
         let mut history = Vec::new();
         loop {
