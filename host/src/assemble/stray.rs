@@ -46,14 +46,17 @@ impl StrayLight {
             self.removal
                 .level_of_watching(&watching, &others, one.counts, one.exposure_s)
         });
-        let (light, uncertainty) = Level::best(of_each).map_or((1.0, LampFound::UNWATCHED as f32), |level| {
-            (
-                level.light,
-                level.uncertainty.hypot(self.removal.level_uncertainty()),
-            )
-        });
+        let Some(best) = Level::best(of_each) else {
+            let uncertainty = LampFound::UNWATCHED as f32;
+            return Ok(Level {
+                light: 1.0,
+                uncertainty,
+                common: uncertainty,
+            });
+        };
+        let uncertainty = best.uncertainty.hypot(self.removal.level_uncertainty());
         let level = Level {
-            light,
+            light: best.light,
             uncertainty,
             common: uncertainty,
         };
@@ -66,7 +69,7 @@ impl StrayLight {
                 100.0 * level.uncertainty
             ));
         }
-        Ok(level)
+        Ok(level.beside(LampFound::UNWATCHED))
     }
 
     /// Learns what frames are off by alike from what some of them `told` of the lamp, [pattern][exposure time], beside black ones as in

@@ -227,25 +227,28 @@ impl Shift {
     /// Adds it to every `step`-th number of `out`.
     fn add(&self, clean: &[f32], width_px: usize, out: &mut [f32], step: usize) {
         let height_px = clean.len() / width_px;
-        let at = |x: isize, y: isize| {
-            let inside =
-                (0..width_px.cast_signed()).contains(&x) && (0..height_px.cast_signed()).contains(&y);
-            if inside {
-                clean[y.cast_unsigned() * width_px + x.cast_unsigned()]
-            } else {
-                0.0
-            }
-        };
-        for (pixel, out) in out.iter_mut().step_by(step).enumerate() {
-            let (x, y) = ((pixel % width_px).cast_signed(), (pixel / width_px).cast_signed());
-            let mut sum = 0.0;
+        let mut sums = vec![0.0_f32; width_px];
+        for y in 0..height_px {
+            sums.fill(0.0);
             for (j, wy) in (-1..).zip(self.y.1) {
+                let Some(row) = y.checked_add_signed(self.y.0 + j).filter(|row| *row < height_px) else {
+                    continue;
+                };
+                let row = &clean[row * width_px..][..width_px];
                 for (i, wx) in (-1..).zip(self.x.1) {
-                    sum += wx * wy * at(x + self.x.0 + i, y + self.y.0 + j);
+                    let aside = self.x.0 + i;
+                    // Where the pixel aside is within the image.
+                    let some = sums.iter_mut().skip((-aside).max(0).cast_unsigned());
+                    for (sum, shown) in some.zip(row.iter().skip(aside.max(0).cast_unsigned())) {
+                        *sum += wx * wy * shown;
+                    }
                 }
             }
             // The interpolation overshoots beside edges; light does not.
-            *out += self.share * sum.max(0.0);
+            let row = out[y * width_px * step..].iter_mut().step_by(step);
+            for (out, sum) in row.zip(&sums) {
+                *out += self.share * sum.max(0.0);
+            }
         }
     }
 }

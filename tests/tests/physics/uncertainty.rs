@@ -406,7 +406,7 @@ fn over_many_seeded_runs_the_interval_of_k_2_holds_the_truth() {
 
 #[test]
 fn terms_that_no_fit_has_are_in_the_uncertainty() {
-    let nominal = Rig::load("rcg-3").unwrap();
+    let nominal = coarse("rcg-3");
     let folder = tempfile::tempdir().unwrap();
     let mut truth = Truth::drawn(&nominal, TOLERANCES, 12).unwrap();
     // Narrower than any polynomial of the fit: what a wiped mirror and a lamp with a filament do.

@@ -300,11 +300,11 @@ fn lamp(found: &Photometry) -> String {
         100.0 * found.lamp.flicker
     );
     match &found.lamp.monitor {
-        Some(monitor) => format!(
+        Some(monitor) if monitor.standard_uncertainty < LampFound::UNWATCHED => format!(
             "{flicker}; watched in every frame, against this calibration to {:.3} % (k = 1)",
             100.0 * monitor.standard_uncertainty
         ),
-        None => format!(
+        _ => format!(
             "{flicker}; too little light comes directly to watch it: ± {:.0} % for what it does until a measurement (k = 1)",
             100.0 * LampFound::UNWATCHED
         ),

@@ -87,7 +87,7 @@ impl Colours<'_> {
             let black = sum(|block| block.black.abs()) / all;
             let per_dn = sum(|block| block.pixels as f64) / all;
             let rows = (linear.camera.row_variance_dn2() / self.size_px[1] as f64).sqrt() * per_dn;
-            let steps = linear.steps_dn * per_dn;
+            let steps = Steps::of(linear, &bright, per_dn);
             for primary in 0..COLOURS {
                 let (terms, uncertainty) = explain(&bright, primary)?;
                 found.shares[channel][primary] = terms;
@@ -95,6 +95,7 @@ impl Colours<'_> {
                 // Of two means of so many frames.
                 let by_lamp = (terms[0] * (1.0 - terms[0])).hypot(black) * self.flicker;
                 let by_frame = by_lamp.hypot(rows) * (2.0 / frames).sqrt();
+                let steps = steps.of_share(terms[0], primary);
                 found.standard_uncertainty[channel][primary] = uncertainty.hypot(by_frame).hypot(steps);
             }
             // Each was fitted by itself; together they are all of the light.
@@ -142,6 +143,39 @@ impl Colours<'_> {
             }
         }
         blocks
+    }
+}
+
+/// What steps of the converter leave in frames, relative to the light of all primaries together (k = 1).
+struct Steps {
+    of_black: f64,
+    of_lit: [f64; COLOURS],
+}
+
+impl Steps {
+    /// In these `blocks`, where a digital number of each pixel makes `per_dn` of that light.
+    fn of(linear: &Linear, blocks: &[&Block], per_dn: f64) -> Self {
+        let pixels: usize = blocks.iter().map(|block| block.pixels).sum();
+        let mean_dn =
+            |of: &dyn Fn(&Block) -> f64| blocks.iter().map(|block| of(block)).sum::<f64>() / pixels as f64;
+        let black_dn = mean_dn(&|block| block.black);
+        let left = |light_dn: f64| per_dn * linear.steps_in_dn(black_dn + light_dn);
+        Self {
+            of_black: left(0.0),
+            of_lit: std::array::from_fn(|primary| left(mean_dn(&|block| block.light[primary]))),
+        }
+    }
+
+    /// What they leave of this `share` of a `primary`: all are compared with the same black frames.
+    fn of_share(&self, share: f64, primary: usize) -> f64 {
+        let of_lit = self.of_lit.iter().enumerate();
+        of_lit.fold(
+            (1.0 - COLOURS as f64 * share) * self.of_black,
+            |left, (other, of_lit)| {
+                let part = if other == primary { 1.0 - share } else { share };
+                left.hypot(part * of_lit)
+            },
+        )
     }
 }
 

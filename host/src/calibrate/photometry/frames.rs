@@ -7,6 +7,7 @@ use super::rank_one::Seen;
 use super::{Black, Linear};
 use crate::brdf::sample::Sample;
 use crate::calibrate::CalibrateError;
+use crate::instrument::calibration::LampFound;
 use crate::instrument::calibration::lamp::SLOW;
 use crate::instrument::calibration::stray::{Level, Removal, Room, Told, lanes};
 
@@ -114,11 +115,12 @@ impl Seen<'_> {
         let others = image(&|at| black.unwatched[at]);
         let told = removal.level_of_watching(&watching, &others, black.counts, self.exposure_s);
         let Some(level) = told else {
-            self.lamp = [1.0, SLOW];
+            self.lamp = [1.0, LampFound::BETWEEN_VIEWS];
             return Ok(());
         };
-        self.lamp = [level.light, level.uncertainty].map(f64::from);
         if level.is_same_lamp() {
+            let known = level.beside(LampFound::BETWEEN_VIEWS);
+            self.lamp = [known.light, known.uncertainty].map(f64::from);
             return Ok(());
         }
         Err(CalibrateError::Views {

@@ -4,7 +4,7 @@ use super::camera::{Times, moments};
 use crate::instrument::calibration::CameraFound;
 use crate::instrument::calibration::lamp::SLOW;
 use crate::instrument::calibration::stray::offset_dn;
-use crate::instrument::rig::Rig;
+use crate::instrument::rig::{Binned, Rig};
 
 /// Digital numbers → what they would be if the camera were linear, above the dark level.
 pub(super) struct Linear {
@@ -13,6 +13,7 @@ pub(super) struct Linear {
     pub(super) sensor: CameraFound,
     /// What dim pixels that are alike all fall short by at most, in every frame: what noise leaves of the converter's steps, DN (k = 1).
     pub(super) steps_dn: f64,
+    binned: Binned,
     /// What the camera's offset is another by in frames that were taken at another time, DN (k = 1).
     offset_dn: f64,
     /// Of numbers above the dark level.
@@ -27,7 +28,8 @@ impl Linear {
         let camera = sensor.of_image(binned);
         Self {
             camera,
-            steps_dn: binned.common_e() / camera.gain_e_per_dn,
+            steps_dn: binned.common_e(0.0) / camera.gain_e_per_dn,
+            binned: *binned,
             offset_dn: offset_dn(rig),
             sensor,
             range: f64::from(rig.saturation_dn()) - found.dark_dn,
@@ -37,6 +39,12 @@ impl Linear {
     /// The camera with the image of `rig`.
     pub(super) fn camera_of(&self, rig: &Rig) -> CameraFound {
         self.sensor.of_image(&rig.camera.binned)
+    }
+
+    /// The same where all pixels show this light above the dark level.
+    pub(super) fn steps_in_dn(&self, light_dn: f64) -> f64 {
+        let gain_e_per_dn = self.camera.gain_e_per_dn;
+        self.binned.common_e(light_dn * gain_e_per_dn) / gain_e_per_dn
     }
 
     /// Whether a number says how much light there was, or counts as saturated.

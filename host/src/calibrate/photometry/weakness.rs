@@ -11,7 +11,7 @@ use glam::DVec3;
 use serde::Serialize;
 
 use crate::hemisphere::direction::from_degrees;
-use crate::instrument::calibration::{LampFound, Photometry, SeenPart, Shares};
+use crate::instrument::calibration::{Photometry, SeenPart, Shares};
 use crate::instrument::optics::{SampleFrame, View, cone_sr};
 use crate::instrument::rig::{Rig, RigError};
 
@@ -58,7 +58,6 @@ pub fn weaknesses(found: &Photometry, rig: &Rig) -> Result<Vec<Weakness>, RigErr
         left,
         remedy: remedy.to_owned(),
     };
-    let lamp = found.lamp.monitor.as_ref();
     let mut all = vec![
         weakness(
             "standard",
@@ -80,8 +79,7 @@ pub fn weaknesses(found: &Photometry, rig: &Rig) -> Result<Vec<Weakness>, RigErr
         ),
         weakness(
             "lamp",
-            lamp.map_or(LampFound::UNWATCHED, |monitor| monitor.standard_uncertainty)
-                .hypot(found.lamp_uncertainty),
+            found.lamp.since_uncertainty().hypot(found.lamp_uncertainty),
             "an LED with a regulated current; black cloth that shows direct light to watch it by",
         ),
         weakness(

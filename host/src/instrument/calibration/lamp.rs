@@ -56,6 +56,18 @@ pub struct Monitor {
 impl LampFound {
     /// Relative standard uncertainty (k = 1) of light that nothing compares with that of the calibration.
     pub const UNWATCHED: f64 = 0.02;
+    /// The same of light between two views of one calibration, which are minutes apart where lamps change by per cents in an hour.
+    pub(crate) const BETWEEN_VIEWS: f64 = 5e-3;
+
+    /// Relative standard uncertainty (k = 1) of the light of a measurement over that of the calibration.
+    #[must_use]
+    pub fn since_uncertainty(&self) -> f64 {
+        let watched = self
+            .monitor
+            .as_ref()
+            .map_or(f64::INFINITY, |monitor| monitor.standard_uncertainty);
+        (watched.powi(-2) + Self::UNWATCHED.powi(-2)).sqrt().recip()
+    }
 
     /// Variance of the light of one exposure over that of the black ones, as far as nothing watches it.
     pub(crate) fn prior_variance(&self) -> f64 {

@@ -375,7 +375,7 @@ impl CameraFound {
     pub(crate) fn of_image(&self, binned: &Binned) -> Self {
         Self {
             gain_e_per_dn: self.gain_e_per_dn * binned.pixels,
-            read_noise_e: (self.read_noise_e * binned.pixels.sqrt()).hypot(binned.common_e()),
+            read_noise_e: (self.read_noise_e * binned.pixels.sqrt()).hypot(binned.common_e(0.0)),
             prnu: self.prnu / binned.pixels.sqrt(),
             row_noise_e: self.row_noise_e * row_share(binned),
             dsnu_e: self.dsnu_e * binned.pixels.sqrt(),

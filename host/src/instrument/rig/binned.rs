@@ -78,27 +78,27 @@ impl Binned {
     /// Standard deviation without light of the sum of the pixels, in electrons: read noise, rounding that noise dithers,
     /// and what rounding leaves in common.
     fn noise_e(&self) -> f64 {
-        self.random_e().hypot(self.common_e())
+        self.random_e().hypot(self.common_e(0.0))
     }
 
     /// The part of it that differs from pixel to pixel and from frame to frame.
     pub(crate) fn random_e(&self) -> f64 {
-        let rounding_e2 = self.step_e * self.step_e / 12.0 - self.undithered_e2();
+        let rounding_e2 = self.step_e * self.step_e / 12.0 - self.undithered_e2(0.0);
         (self.pixels * (self.read_noise_e * self.read_noise_e + rounding_e2.max(0.0))).sqrt()
     }
 
-    /// The part of it that all pixels of a mean have in common at one level of light, and in all frames: repeated
-    /// exposures do not show it.
-    pub(crate) fn common_e(&self) -> f64 {
-        self.pixels * self.undithered_e2().sqrt()
+    /// What rounding leaves that all pixels have in common which hold `light_e` electrons of light all alike, and all frames: repeated
+    /// exposures do not show it. Photons dither, too.
+    pub(crate) fn common_e(&self, light_e: f64) -> f64 {
+        self.pixels * self.undithered_e2(light_e / self.pixels).sqrt()
     }
 
-    /// Variance over all levels of the mean error by rounding of one pixel in the dark, in electrons².
-    fn undithered_e2(&self) -> f64 {
+    /// Variance over all levels of the mean error by rounding of one pixel in `light_e` electrons of light, in electrons².
+    fn undithered_e2(&self, light_e: f64) -> f64 {
         if self.step_e <= 0.0 {
             return 0.0;
         }
-        let noise = self.read_noise_e / self.step_e;
+        let noise = (self.read_noise_e.powi(2) + light_e.max(0.0)).sqrt() / self.step_e;
         let term = |k: f64| (-(TAU * k * noise).powi(2)).exp() / (TAU * k * PI * k);
         self.step_e * self.step_e * (1..=TERMS as u32).map(|k| term(f64::from(k))).sum::<f64>()
     }
@@ -171,11 +171,17 @@ mod tests {
                     );
                 }
             }
-            let expected = one.undithered_e2();
-            assert!(
-                (squares - expected).abs() < 0.06 * expected + 1e-6,
-                "{squares} {expected}"
-            );
+            // What reading dithers, photons dither as well.
+            let lit = Binned {
+                read_noise_e: 0.6 * noise_e,
+                ..one
+            };
+            for expected in [one.undithered_e2(0.0), lit.undithered_e2((0.8 * noise_e).powi(2))] {
+                assert!(
+                    (squares - expected).abs() < 0.06 * expected + 1e-6,
+                    "{squares} {expected}"
+                );
+            }
         }
     }
 

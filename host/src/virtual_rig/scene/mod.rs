@@ -13,6 +13,7 @@
 
 mod pixel;
 mod shining;
+mod spots;
 
 use std::sync::Arc;
 
@@ -22,6 +23,7 @@ use rayon::prelude::*;
 pub(super) use shining::Shining;
 
 use pixel::{Pixel, pixels};
+use spots::SpotImages;
 
 use super::areas::LitArea;
 use super::crosstalk::Crosstalk;
@@ -35,7 +37,7 @@ use super::sensor::{Noise, Sensor};
 use super::stage::Shot;
 use super::stray::Stray;
 use super::truth::Truth;
-use crate::brdf::sample::Outgoing;
+use crate::brdf::sample::{Outgoing, Sample};
 use crate::instrument::frame_format::FrameFormat;
 use crate::instrument::optics::{DirectionTiles, View};
 use crate::instrument::rig::Rig;
@@ -86,6 +88,8 @@ pub(super) struct Scene {
     /// What the camera gets of the black projector pixels, see [`Scene::shown`]; nothing if they are black.
     black: Option<Vec<f32>>,
     stray: Option<Stray>,
+    /// Of patterns with many of them.
+    spots: SpotImages,
 }
 
 impl Scene {
@@ -137,6 +141,7 @@ impl Scene {
             colour_weight: if rig.shows_bands() { 1.0 } else { 1.0 / 3.0 },
             black: None,
             stray: Stray::of(flaws, format),
+            spots: SpotImages::default(),
         };
         if flaws.black_level > 0.0 {
             let mut image = vec![0.0; format.len()];
@@ -362,6 +367,19 @@ impl Scene {
         }
     }
 
+    /// Light of one spot with this `colour` on the `sample`, [row, column, channel].
+    fn of_spot(&self, spot: &Spot, sample: &dyn Sample, colour: DVec3) -> Vec<f32> {
+        let mut light = vec![0.0; self.format.len()];
+        let lobes = spot.light.nodes.map(|node| sample.incident(node));
+        for pixel in &self.pixels {
+            let share = pixel.share(spot, |seen, lit| seen.share(lit, self.sample_radius_m));
+            let f = self.f(spot, &lobes, pixel, share, Pixel::mean_f);
+            let f = spot.light.irradiance * DVec3::from(f);
+            self.add(&mut light, pixel.index, f * colour);
+        }
+        light
+    }
+
     /// What the camera gets of a pattern, see [`Scene::shown`].
     fn image(&self, glow: &Glow) -> Vec<f32> {
         let mut light = vec![0.0; self.format.len()];
@@ -369,24 +387,25 @@ impl Scene {
             return light;
         }
         let colour = DVec3::from(glow.colour);
-        let mut add = |pixel: &Pixel, f: DVec3| self.add(&mut light, pixel.index, f * colour);
         match (&glow.at_sample, &self.held) {
             (AtSample::Spots(spots), Held::Sample(sample)) => {
-                for spot in spots.iter() {
-                    let lobes = spot.light.nodes.map(|node| sample.incident(node));
-                    for pixel in &self.pixels {
-                        let share = pixel.share(spot, |seen, lit| seen.share(lit, self.sample_radius_m));
-                        let f = self.f(spot, &lobes, pixel, share, Pixel::mean_f);
-                        add(pixel, spot.light.irradiance * DVec3::from(f));
+                if let [spot] = **spots {
+                    light = self.of_spot(&spot, sample.as_ref(), colour);
+                } else {
+                    for spot in spots.iter() {
+                        let one = self
+                            .spots
+                            .of(spot, colour, || self.of_spot(spot, sample.as_ref(), colour));
+                        for (all, one) in light.iter_mut().zip(one.iter()) {
+                            *all += one;
+                        }
                     }
                 }
             }
             (AtSample::Image(image), _) => {
                 for pixel in &self.pixels {
-                    add(
-                        pixel,
-                        DVec3::splat(f64::from(image[pixel.index]) * pixel.throughput),
-                    );
+                    let radiance = f64::from(image[pixel.index]) * pixel.throughput;
+                    self.add(&mut light, pixel.index, radiance * colour);
                 }
             }
             (AtSample::Spots(_), Held::Mirror(_) | Held::Trap) => {}

@@ -342,7 +342,7 @@ impl BlackFrames {
         let mean = self.offsets.values().map(each).sum::<f64>() / count;
         // The first one, beside which the others are, is as noisy as they; steps of the converter that noise leaves all share.
         let weight = self.offsets.values().map(|sums| sums[1]).sum::<f64>() / count;
-        let steps_dn = rig.camera.binned.common_e() / rig.gain_e_per_dn();
+        let steps_dn = rig.camera.binned.common_e(0.0) / rig.gain_e_per_dn();
         let variance = weight.max(f64::MIN_POSITIVE).recip() + steps_dn.powi(2);
         let trust = wander_dn.powi(2) / (wander_dn.powi(2) + variance);
         let node = |(pattern, sums): (&usize, &[f64; 2])| {

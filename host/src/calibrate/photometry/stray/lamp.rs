@@ -35,7 +35,8 @@ impl Frames {
                 scale * each.sum::<f64>()
             };
             let (found, left) = self.smooth(&dark, &shown)?;
-            off = off.max(left.hypot(steps_dn(rig) / (views.watched_s * found[0])));
+            let watching_dn = views.watched_s * found[0];
+            off = off.max(left.hypot(steps_dn(rig, watching_dn) / watching_dn));
             light.push(found);
         }
         Some(Monitor {

@@ -61,6 +61,17 @@ impl Level {
         all.into_iter().min_by(least)
     }
 
+    /// What is known of a lamp that was told like this and is known to be as what it is compared with to `prior`, relative (k = 1), anyway: a
+    /// camera of coarse steps tells less than that.
+    pub(crate) fn beside(self, prior: f64) -> Self {
+        let trust = (prior * prior / (prior * prior + f64::from(self.uncertainty).powi(2))) as f32;
+        Self {
+            light: 1.0 + trust * (self.light - 1.0),
+            uncertainty: trust.sqrt() * self.uncertainty,
+            common: trust.sqrt() * self.common,
+        }
+    }
+
     /// What a frame shows `more` than a black one, of light `black`, had the lamp been the same.
     pub(crate) fn steady(self, more: Vec4, black: Vec4) -> Vec4 {
         (more - black * (self.light - 1.0)) / self.light
@@ -245,6 +256,22 @@ impl Removal {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_lamp_is_known_no_worse_than_lamps_are_and_no_better_than_it_is_told() {
+        let told = |uncertainty| Level {
+            light: 1.06,
+            uncertainty,
+            common: uncertainty,
+        };
+        let [well, badly] = [1e-4, 0.19].map(|uncertainty| told(uncertainty).beside(0.02));
+        assert!(
+            (well.light - 1.06).abs() < 1e-5 && (well.uncertainty - 1e-4).abs() < 1e-8,
+            "{well:?}"
+        );
+        assert!((badly.light - 1.0).abs() < 1e-3, "{badly:?}");
+        assert!((0.0198..0.02).contains(&badly.uncertainty), "{badly:?}");
+    }
 
     #[test]
     fn the_lamp_is_told_by_the_exposure_time_that_tells_it_best() {

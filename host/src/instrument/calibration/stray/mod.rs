@@ -224,9 +224,14 @@ pub(crate) fn offset_dn(rig: &Rig) -> f64 {
     WANDER_E * rig.camera.binned.pixels / rig.gain_e_per_dn()
 }
 
-/// What noise leaves of the converter's steps in the difference of two mean images of `rig`, digital numbers (k = 1).
-pub(crate) fn steps_dn(rig: &Rig) -> f64 {
-    std::f64::consts::SQRT_2 * rig.camera.binned.common_e() / rig.gain_e_per_dn()
+/// What noise leaves of the converter's steps in the difference of two mean images of `rig`, of which one is dark and one shows this light
+/// above the dark level, digital numbers (k = 1).
+pub(crate) fn steps_dn(rig: &Rig, light_dn: f64) -> f64 {
+    let (binned, gain_e_per_dn) = (&rig.camera.binned, rig.gain_e_per_dn());
+    binned
+        .common_e(0.0)
+        .hypot(binned.common_e(light_dn * gain_e_per_dn))
+        / gain_e_per_dn
 }
 
 impl Removal {
@@ -234,7 +239,7 @@ impl Removal {
     pub(crate) fn of(found: &Stray, lamp: &LampFound, side: u32, rig: &Rig) -> Self {
         let format = rig.frame_format();
         Self {
-            steps_dn: steps_dn(rig) as f32,
+            steps_dn: steps_dn(rig, 0.0) as f32,
             ..Self::new(
                 found,
                 (lamp, side),
