@@ -30,6 +30,8 @@ use crate::store::Segment;
 /// Angle in degrees up to which a mirror stands as stated beside those of the views before, and by the rig file alone.
 const STANDS_DEG: f64 = 5.0;
 const ALONE_DEG: f64 = 11.0;
+/// The same by the rig file where views are there already: somebody may have kept one that stood farther off.
+const KEPT_DEG: f64 = 22.0;
 /// Median angle in radians up to which matches are those of one mirror.
 const MIRROR_RAD: f64 = 0.2;
 /// A way round of the images that misses by more than so many times the least, and this beside, is not the right one.
@@ -61,8 +63,9 @@ struct Stood {
     missed_rad: f64,
     /// By how much the views before have their normals otherwise than stated, on average.
     shift: DVec3,
-    /// How far it may stand otherwise than stated beside that, degrees.
+    /// How far it may stand otherwise than stated beside that, and in all, degrees.
     tolerance_deg: f64,
+    farthest_deg: f64,
 }
 
 impl Stands {
@@ -119,7 +122,7 @@ impl Stands {
         let off_deg = angle_between(stood.normal, stated).to_degrees();
         let beside_deg = angle_between(stood.normal - stood.shift, stated).to_degrees();
         tracing::debug!(view, off_deg, beside_deg, stood.missed_rad, "mirror stands");
-        if off_deg <= ALONE_DEG && beside_deg <= stood.tolerance_deg {
+        if off_deg <= stood.farthest_deg && beside_deg <= stood.tolerance_deg {
             return None;
         }
         let (tilt_deg, azimuth_deg) = to_degrees(stood.normal);
@@ -180,7 +183,7 @@ fn explained(outs: &Sights, lits: &Sights, ends: &[usize], stated: &[DVec3]) -> 
         match at.checked_sub(1) {
             None => first = Some(stood),
             Some(other) => {
-                if angle_between(stood.normal, stated[other]).to_degrees() > ALONE_DEG {
+                if angle_between(stood.normal, stated[other]).to_degrees() > KEPT_DEG {
                     others = 1.0;
                 }
                 shifts.push(stood.normal - stated[other]);
@@ -192,6 +195,7 @@ fn explained(outs: &Sights, lits: &Sights, ends: &[usize], stated: &[DVec3]) -> 
     if !shifts.is_empty() && others == 0.0 {
         first.shift = shifts.iter().sum::<DVec3>() / shifts.len() as f64;
         first.tolerance_deg = STANDS_DEG;
+        first.farthest_deg = KEPT_DEG;
     }
     Some((others, first))
 }
@@ -220,6 +224,7 @@ fn stood(outs: &[Option<DVec3>], lits: &[Option<DVec3>]) -> Option<Stood> {
         missed_rad,
         shift: DVec3::ZERO,
         tolerance_deg: ALONE_DEG,
+        farthest_deg: ALONE_DEG,
     })
 }
 

@@ -2,10 +2,11 @@
 //!
 //! # Design
 //! Spots of light from some directions are shown one after the other. What is diffuse lights up as a whole, by as much as it reflects
-//! and as the cosine of each direction against its normal: so brightness tells both (R. J. Woodham 1980, photometric stereo). A
-//! flat mirror shows a small image of the spot, halfway between which and the spot is its normal. Brightness is compared with the
-//! nominal rig, which is right to a factor rather than to percents: enough for which of two standards it is, and whether anything
-//! is there. How well the standard is what it is said to be, nobody but the calibration can tell.
+//! and as the cosine of each direction against its normal: so brightness tells both (R. J. Woodham 1980, photometric stereo), where
+//! it is lit at all: of a standard that stands beside the focus, light and view meet in a part only. It is the same part for most
+//! spots, where a flat mirror shows a small image of each at another place, halfway between which and the spot is its normal. Brightness
+//! is compared with the nominal rig, which is right to a factor rather than to percents: enough for which of two standards it is, and
+//! whether anything is there. How well the standard is what it is said to be, nobody but the calibration can tell.
 
 use std::f64::consts::PI;
 
@@ -27,9 +28,11 @@ use crate::instrument::rig::Rig;
 const SPOT_DEG: f64 = 8.0;
 /// Spots, about.
 const SPOTS: usize = 12;
-/// A pixel is lit that is brighter than this share of the brightest ones, and a diffuse target lights this share of those that see it.
+/// A pixel is lit that is brighter than this share of the brightest ones.
 const LIT: f64 = 0.15;
-const FILLS: f64 = 0.2;
+/// By so much images of a diffuse target in the light of two spots are alike at least, on average: 1 where they are the same, 0 where
+/// no pixel is lit in both.
+const ALIKE: f64 = 0.4;
 /// Below this reflectance, and below so many standard deviations of its noise, there is nothing.
 const EMPTY: f64 = 0.01;
 const CLEAR: f64 = 5.0;
@@ -180,22 +183,26 @@ fn told(rig: &Rig, seen: &[Seen]) -> Looks {
     }
     let steps = sum.windows(2).map(|pair| (pair[1] - pair[0]).abs());
     let noise = (1.05 * median(steps.collect()).unwrap_or(0.0)).max(0.5);
-    let mut sorted = sum.clone();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let bright = sorted[sorted.len() * 99 / 100];
-    let lit = sum.iter().filter(|light| **light > LIT * bright).count();
-    let fills = lit as f64 / sum.len() as f64;
-    let levels: Vec<(DVec3, f64)> = seen
-        .iter()
-        .zip(&lights)
-        .map(|(one, light)| {
-            let mean = light.iter().sum::<f64>() / light.len() as f64;
-            (one.towards, mean / one.white * one.towards.z)
-        })
-        .collect();
-    let (reflectance, normal) = stereo(&levels);
+    let bright = brightest(&sum);
+    let mean = |light: &[f64]| light.iter().sum::<f64>() / light.len() as f64;
+    let levels = |of: &dyn Fn(&[f64]) -> f64| -> Vec<(DVec3, f64)> {
+        let each = seen.iter().zip(&lights);
+        each.map(|(one, light)| (one.towards, of(light) / one.white * one.towards.z))
+            .collect()
+    };
+    let (of_all, _) = stereo(&levels(&mean));
+    let (reflectance, normal) = stereo(&levels(&|light| {
+        let bright = brightest(light);
+        let lit: Vec<f64> = light
+            .iter()
+            .copied()
+            .filter(|light| *light > LIT * bright)
+            .collect();
+        if lit.is_empty() { 0.0 } else { mean(&lit) }
+    }));
+    let alike = alike(&lights);
     tracing::debug!(
-        fills,
+        alike,
         bright,
         noise,
         reflectance,
@@ -205,8 +212,8 @@ fn told(rig: &Rig, seen: &[Seen]) -> Looks {
     if bright < CLEAR * noise {
         return Looks::Nothing;
     }
-    if fills >= FILLS {
-        return if reflectance < EMPTY {
+    if alike >= ALIKE {
+        return if of_all < EMPTY {
             Looks::Nothing
         } else {
             Looks::Diffuse(reflectance, normal)
@@ -223,6 +230,33 @@ fn told(rig: &Rig, seen: &[Seen]) -> Looks {
         (Some(x), Some(y), Some(z)) => Looks::Mirror(DVec3::new(x, y, z).normalize_or_zero()),
         _ => Looks::Nothing,
     }
+}
+
+/// What one pixel of 100 is brighter than.
+fn brightest(light: &[f64]) -> f64 {
+    let mut sorted = light.to_vec();
+    sorted.sort_unstable_by(f64::total_cmp);
+    sorted[sorted.len() * 99 / 100]
+}
+
+/// By how much images are alike, on average over all pairs: the cosine between them as vectors, of what is lit in them.
+fn alike(lights: &[Vec<f64>]) -> f64 {
+    let lit: Vec<Vec<f64>> = lights
+        .iter()
+        .map(|light| {
+            let limit = LIT * brightest(light);
+            light.iter().map(|light| (light - limit).max(0.0)).collect()
+        })
+        .collect();
+    let dot = |one: &[f64], other: &[f64]| one.iter().zip(other).map(|(a, b)| a * b).sum::<f64>();
+    let (mut sum, mut pairs) = (0.0, 0_u32);
+    for (at, one) in lit.iter().enumerate() {
+        for other in &lit[at + 1..] {
+            sum += dot(one, other) / (dot(one, one) * dot(other, other)).sqrt().max(f64::MIN_POSITIVE);
+            pairs += 1;
+        }
+    }
+    sum / f64::from(pairs.max(1))
 }
 
 /// The direction halfway between a spot and the middle of what the `camera` sees of it brighter than `limit`.
@@ -267,6 +301,26 @@ mod tests {
         let (reflectance, found) = stereo(&(0..9).map(level).collect::<Vec<_>>());
         assert!((reflectance - 0.4).abs() < 1e-9 && found.distance(normal) < 1e-9);
         assert_eq!(stereo(&[]), (0.0, DVec3::Z));
+    }
+
+    #[test]
+    fn a_part_that_is_lit_by_all_spots_is_alike_and_small_images_of_each_are_not() {
+        // 400 pixels, of which spot after spot lights some, above a veil of 2 %.
+        let image =
+            |lit: &dyn Fn(usize) -> f64| -> Vec<f64> { (0..400).map(|pixel| 0.02 + lit(pixel)).collect() };
+        let part = |spot: usize| {
+            image(&|pixel| {
+                if pixel < 60 + 5 * spot {
+                    0.5 + 0.05 * spot as f64
+                } else {
+                    0.0
+                }
+            })
+        };
+        let small = |spot: usize| image(&|pixel| if pixel / 20 == spot { 1.0 } else { 0.0 });
+        let of = |image: &dyn Fn(usize) -> Vec<f64>| alike(&(0..9).map(image).collect::<Vec<_>>());
+        assert!(of(&part) > 0.8, "{}", of(&part));
+        assert!(of(&small) < 0.05, "{}", of(&small));
     }
 
     #[test]
