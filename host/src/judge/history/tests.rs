@@ -22,7 +22,7 @@ fn history(values: &[f64]) -> History {
         .zip(values)
         .map(|(day, value)| member(day, *value))
         .collect();
-    History::of_members(&members, Over::Mean).unwrap()
+    History::of_members(&members, Over::Mean, vec![String::new()]).unwrap()
 }
 
 #[test]
