@@ -70,11 +70,9 @@ fn bias(one: &Agreement) -> String {
 }
 
 fn text(compared: &Compared) -> String {
-    let names: &[&str] = if compared.overall.len() == 1 {
-        &["bias"]
-    } else {
-        &["bias, red", "bias, green", "bias, blue"]
-    };
+    let names: Vec<String> = (0..compared.overall.len())
+        .map(|channel| compared.bias_of(channel))
+        .collect();
     let mut lines: Vec<(&str, String)> = vec![(
         "pairs",
         format!(
@@ -83,7 +81,12 @@ fn text(compared: &Compared) -> String {
             percent(compared.share)
         ),
     )];
-    lines.extend(names.iter().copied().zip(compared.overall.iter().map(bias)));
+    lines.extend(
+        names
+            .iter()
+            .map(String::as_str)
+            .zip(compared.overall.iter().map(bias)),
+    );
     lines.push((
         "scatter",
         compared.normalised_scatter.map_or_else(

@@ -159,6 +159,12 @@ fn lines(plan: &Plan, forecast: &Forecast) -> Vec<(&'static str, String)> {
             ),
         ),
         (
+            "display",
+            pace.display_frames.map_or_else(String::new, |frames| {
+                format!("{frames:.1} display frames for each exposure, a dark one among them (projector.window.refresh_hz; 60 Hz where it is not said)")
+            }),
+        ),
+        (
             "not counted",
             format!("{} times that patterns are loaded into the projector", pace.loads),
         ),
@@ -170,6 +176,7 @@ fn lines(plan: &Plan, forecast: &Forecast) -> Vec<(&'static str, String)> {
             ),
         ),
     ];
+    lines.retain(|(_, line)| !line.is_empty());
     let what = match forecast.bound_by {
         Bound::Camera => "settling, exposing and reading out",
         Bound::Projector => "the projector's pattern rate",

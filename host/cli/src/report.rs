@@ -9,6 +9,7 @@ use rcg::capture::directory::Measurement;
 use rcg::judge::evaluate::evaluate;
 use rcg::measure::page::{Capture, Page};
 use rcg::measure::report::evaluation_lines;
+use rcg::plan::predicted_time::instrument_s;
 use rcg::store::whole_file::write_whole;
 use serde_json::json;
 
@@ -68,7 +69,7 @@ pub(crate) fn run(args: &Args, output: &Output) -> Done {
         capture: measurement.as_ref().map(Capture::of).transpose()?,
         instrument_s: measurement
             .as_ref()
-            .map(|measurement| measurement.plan.duration_s()),
+            .map(|measurement| instrument_s(&measurement.plan, &measurement.rig)),
     };
     let html = page.html(&brdf, sample.as_deref())?;
     write_whole(&args.out, html.as_bytes())?;

@@ -7,7 +7,7 @@ use super::projection::Projection;
 use super::radiometry::{Bench, Way, Work, before};
 use super::window::Agree;
 use crate::instrument::calibration::lamp::SLOW;
-use crate::instrument::calibration::stray::Told;
+use crate::instrument::calibration::stray::{ByBand, Told};
 use crate::plan::{Directions, Exposure, Plan};
 use crate::store::RawStore;
 
@@ -42,7 +42,7 @@ pub(super) fn learn(
     let values = projection.radiometry[0].dark.len();
     let every = raw.segments().div_ceil(SEGMENTS).max(1);
     let each = PATTERNS.div_ceil(raw.segments().div_ceil(every).max(1));
-    let mut told: Vec<Vec<Option<Told>>> = Vec::new();
+    let mut told: Vec<Vec<ByBand<Option<Told>>>> = Vec::new();
     for number in (0..raw.segments()).step_by(every) {
         let segment = raw.read_segment(number)?;
         agree(number, &segment)?;

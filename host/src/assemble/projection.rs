@@ -11,7 +11,7 @@ use super::radiometry::{
 use super::stray::StrayLight;
 use crate::assemble::resample::Resampling;
 use crate::hemisphere::disk::Disk;
-use crate::instrument::calibration::stray::Bias;
+use crate::instrument::calibration::stray::{Bias, ByBand};
 use crate::store::Segment;
 use crate::store::provenance::Provenance;
 
@@ -75,7 +75,7 @@ impl Projection {
     }
 
     /// What frames of each exposure time are off by alike.
-    pub(super) fn bias(&self) -> &[Bias] {
+    pub(super) fn bias(&self) -> &[ByBand<Bias>] {
         self.stray.as_ref().map_or(&[], StrayLight::bias)
     }
 

@@ -5,7 +5,7 @@ use super::radiometry::Radiometry;
 use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::calibration::LampFound;
 use crate::instrument::calibration::photometry::COMMAND;
-use crate::instrument::calibration::stray::{Bias, Level, PROJECTOR_TERMS, Removal, Told};
+use crate::instrument::calibration::stray::{Bias, ByBand, Level, PROJECTOR_TERMS, Removal, Told};
 use crate::instrument::rig::Rig;
 use crate::plan::Plan;
 
@@ -15,7 +15,7 @@ pub(super) struct StrayLight {
     /// Of each incident direction, zero where it is not lit.
     lit: Vec<[f64; PROJECTOR_TERMS]>,
     /// Of each exposure time, what its frames are off by alike.
-    bias: Vec<Bias>,
+    bias: Vec<ByBand<Bias>>,
 }
 
 impl StrayLight {
@@ -74,16 +74,21 @@ impl StrayLight {
 
     /// Learns what frames are off by alike from what some of them `told` of the lamp, [pattern][exposure time], beside black ones as in
     /// `radiometry`, from which it changed `slowly` by so much, relative (k = 1).
-    pub(super) fn learn(&mut self, told: &[Vec<Option<Told>>], radiometry: &[Radiometry], slowly: f64) {
+    pub(super) fn learn(
+        &mut self,
+        told: &[Vec<ByBand<Option<Told>>>],
+        radiometry: &[Radiometry],
+        slowly: f64,
+    ) {
         let of = |(exposure, one): (usize, &Radiometry)| {
-            let of_time: Vec<Told> = told.iter().filter_map(|pattern| pattern[exposure]).collect();
+            let of_time: Vec<ByBand<Option<Told>>> = told.iter().map(|pattern| pattern[exposure]).collect();
             self.removal.bias(&of_time, one.counts[0], slowly)
         };
         self.bias = radiometry.iter().enumerate().map(of).collect();
     }
 
     /// See [`learn`](Self::learn); nothing before that.
-    pub(super) fn bias(&self) -> &[Bias] {
+    pub(super) fn bias(&self) -> &[ByBand<Bias>] {
         &self.bias
     }
 

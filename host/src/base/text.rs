@@ -247,6 +247,15 @@ pub fn duration(seconds: f64) -> String {
     }
 }
 
+/// A name as a field of a table (RFC 4180).
+pub(crate) fn quoted(name: &str) -> String {
+    if name.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", name.replace('"', "\"\""))
+    } else {
+        name.to_owned()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

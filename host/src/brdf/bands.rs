@@ -26,6 +26,21 @@ impl Brdf {
         }
     }
 
+    /// What people call the channels, in their order: the bands, with centre and width, as far as the file says; else red, green and blue, and
+    /// nothing ("") where there is only one.
+    #[must_use]
+    pub fn channel_labels(&self) -> Vec<String> {
+        let usual = || match self.channels() {
+            1 => vec![String::new()],
+            channels => ["red", "green", "blue"]
+                .into_iter()
+                .take(channels)
+                .map(str::to_owned)
+                .collect(),
+        };
+        self.bands().map_or_else(usual, |bands| bands.labels())
+    }
+
     fn other_bands(&self, other: &Self) -> BrdfError {
         let words = |brdf: &Self| brdf.bands().map_or_else(String::new, |bands| bands.words());
         BrdfError::Content {

@@ -85,15 +85,6 @@ pub enum CalibrateError {
     /// Somebody who puts targets in stopped before all was prepared.
     #[error("views by hand: expected the targets that are asked for, found that somebody stopped")]
     Stopped,
-    /// Lamp, light and throughput of bands that are shown one after the other are not told apart.
-    #[error(
-        "rig {rig}: bands.made_by: expected \"camera\" for a calibration of the photometry, which takes the lamp to be the same in all \
-         channels of an image, found \"projector\", whose bands are lit one after the other"
-    )]
-    Bands {
-        /// The rig's name.
-        rig: String,
-    },
     /// The views do not determine what they should.
     #[error("calibration views: expected {expected}, found {found}; {advice}")]
     Views {
@@ -137,7 +128,6 @@ impl Blame for CalibrateError {
             | Self::Choice(_)
             | Self::Mask { .. }
             | Self::Standards { .. }
-            | Self::Bands { .. }
             | Self::Views { .. } => true,
         }
     }
@@ -153,19 +143,6 @@ impl From<PlanError> for CalibrateError {
     fn from(error: PlanError) -> Self {
         Self::Measurement(error.into())
     }
-}
-
-/// Refuses to calibrate the photometry of a `rig` whose projector makes the bands.
-///
-/// # Errors
-/// [`CalibrateError::Bands`].
-pub fn check_bands(rig: &Rig) -> Result<(), CalibrateError> {
-    if rig.shows_bands() {
-        return Err(CalibrateError::Bands {
-            rig: rig.name.clone(),
-        });
-    }
-    Ok(())
 }
 
 /// Share of the light that the flat mirror of the virtual rig reflects: black glass.

@@ -142,11 +142,19 @@ impl Bands {
     /// In words, such as "red 620 nm (60 nm wide), green 530 nm (70 nm wide), blue 460 nm (25 nm wide), made by the camera".
     #[must_use]
     pub fn words(&self) -> String {
+        format!(
+            "{}, made by the {}",
+            self.labels().join(", "),
+            self.made_by.word()
+        )
+    }
+
+    /// Each in words, such as "red 620 nm (60 nm wide)".
+    #[must_use]
+    pub fn labels(&self) -> Vec<String> {
         let each = self.name.iter().zip(self.centre_nm.iter().zip(&self.width_nm));
-        let each: Vec<String> = each
-            .map(|(name, (centre_nm, width_nm))| format!("{name} {centre_nm} nm ({width_nm} nm wide)"))
-            .collect();
-        format!("{}, made by the {}", each.join(", "), self.made_by.word())
+        each.map(|(name, (centre_nm, width_nm))| format!("{name} {centre_nm} nm ({width_nm} nm wide)"))
+            .collect()
     }
 }
 

@@ -17,8 +17,9 @@ use super::budget::aligned;
 use crate::assemble::share::Share;
 use crate::assemble::{Probe, Probed};
 use crate::base::progress::Progress;
-use crate::brdf::RegionBudget;
+use crate::base::text::quoted;
 use crate::brdf::cause::{Cause, KINDS};
+use crate::brdf::{Brdf, RegionBudget};
 use crate::capture::directory::Measurement;
 use crate::hemisphere::direction::{angle_between, from_degrees, to_degrees};
 use crate::hemisphere::disk::Disk;
@@ -54,6 +55,8 @@ pub struct Budget {
     pub of: String,
     /// Number of the channel; `None` for all.
     pub channel: Option<usize>,
+    /// What that is called, see [`crate::brdf::Brdf::channel_labels`]; empty if it is alone and nobody says.
+    pub band: String,
     /// f; 1 for a region, whose uncertainties are relative.
     pub value: f64,
     /// Unit of value and contributions.
@@ -83,6 +86,7 @@ impl Budget {
         Self {
             of,
             channel,
+            band: String::new(),
             value,
             unit,
             rows,
@@ -148,6 +152,7 @@ pub fn at(
     assembled(measurement, None, to, progress)?;
     let applied = AppliedCalibration::read(measurement.dir()).map_err(Box::new)?;
     let known = Known::of(&applied, measurement.rig.light.polarisation);
+    let labels = Brdf::open(&scratch.join("brdf.zarr"))?.channel_labels();
     let budgets = |[incident, cell]: [usize; 2], found: &[Probed]| {
         let light = grid.angles_deg(incident);
         let view = disk.direction(cell).map_or((f64::NAN, f64::NAN), to_degrees);
@@ -155,7 +160,11 @@ pub fn at(
             "f with light from ({:.2}°, {:.2}°) and view to ({:.2}°, {:.2}°)",
             light.0, light.1, view.0, view.1
         );
-        found.iter().map(|one| known.budget(of.clone(), one)).collect()
+        let budget = |one: &Probed| Budget {
+            band: labels[one.channel].clone(),
+            ..known.budget(of.clone(), one)
+        };
+        found.iter().map(budget).collect()
     };
     let mut found = probe.found().into_iter();
     let of = |sample: Option<[usize; 2]>| match sample.and_then(|sample| Some((sample, found.next()?))) {
@@ -257,9 +266,11 @@ const HEADS: [&str; 7] = [
 pub fn text(budgets: &[Budget]) -> String {
     let mut all = String::new();
     for budget in budgets {
-        let channel = budget
-            .channel
-            .map_or_else(String::new, |channel| format!(", channel {channel}"));
+        let channel = match (budget.channel, budget.band.as_str()) {
+            (None, _) => String::new(),
+            (Some(channel), "") => format!(", channel {channel}"),
+            (Some(channel), band) => format!(", channel {channel}, {band}"),
+        };
         writeln!(
             all,
             "{}{channel}: {:.5e} {}, standard uncertainty {:.3e} ({:.2} %), expanded {:.3e} (k = {})",
@@ -299,7 +310,7 @@ fn cells(row: &Row) -> [String; 7] {
 /// The tables as CSV: one line per cause, value and combined uncertainty repeated.
 #[must_use]
 pub fn csv(budgets: &[Budget]) -> String {
-    let mut all = "of,channel,value,unit,source,quantity,type,standard_uncertainty_of_source,unit_of_source,sensitivity,contribution,\
+    let mut all = "of,channel,band,value,unit,source,quantity,type,standard_uncertainty_of_source,unit_of_source,sensitivity,contribution,\
                    share_of_variance,shared_by,combined_standard_uncertainty,expanded_uncertainty,coverage_factor\n"
         .to_owned();
     for budget in budgets {
@@ -309,8 +320,9 @@ pub fn csv(budgets: &[Budget]) -> String {
         for row in &budget.rows {
             writeln!(
                 all,
-                "\"{}\",{channel},{:e},{},{},\"{}\",\"{}\",{:e},{},{:e},{:e},{:.6},\"{}\",{:e},{:e},{}",
+                "\"{}\",{channel},{},{:e},{},{},\"{}\",\"{}\",{:e},{},{:e},{:e},{:.6},\"{}\",{:e},{:e},{}",
                 budget.of,
+                quoted(&budget.band),
                 budget.value,
                 budget.unit,
                 row.cause.name,

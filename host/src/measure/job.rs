@@ -211,7 +211,9 @@ impl Job {
     fn find_spot(&mut self, exposures_s: &[f64], progress: &dyn Progress) -> Result<(), MeasureError> {
         progress.begin("pilot capture", 1, "runs");
         let mut instrument = self.open()?;
-        let choice = choose_spot(&self.rig, &self.plan.request, &mut instrument)?;
+        let choice = choose_spot(&self.rig, &self.plan.request, &mut instrument, &|| {
+            progress.reach(0);
+        })?;
         progress.remark(&choice.to_string());
         progress.end();
         let request = Request {
@@ -225,7 +227,9 @@ impl Job {
     fn find_light(&mut self, progress: &dyn Progress) -> Result<(), MeasureError> {
         progress.begin("pilot capture", 1, "runs");
         let mut instrument = self.open()?;
-        let choice = choose_light(&self.rig, &self.plan.request, &mut instrument)?;
+        let choice = choose_light(&self.rig, &self.plan.request, &mut instrument, &|| {
+            progress.reach(0);
+        })?;
         progress.remark(&choice.to_string());
         progress.end();
         self.plan.code = choice.code;
@@ -267,9 +271,14 @@ impl Job {
                 request,
                 self.plan.code,
                 &mut instrument,
+                &|| {
+                    progress.reach(0);
+                },
             )?]
         } else {
-            let proposal = propose(&self.rig, request, self.plan.code, &mut instrument)?;
+            let proposal = propose(&self.rig, request, self.plan.code, &mut instrument, &|| {
+                progress.reach(0);
+            })?;
             progress.remark(&proposal.to_string());
             proposal.exposures_s
         };

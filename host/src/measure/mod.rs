@@ -29,6 +29,7 @@ use crate::instrument::rig::Rig;
 use crate::judge::evaluate::evaluate;
 use crate::measure::report::{Elapsed, ReportError, Summary, report};
 use crate::plan::Request;
+use crate::plan::predicted_time::instrument_s;
 use crate::store::StoreError;
 use crate::store::whole_file::FileError;
 use crate::virtual_rig::setup::{Setup, SetupError};
@@ -220,7 +221,7 @@ pub fn conclude(
         exposures: plan.len(),
         exposure_s: plan.exposure_s,
         exposures_s: plan.exposures_s(),
-        instrument_s: plan.duration_s(),
+        instrument_s: instrument_s(plan, &measurement.rig),
         capture: tally,
         assembled,
         evaluation,

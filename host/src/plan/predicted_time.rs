@@ -2,7 +2,9 @@
 //!
 //! # Design
 //! A step is bound by whatever it would be shorter without: each limit of the rig is taken away in turn, and the period
-//! that is left says what that limit costs. Loading patterns into the projector between segments is not counted: no
+//! that is left says what that limit costs. A monitor that a window fills ([`window`](crate::capture)) shows a picture for whole display
+//! frames: until the box has said that the step is over; then a dark one follows. Each exposure has a picture of its own there, also those
+//! of one pattern. Loading patterns into the projector between segments is not counted: no
 //! projector's loading time is part of a rig file.
 
 use serde::Serialize;
@@ -23,10 +25,18 @@ pub enum Limit {
     Readout,
     /// `projector.min_period_s`.
     PatternRate,
+    /// Display frames of `projector.window`.
+    Display,
 }
 
 impl Limit {
-    const ALL: [Self; 4] = [Self::Settling, Self::Exposure, Self::Readout, Self::PatternRate];
+    const ALL: [Self; 5] = [
+        Self::Settling,
+        Self::Exposure,
+        Self::Readout,
+        Self::PatternRate,
+        Self::Display,
+    ];
 
     /// What takes the limit away, for people.
     #[must_use]
@@ -36,6 +46,7 @@ impl Limit {
             Self::Exposure => "light enough for a very short exposure",
             Self::Readout => "a camera that reads out while it exposes, or at once",
             Self::PatternRate => "a projector without a limit on its pattern rate",
+            Self::Display => "a projector that is triggered, whose pictures wait for no display frame",
         }
     }
 
@@ -48,9 +59,36 @@ impl Limit {
             Self::Exposure => exposures_s.fill(0.0),
             Self::Readout => rig.camera.readout_s = 0.0,
             Self::PatternRate => rig.projector.min_period_s = 0.0,
+            Self::Display => return mean(&periods_s(&rig, &exposures_s)),
         }
-        mean(&periods_s(&rig, &exposures_s))
+        mean(&displayed_s(&rig, &exposures_s))
     }
+}
+
+/// The trigger box is asked every millisecond whether a step is over, and its answer takes another.
+const ROUND_TRIP_S: f64 = 2e-3;
+
+/// From one exposure to the next in s, for exposures of `exposures_s` seconds of one pattern on `rig`, with what its display adds.
+fn displayed_s(rig: &Rig, exposures_s: &[f64]) -> Vec<f64> {
+    let Some(hz) = rig.refresh_hz() else {
+        return periods_s(rig, exposures_s);
+    };
+    // Each is shown anew.
+    let steps_s = exposures_s
+        .iter()
+        .flat_map(|exposure_s| periods_s(rig, &[*exposure_s]));
+    steps_s
+        .map(|step_s| (((step_s + ROUND_TRIP_S) * hz).ceil() + 1.0) / hz)
+        .collect()
+}
+
+/// Time that the exposures of `plan` take on `rig`, all bands of them, with what its display adds, in s; without loading.
+#[must_use]
+pub fn instrument_s(plan: &Plan, rig: &Rig) -> f64 {
+    if rig.refresh_hz().is_none() {
+        return plan.duration_s();
+    }
+    (plan.len() * plan.bands) as f64 * mean(&displayed_s(rig, &plan.exposures_s()))
 }
 
 fn mean(times_s: &[f64]) -> f64 {
@@ -85,6 +123,8 @@ pub struct PredictedTime {
     pub grid_s: f64,
     /// Share of a step in which the camera gathers light.
     pub exposing_share: f64,
+    /// Display frames that each exposure takes, on average; `None` where the projector is triggered.
+    pub display_frames: Option<f64>,
     /// Times that patterns are loaded, which takes time that is not counted.
     pub loads: usize,
     /// What the limits cost, the dearest first; those that cost nothing are left out.
@@ -96,8 +136,7 @@ impl PredictedTime {
     #[must_use]
     pub fn new(plan: &Plan, directions: &Directions, rig: &Rig) -> Self {
         let exposures_s = plan.exposures_s();
-        let periods: Vec<f64> = plan.timings().iter().map(|timing| timing.period_s).collect();
-        let period_s = mean(&periods);
+        let period_s = instrument_s(plan, rig) / (plan.len() * plan.bands) as f64;
         let exposures = (plan.len() * plan.bands) as f64;
         let each = plan.brackets() * plan.bands;
         // Patterns per direction, 1 but for codes.
@@ -121,6 +160,7 @@ impl PredictedTime {
             black_s: (BLACK_EXPOSURES * each) as f64 * period_s,
             grid_s: (directions.grid.len() * each) as f64 * period_s * shared,
             exposing_share: mean(&exposures_s) / period_s,
+            display_frames: rig.refresh_hz().map(|hz| period_s * hz),
             loads: plan.len().div_ceil(plan.segment),
             costs,
         }
@@ -178,6 +218,27 @@ mod tests {
             pace.instrument_s
         );
         assert_eq!(limits(&pace), [Limit::PatternRate]);
+    }
+
+    #[test]
+    fn a_display_shows_each_picture_for_whole_frames_and_a_dark_one() {
+        let mut rig = Rig::load("rcg-2").unwrap();
+        rig.projector.settle_s = 0.010;
+        rig.projector.min_period_s = 0.0;
+        rig.camera.exposure_s = 0.004;
+        rig.camera.overlap = true;
+        rig.camera.readout_s = 0.0;
+        let triggered = pace(&rig, 15.0);
+        assert_eq!(triggered.display_frames, None);
+        rig.projector.driver = crate::instrument::drivers::ProjectorDriver::Window;
+        // Whoever does not say how often has 60 Hz: the step ends in the first frame, the next goes dark.
+        for (exposure_s, frames) in [(0.004, 2.0), (0.008, 3.0), (0.024, 4.0)] {
+            rig.camera.exposure_s = exposure_s;
+            let led = pace(&rig, 15.0);
+            assert!((led.display_frames.unwrap() - frames).abs() < 1e-9, "{led:?}");
+            assert!((led.instrument_s - 160.0 * frames / 60.0).abs() < 1e-9, "{led:?}");
+            assert_eq!(limits(&led)[0], Limit::Display, "{led:?}");
+        }
     }
 
     #[test]

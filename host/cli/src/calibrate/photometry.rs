@@ -6,7 +6,6 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use rcg::base::date::Date;
 use rcg::base::progress::Progress as _;
 use rcg::brdf::sample::parse;
-use rcg::calibrate::check_bands;
 use rcg::calibrate::photometry::{
     ByHand, Height, NONE, Request, Said, Trust, Views, Weakness, calibrate, capture, height, standards,
     weaknesses,
@@ -158,7 +157,6 @@ fn request(args: &Args, said: &Said, rig: &str, trust: &Trust, output: &Output) 
     let path = args.out.join(RIG);
     let is_new = !path.is_file();
     let full = full_rig(args, rig)?;
-    check_bands(&full)?;
     let is_begun = Views::exist(&args.out);
     if full.is_real() && !is_begun && args.standard.is_none() {
         return Err(Failure::input(format!(
@@ -181,7 +179,7 @@ fn request(args: &Args, said: &Said, rig: &str, trust: &Trust, output: &Output) 
             parse(standard)?;
         }
         let both = (request.standard.as_str(), request.second_standard.as_deref());
-        standards(both, full.camera.channels.into(), trust)?;
+        standards(both, full.channels(), trust)?;
     }
     if is_new {
         write_whole(&path, full.to_toml().as_bytes())?;

@@ -251,20 +251,4 @@ fn what_bands_in_turn_cannot_do_is_said() {
         [1, 2, 3].map(lit),
         [[true, false, false], [false, true, false], [false, false, true]]
     );
-    let calibration = scratch.path().join("calibration");
-    fs::create_dir(&calibration).unwrap();
-    let calibrate = [
-        "calibrate",
-        "photometry",
-        "--rig",
-        text(&rig),
-        "--out",
-        text(&calibration),
-    ];
-    refuses(
-        &calibrate,
-        "",
-        2,
-        &["bands.made_by: expected \"camera\"", "found \"projector\""],
-    );
 }

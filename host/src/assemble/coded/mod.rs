@@ -407,7 +407,7 @@ impl Shown {
             lamp2: bench
                 .levels
                 .iter()
-                .map(|level| [level.uncertainty, level.common])
+                .map(|levels| [levels.uncertainty, levels.common].map(Vec4::max_element))
                 .fold([0.0; 2], |most, one| {
                     std::array::from_fn(|part| most[part].max(one[part].powi(2)))
                 }),

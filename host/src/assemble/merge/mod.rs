@@ -24,7 +24,7 @@
 use glam::Vec4;
 
 use super::radiometry::{Offset, Radiometry};
-use crate::instrument::calibration::stray::{Level, sqrt};
+use crate::instrument::calibration::stray::{Levels, sqrt};
 use crate::plan::brackets::MOST_EXPOSURES;
 
 /// Samples with less than this share of the weight of the best are left out.
@@ -86,7 +86,7 @@ impl<'a> Merge<'a> {
     pub(super) fn frames<const CHANNELS: usize>(
         &self,
         frames: &[f32],
-        levels: &[Level],
+        levels: &[Levels],
         offset: Offset,
         out: &mut Merged,
     ) {

@@ -77,7 +77,7 @@ fn trial(rate_e: f64) -> (f64, f64, f64) {
     let mut merged = Merged::default();
     Merge::new(&exposures).frames::<1>(
         &linear(&frames(&rig, &TIMES_S, rate_e, PIXELS, 7), &exposures),
-        &[Level::SAME; TIMES_S.len()],
+        &[Levels::SAME; TIMES_S.len()],
         Offset::default(),
         &mut merged,
     );
@@ -180,7 +180,7 @@ fn saturated_and_dark_samples_take_no_part() {
         let frames: Vec<u16> = dn.into_iter().flat_map(|dn| [dn, dn, dn]).collect();
         Merge::new(&exposures).frames::<3>(
             &linear(&frames, &exposures),
-            &vec![Level::SAME; exposures.len()],
+            &vec![Levels::SAME; exposures.len()],
             Offset::default(),
             &mut out,
         );

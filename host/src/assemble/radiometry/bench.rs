@@ -5,7 +5,7 @@ use half::f16;
 
 use super::shown::Shown;
 use crate::assemble::merge::Merged;
-use crate::instrument::calibration::stray::{Level, Room, Told};
+use crate::instrument::calibration::stray::{ByBand, Levels, Room, Told};
 use crate::store::BrdfRows;
 
 /// What one worker keeps from chunk to chunk.
@@ -24,8 +24,8 @@ pub(in super::super) struct Work {
     /// What of them neighbours have in common, of all rows.
     pub(in super::super) common: Common,
     /// The lamp in each exposure of a pattern, and what told it.
-    pub(in super::super) levels: Vec<Level>,
-    pub(in super::super) told: Vec<Option<Told>>,
+    pub(in super::super) levels: Vec<Levels>,
+    pub(in super::super) told: Vec<ByBand<Option<Told>>>,
     pub(in super::super) rows: BrdfRows,
 }
 
@@ -57,8 +57,8 @@ pub(in super::super) struct Bench<'a> {
     pub(in super::super) signal: &'a mut Vec<Vec4>,
     pub(in super::super) merged: &'a mut Merged,
     pub(in super::super) room: &'a mut Room,
-    pub(in super::super) levels: &'a mut Vec<Level>,
-    pub(in super::super) told: &'a mut Vec<Option<Told>>,
+    pub(in super::super) levels: &'a mut Vec<Levels>,
+    pub(in super::super) told: &'a mut Vec<ByBand<Option<Told>>>,
 }
 
 impl<'a> Bench<'a> {
@@ -90,7 +90,9 @@ impl<'a> Bench<'a> {
 
     /// Part of the lamp's uncertainty that all of the measurement share, as far as the exposures of a pattern do.
     pub(super) fn lamp_share(&self) -> f32 {
-        let of = |level: &Level| level.common / level.uncertainty.max(f32::MIN_POSITIVE);
-        self.levels.iter().map(of).fold(0.0, f32::max)
+        self.levels
+            .iter()
+            .map(|levels| levels.share())
+            .fold(0.0, f32::max)
     }
 }

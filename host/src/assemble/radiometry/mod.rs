@@ -11,7 +11,9 @@ use half::slice::HalfFloatSliceExt as _;
 
 use super::merge::{Merge, Merged, by_lane, lanes};
 use crate::assemble::resample::{Resampling, Taps};
-use crate::instrument::calibration::stray::{Bias, Level, PROJECTOR_TERMS, Removal, Room, hypot, sqrt};
+use crate::instrument::calibration::stray::{
+    Bias, ByBand, Levels, PROJECTOR_TERMS, Removal, Room, hypot, sqrt,
+};
 use crate::store::provenance::Provenance;
 use crate::store::{LEAST_SIGMA, USELESS_SIGMA};
 
@@ -124,7 +126,7 @@ pub(super) struct Way<'a> {
     /// How they lose stray light, and the terms of the lit pixels for it.
     pub(super) stray: Option<(&'a Removal, &'a [f64; PROJECTOR_TERMS])>,
     /// What frames of each exposure time are off by alike; nothing of those that nobody knows of.
-    pub(super) bias: &'a [Bias],
+    pub(super) bias: &'a [ByBand<Bias>],
     /// By how much the camera's offset is another than in the black frames.
     pub(super) offset: Offset,
     /// Of each exposure, the frames of the pattern that was shown before; nothing if nobody knows.
@@ -170,7 +172,7 @@ impl Way<'_> {
         levels.clear();
         told.clear();
         let Some((removal, _)) = self.stray else {
-            levels.resize(radiometry.len(), Level::SAME);
+            levels.resize(radiometry.len(), Levels::SAME);
             return;
         };
         let samples = radiometry[0].dark.len();
@@ -185,7 +187,7 @@ impl Way<'_> {
             );
             // What is left of the pattern before no other frame shares.
             let left = shown.lamp_by_left::<CHANNELS>(exposure, removal, one);
-            let by_frame = by_frame.map(|told| told.doubted_by(left));
+            let by_frame = std::array::from_fn(|band| by_frame[band].map(|told| told.doubted_by(left[band])));
             let bias = self.bias.get(exposure).copied().unwrap_or_default();
             levels.push(removal.level(by_frame, bias));
             told.push(by_frame);
@@ -287,7 +289,7 @@ pub(super) fn image_merged<const CHANNELS: usize>(
     shown.learn(frames, &way.before, radiometry);
     let merge = Merge::new(radiometry);
     levels.clear();
-    levels.resize(radiometry.len(), Level::SAME);
+    levels.resize(radiometry.len(), Levels::SAME);
     merge.frames::<CHANNELS>(&shown.linear, levels, way.offset, merged);
     way.clear(&mut merged.signal, &radiometry[0], room);
     room.lamp.clear();
@@ -302,8 +304,11 @@ pub(super) fn image_merged<const CHANNELS: usize>(
         } = bench;
         merge.frames::<CHANNELS>(&shown.linear, levels, way.offset, merged);
         for (pixel, (signal, heaviest)) in merged.signal.iter_mut().zip(&merged.heaviest).enumerate() {
-            let [light, uncertainty] = [|level: &Level| level.light, |level: &Level| level.uncertainty]
-                .map(|of| by_lane(*heaviest, |exposure, _| of(&levels[exposure])));
+            let [light, uncertainty] = [
+                |levels: &Levels| levels.light,
+                |levels: &Levels| levels.uncertainty,
+            ]
+            .map(|of| by_lane(*heaviest, |exposure, lane| of(&levels[exposure])[lane]));
             *signal -= room.stray[pixel] / light;
             let black = radiometry[0].black_light::<CHANNELS>(pixel);
             room.lamp.push((*signal + black).abs() * uncertainty);

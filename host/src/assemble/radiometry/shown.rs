@@ -5,7 +5,7 @@ use glam::Vec4;
 use super::Radiometry;
 use super::lag::{Light, light};
 use crate::assemble::merge::{by_lane, lanes};
-use crate::instrument::calibration::stray::{Removal, Told};
+use crate::instrument::calibration::stray::{ByBand, Removal, Told};
 
 /// What the exposures of a pattern show of it alone, [exposure, pixel, channel].
 #[derive(Default)]
@@ -97,16 +97,16 @@ impl Shown {
         })
     }
 
-    /// What the uncertainty by the pattern before would tell of the lamp in this `exposure`, which is as in `one`; `None` if nothing is left
+    /// What the uncertainty by the pattern before would tell of the lamp in this `exposure`, which is as in `one`; nothing if nothing is left
     /// of it.
     pub(super) fn lamp_by_left<const CHANNELS: usize>(
         &self,
         exposure: usize,
         removal: &Removal,
         one: &Radiometry,
-    ) -> Option<Told> {
+    ) -> ByBand<Option<Told>> {
         if self.left.is_empty() {
-            return None;
+            return Default::default();
         }
         removal.told(
             |pixel| self.left::<CHANNELS>(exposure, pixel, one.dark.len()),

@@ -6,7 +6,8 @@
 //! exposure times are binned by their mean; the line is fitted to the bins with weights of the variance's own variance. The
 //! series has the standard in the light, so that the bins reach from darkness to near saturation.
 //!
-//! The lamp flickers: of frames of one pattern each is as bright as all its pixels together say, before they are compared.
+//! The lamp flickers: of frames of one pattern each is as bright as all its pixels together say, before they are compared. Where the bands
+//! of a frame are lit one after the other, those of each band say it of that band.
 //!
 //! Linearity: what a pixel shows of light, over the exposure time, must be constant; light of black projector pixels is as
 //! good as that of the spot. The camera is described by one number β: of a signal s it shows s·(1 − β·s/range), and
@@ -41,14 +42,22 @@ pub(super) struct Times<'a> {
     pub(super) lit: Vec<&'a [u16]>,
     pub(super) black: Vec<&'a [u16]>,
     pub(super) dark: Vec<&'a [u16]>,
-    /// Light of the lamp in the lit frames, relative to the other times.
-    pub(super) lamp: f64,
+    /// Light of the lamp in the lit frames, relative to the other times: one for all channels, or one for each where bands are lit one
+    /// after the other.
+    pub(super) lamp: Vec<f64>,
 }
 
-/// Light of each of `frames` of one pattern over their mean, as far as it is more than their noise; `dark` is their level without
-/// light.
-fn lamp_of(frames: &[&[u16]], dark: f64) -> Vec<f64> {
-    let Some((light, noise2)) = light_of(frames, dark) else {
+impl Times<'_> {
+    /// The lamp in a band over that in the first.
+    pub(super) fn beside_the_first(&self, band: usize) -> f64 {
+        self.lamp[band] / self.lamp[0]
+    }
+}
+
+/// Light of each of `frames` of one pattern over their mean, as far as it is more than their noise, of a band (number, of how many);
+/// `dark` is their level without light.
+fn lamp_of(frames: &[&[u16]], dark: f64, band: (usize, usize)) -> Vec<f64> {
+    let Some((light, noise2)) = light_of(frames, dark, band) else {
         return vec![1.0; frames.len()];
     };
     let squares: f64 = light.iter().map(|light| (light - 1.0).powi(2)).sum();
@@ -59,13 +68,16 @@ fn lamp_of(frames: &[&[u16]], dark: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Light of each of `frames` of one pattern over their mean, and the variance of that by the noise of their pixels; `None` if there is
-/// no light.
-fn light_of(frames: &[&[u16]], dark: f64) -> Option<(Vec<f64>, f64)> {
-    let light = |frame: &&[u16]| frame.iter().map(|dn| f64::from(*dn) - dark).sum::<f64>();
+/// Light of each of `frames` of one pattern over their mean, and the variance of that by the noise of their pixels, of a band; `None` if
+/// there is no light.
+fn light_of(frames: &[&[u16]], dark: f64, (band, bands): (usize, usize)) -> Option<(Vec<f64>, f64)> {
+    let light = |frame: &&[u16]| {
+        let of_band = frame.iter().skip(band).step_by(bands);
+        of_band.map(|dn| f64::from(*dn) - dark).sum::<f64>()
+    };
     let all: Vec<f64> = frames.iter().map(light).collect();
     let mean = all.iter().sum::<f64>() / all.len() as f64;
-    let noise: f64 = moments(frames).1.iter().sum();
+    let noise: f64 = moments(frames).1.iter().skip(band).step_by(bands).sum();
     (mean > 0.0).then(|| {
         (
             all.iter().map(|light| light / mean).collect(),
@@ -74,10 +86,14 @@ fn light_of(frames: &[&[u16]], dark: f64) -> Option<(Vec<f64>, f64)> {
     })
 }
 
-/// As [`moments`], had the lamp been as bright in all frames; `dark` is their level without light.
-fn steady(frames: &[&[u16]], dark: f64) -> (Vec<f64>, Vec<f64>) {
-    let lamp = lamp_of(frames, dark);
-    moments_of(frames, |frame, dn| dark + (dn - dark) / lamp[frame])
+/// As [`moments`], had the lamp been as bright in all frames, in each of so many `bands`; `dark` is their level without light.
+fn steady(frames: &[&[u16]], dark: f64, bands: usize) -> (Vec<f64>, Vec<f64>) {
+    let lamp: Vec<Vec<f64>> = (0..bands)
+        .map(|band| lamp_of(frames, dark, (band, bands)))
+        .collect();
+    moments_of(frames, |frame, at, dn| {
+        dark + (dn - dark) / lamp[at % bands][frame]
+    })
 }
 
 /// Standard deviation of the lamp's light from exposure to exposure, relative, by the brighter half of the series: frames count as much
@@ -85,8 +101,12 @@ fn steady(frames: &[&[u16]], dark: f64) -> (Vec<f64>, Vec<f64>) {
 pub(super) fn flicker(series: &[Times], dark: f64) -> f64 {
     let (mut sum, mut weights) = (0.0, 0.0);
     let bright = series[series.len() / 2..].iter();
-    for frames in bright.flat_map(|times| [&times.lit, &times.black]) {
-        let Some((light, noise2)) = light_of(frames, dark) else {
+    let bands = series[0].lamp.len();
+    let of_bands = bright
+        .flat_map(|times| [&times.lit, &times.black])
+        .flat_map(|frames| (0..bands).map(move |band| (frames, band)));
+    for (frames, band) in of_bands {
+        let Some((light, noise2)) = light_of(frames, dark, (band, bands)) else {
             continue;
         };
         let squares: f64 = light.iter().map(|light| (light - 1.0).powi(2)).sum();
@@ -104,17 +124,17 @@ pub(super) fn flicker(series: &[Times], dark: f64) -> f64 {
 
 /// Mean and unbiased variance of each value over frames.
 pub(super) fn moments(frames: &[&[u16]]) -> (Vec<f64>, Vec<f64>) {
-    moments_of(frames, |_, dn| dn)
+    moments_of(frames, |_, _, dn| dn)
 }
 
-/// The same of what `of` makes of the number of a frame.
-fn moments_of(frames: &[&[u16]], of: impl Fn(usize, f64) -> f64) -> (Vec<f64>, Vec<f64>) {
+/// The same of what `of` makes of the number of a frame at a place.
+fn moments_of(frames: &[&[u16]], of: impl Fn(usize, usize, f64) -> f64) -> (Vec<f64>, Vec<f64>) {
     let count = frames.len() as f64;
     (0..frames[0].len())
         .map(|at| {
             let all = || {
                 let frames = frames.iter().enumerate();
-                frames.map(|(number, frame)| of(number, f64::from(frame[at])))
+                frames.map(|(number, frame)| of(number, at, f64::from(frame[at])))
             };
             let mean = all().sum::<f64>() / count;
             let squares = all().map(|dn| (dn - mean).powi(2));
@@ -215,8 +235,8 @@ fn photon_transfer(series: &[Times], dark: (f64, f64), range: f64, row_dn2: f64)
     for times in series {
         let level = dark_dn + dark_dn_per_s * times.exposure_s;
         for (mean, variance) in [
-            steady(&times.lit, level),
-            steady(&times.black, level),
+            steady(&times.lit, level, times.lamp.len()),
+            steady(&times.black, level, times.lamp.len()),
             moments(&times.dark),
         ] {
             for (mean, variance) in mean.into_iter().zip(variance) {
@@ -261,8 +281,10 @@ fn linearity(series: &[Times], dark: (f64, f64), range: f64, gain: f64) -> Optio
     let mut signals: Vec<(f64, Vec<Signal>)> = series
         .iter()
         .map(|times| {
-            let one = |lit: f64| {
+            // As if the lamp had been as bright in all bands as in the first.
+            let one = |(at, lit): (usize, f64)| {
                 let (dark_dn, per_s) = dark;
+                let lamp = times.beside_the_first(at % times.lamp.len());
                 let signal = lit - dark_dn;
                 let weight = if signal < HIGHEST * range {
                     gain / signal.max(1.0)
@@ -270,10 +292,13 @@ fn linearity(series: &[Times], dark: (f64, f64), range: f64, gain: f64) -> Optio
                     0.0
                 };
                 let light = signal - per_s * times.exposure_s;
-                (light, signal * signal / range, weight)
+                (light / lamp, signal * signal / range / lamp, weight * lamp * lamp)
             };
             let (lit, _) = moments(&times.lit);
-            (times.exposure_s * times.lamp, lit.into_iter().map(one).collect())
+            (
+                times.exposure_s * times.lamp[0],
+                lit.into_iter().enumerate().map(one).collect(),
+            )
         })
         .collect();
     let pixels = signals[0].1.len();

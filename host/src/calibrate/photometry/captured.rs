@@ -130,7 +130,7 @@ impl<'a> Captured<'a> {
                     lit,
                     black,
                     dark: self.frames(Shows::Dark(index)),
-                    lamp: 1.0,
+                    lamp: vec![1.0; self.views.rig.shown_bands()],
                 }
             })
             .collect()

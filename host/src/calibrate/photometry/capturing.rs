@@ -14,9 +14,7 @@ use super::in_holder::{InHolder, Standards};
 use super::stray::{self, Part, StrayViews};
 use crate::base::progress::Progress;
 use crate::calibrate::by_hand::{Bench, Place, VirtualBench};
-use crate::calibrate::{
-    CalibrateError, RIG, check_bands, check_clock, create_raw, file, open_raw, segment_of,
-};
+use crate::calibrate::{CalibrateError, RIG, check_clock, create_raw, file, open_raw, segment_of};
 use crate::capture::Tally;
 use crate::instrument::monitor::watching;
 use crate::instrument::rig::{Rig, Tilt};
@@ -95,7 +93,6 @@ impl Capturing {
         bench: &mut dyn Bench,
     ) -> Result<Self, CalibrateError> {
         let full = Rig::load(&dir.join(RIG).display().to_string())?;
-        check_bands(&full)?;
         let tilts = tilts(request)?;
         let mut holders = holders(&full, request, &tilts)?;
         let Exposures { times_s, spot_deg } =

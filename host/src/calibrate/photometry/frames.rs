@@ -9,23 +9,24 @@ use crate::brdf::sample::Sample;
 use crate::calibrate::CalibrateError;
 use crate::instrument::calibration::LampFound;
 use crate::instrument::calibration::lamp::SLOW;
-use crate::instrument::calibration::stray::{Level, Removal, Room, Told, lanes};
+use crate::instrument::calibration::stray::{ByBand, Level, Levels, Removal, Room, Told, lanes};
 
 /// A frame of the standard.
 pub(super) struct Lit<'a> {
     pub(super) dn: &'a [u16],
+    pub(super) channels: usize,
     /// What came other ways, linear digital numbers.
     pub(super) stray: Vec<f32>,
     /// What it tells of the lamp, if it does, and the lamp over that of the black frames.
-    pub(super) told: Option<Told>,
-    pub(super) lamp: Level,
+    pub(super) told: ByBand<Option<Told>>,
+    pub(super) lamp: Levels,
 }
 
 impl Lit<'_> {
     /// What the spot shows, had the lamp been as in the black frames, where the frame shows `all` and a black one `black`, linear
     /// numbers above the dark level at the place `at`.
     pub(super) fn spot(&self, all: f64, black: f64, at: usize) -> f64 {
-        (all - f64::from(self.stray[at])) / f64::from(self.lamp.light) - black
+        (all - f64::from(self.stray[at])) / f64::from(self.lamp.light[at % self.channels]) - black
     }
 }
 
@@ -79,9 +80,10 @@ impl Seen<'_> {
             let stray = room.stray.iter().map(Vec4::to_array);
             Lit {
                 dn,
+                channels,
                 stray: stray.flat_map(|lanes| lanes.into_iter().take(channels)).collect(),
                 told,
-                lamp: Level::SAME,
+                lamp: Levels::SAME,
             }
         };
         frames
@@ -94,7 +96,7 @@ impl Seen<'_> {
     /// Sets the lamp of all the `frames` of the stand by what they told of it together, as `removal` has it, beside so many black
     /// ones.
     pub(super) fn set_lamp(frames: &mut [Lit], removal: &Removal, black: usize) {
-        let told: Vec<Told> = frames.iter().filter_map(|frame| frame.told).collect();
+        let told: Vec<ByBand<Option<Told>>> = frames.iter().map(|frame| frame.told).collect();
         let bias = removal.bias(&told, black, SLOW);
         for frame in frames {
             frame.lamp = removal.level(frame.told, bias);

@@ -3,7 +3,7 @@
 //! # Design
 //! Near the full well the response bends by a law of its own, of which one number over the whole range says nothing. Each
 //! pixel of a frame of the series is compared with what it showed in shorter ones: bright pixels with dimmer ones of the
-//! same frame, so that no lamp counts. Pixels are put into classes by what they should show, not by what they do: noise would bend the
+//! same frame, and of the same band where these are lit one after the other, so that no lamp counts. Pixels are put into classes by what they should show, not by what they do: noise would bend the
 //! line. The camera is linear up to the first class that deviates; where the series is not bright enough it is taken to be so up
 //! to [`ASSUMED`], from which on data sheets by EMVA 1288 let it bend, and numbers above count as saturated.
 
@@ -34,28 +34,36 @@ pub(super) fn linear_to(
     range: f64,
     linear: impl Fn(f64) -> f64,
 ) -> f64 {
+    let bands = series[0].lamp.len();
     let signals: Vec<(f64, Vec<f64>)> = series
         .iter()
         .map(|times| {
-            let light = |dn: f64| linear(dn - dark_dn) - dark_dn_per_s * times.exposure_s;
+            let light = |(at, dn): (usize, f64)| {
+                let lamp = times.beside_the_first(at % bands);
+                (linear(dn - dark_dn) - dark_dn_per_s * times.exposure_s) / lamp
+            };
             let (mean, _) = moments(&times.lit);
             (
-                times.exposure_s * times.lamp,
-                mean.into_iter().map(light).collect(),
+                times.exposure_s * times.lamp[0],
+                mean.into_iter().enumerate().map(light).collect(),
             )
         })
         .collect();
     let classes = ((1.0 - FIRST) / WIDTH).ceil() as usize;
     // Relative deviations of all frames, by class.
     let mut deviations: Vec<Vec<f64>> = vec![Vec::new(); classes];
-    for (time, shown) in &signals {
+    for ((time, shown), band) in signals
+        .iter()
+        .flat_map(|of_time| (0..bands).map(move |band| (of_time, band)))
+    {
         let shorter = || signals.iter().filter(|(other, _)| *other < SHORTER * time);
         let squares: f64 = shorter().map(|(other, _)| other * other).sum();
         if squares <= 0.0 {
             continue;
         }
         // What each pixel should show, and by how much it shows more.
-        let pixels = shown.iter().enumerate().filter_map(|(pixel, shown)| {
+        let of_band = shown.iter().enumerate().skip(band).step_by(bands);
+        let pixels = of_band.filter_map(|(pixel, shown)| {
             let rate = shorter().map(|(other, all)| other * all[pixel]).sum::<f64>() / squares;
             let expected = rate * time;
             (expected > DIM.start * range).then(|| (expected / range, shown / expected - 1.0))
@@ -133,7 +141,7 @@ mod tests {
                 lit: lit.iter().map(Vec::as_slice).collect(),
                 black: Vec::new(),
                 dark: Vec::new(),
-                lamp: 1.0,
+                lamp: vec![1.0],
             })
             .collect();
         linear_to(&series, (64.0, 0.0), RANGE, |signal| signal)

@@ -63,19 +63,45 @@ impl Linear {
     }
 
     /// Light of the lamp at each time of the `series`, relative to their mean, by `pixels` that are dark otherwise; what they
-    /// cannot tell is 1 within its `flicker`.
-    pub(super) fn lamp(&self, series: &[Times], pixels: &[u32], channels: usize, flicker: f64) -> Vec<f64> {
+    /// cannot tell is 1 within its `flicker`. Of each of so many `bands` that are lit one after the other, [time][band].
+    pub(super) fn lamp(
+        &self,
+        series: &[Times],
+        pixels: &[u32],
+        (channels, bands): (usize, usize),
+        flicker: f64,
+    ) -> Vec<Vec<f64>> {
+        let of_bands: Vec<Vec<f64>> = (0..bands)
+            .map(|band| {
+                let of_band = |pixel: &u32| {
+                    let first = *pixel as usize * channels;
+                    (band..channels)
+                        .step_by(bands)
+                        .map(move |channel| first + channel)
+                };
+                self.lamp_of(
+                    series,
+                    &pixels.iter().flat_map(of_band).collect::<Vec<_>>(),
+                    flicker,
+                )
+            })
+            .collect();
+        (0..series.len())
+            .map(|time| of_bands.iter().map(|band| band[time]).collect())
+            .collect()
+    }
+
+    /// The same by these `values` of frames.
+    fn lamp_of(&self, series: &[Times], values: &[usize], flicker: f64) -> Vec<f64> {
         let each = |frames: &[&[u16]]| -> f64 {
-            let values = pixels
-                .iter()
-                .flat_map(|pixel| (0..channels).map(move |channel| *pixel as usize * channels + channel));
             let sum: f64 = values
-                .flat_map(|at| frames.iter().map(move |frame| f64::from(frame[at])))
+                .iter()
+                .flat_map(|at| frames.iter().map(move |frame| f64::from(frame[*at])))
                 .map(|dn| self.of(dn))
                 .sum();
             sum / frames.len() as f64
         };
-        let count = (pixels.len() * channels) as f64;
+        let count = values.len() as f64;
         let rates: Vec<(f64, f64)> = series
             .iter()
             .map(|times| {

@@ -91,7 +91,7 @@ impl Looks {
         let mut patterns = vec![Vec::new()];
         patterns.extend(spots.iter().map(|(_, lit)| lit.pixels.clone()));
         let tests = TestExposures::take(rig, &patterns, instrument)?;
-        let channels = usize::from(rig.camera.channels);
+        let channels = rig.channels();
         let mean = |dn: &[u16]| -> Vec<f64> {
             let pixels = dn.chunks_exact(channels);
             pixels

@@ -112,7 +112,7 @@ pub fn calibrate(dir: &Path, said: &Said, trust: &Trust) -> Result<Photometry, C
     let rig = views.rig_of(0)?;
     let known = standards(
         (&views.standard, second_standard.as_deref()),
-        rig.camera.channels.into(),
+        rig.channels(),
         trust,
     )?;
     let captured = Captured::read(dir, &views, &raw, &rig)?;
@@ -195,7 +195,8 @@ fn camera_of(series: &mut [Times], rig: &Rig) -> Result<(Linear, f64), Calibrate
     let linear = Linear::new(&found, rig);
     let flicker = flicker(series, found.dark_dn);
     // What tells the lamp's light has to be linear itself, and how linear the camera is shows beside it.
-    let lamp = linear.lamp(series, &dark_of(rig), rig.camera.channels as usize, flicker);
+    let bands = (rig.channels(), rig.shown_bands());
+    let lamp = linear.lamp(series, &dark_of(rig), bands, flicker);
     for (times, lamp) in series.iter_mut().zip(lamp) {
         times.lamp = lamp;
     }

@@ -43,6 +43,8 @@ pub(super) struct Layout {
     pub(super) width: usize,
     pub(super) height: usize,
     pub(super) channels: usize,
+    /// Whether the channels are one pixel of the sensor, read out once for each.
+    pub(super) in_turn: bool,
     /// Pixels of the sensor behind one of the image, along an axis; they count by area.
     pub(super) along: f64,
 }
@@ -54,6 +56,7 @@ impl Layout {
             width: format.width_px,
             height: format.height_px,
             channels: format.channels,
+            in_turn: rig.shows_bands(),
             along: rig.camera.binned.pixels.sqrt(),
         }
     }
@@ -123,7 +126,10 @@ impl DarkPattern {
     /// Of the dark frames of the `series`.
     pub(super) fn of(series: &[Times], layout: &Layout) -> Self {
         let row = layout.width * layout.channels;
-        let rows = series.iter().map(|times| row_variance(&times.dark, row));
+        let bands = if layout.in_turn { layout.channels } else { 1 };
+        let rows = series
+            .iter()
+            .flat_map(|times| (0..bands).map(|band| row_variance(&times.dark, row, (band, bands))));
         let (one, other) = (lines(series, 0), lines(series, 1));
         let slopes = one
             .iter()
@@ -140,7 +146,7 @@ impl DarkPattern {
             }));
         }
         Self {
-            row_dn2: rows.sum::<f64>().max(0.0) / series.len() as f64,
+            row_dn2: rows.sum::<f64>().max(0.0) / (series.len() * bands) as f64,
             offset_dn2: layout.common(&levels) / layout.along.powi(2),
             hot: is_hot.iter().filter(|is_hot| **is_hot).count() as f64 / is_hot.len() as f64,
         }
@@ -163,26 +169,28 @@ fn beside_those_around(values: &[f64], row: usize, channels: usize) -> Vec<f64> 
     (0..values.len()).map(beside).collect()
 }
 
-/// Variance of what the numbers of a row have in common, from frame to frame, by an analysis of variance.
-fn row_variance(frames: &[&[u16]], row: usize) -> f64 {
+/// Variance of what the numbers of a row and a band (number, of how many that are read out by themselves) have in common, from frame to
+/// frame, by an analysis of variance.
+fn row_variance(frames: &[&[u16]], row: usize, (band, bands): (usize, usize)) -> f64 {
     let (mean, _) = moments(frames);
     let (count, rows) = (frames.len() as f64, (mean.len() / row) as f64);
+    let each = (row / bands) as f64;
     let (mut between, mut within) = (0.0, 0.0);
     for frame in frames {
         let off = |at: usize| f64::from(frame[at]) - mean[at];
         let means: Vec<f64> = (0..mean.len())
             .step_by(row)
-            .map(|first| (first..first + row).map(off).sum::<f64>() / row as f64)
+            .map(|first| (first + band..first + row).step_by(bands).map(off).sum::<f64>() / each)
             .collect();
         let all = means.iter().sum::<f64>() / rows;
         between += means.iter().map(|mean| (mean - all).powi(2)).sum::<f64>();
-        within += (0..mean.len())
+        within += (band..mean.len())
+            .step_by(bands)
             .map(|at| (off(at) - means[at / row]).powi(2))
             .sum::<f64>();
     }
     let free = count - 1.0;
-    between / (free * (rows - 1.0).max(1.0))
-        - within / (free * rows * (row as f64 - 1.0).max(1.0)) / row as f64
+    between / (free * (rows - 1.0).max(1.0)) - within / (free * rows * (each - 1.0).max(1.0)) / each
 }
 
 /// Level and slope over the exposure time of each number of the dark frames, of every second frame from `first` on.
@@ -250,7 +258,15 @@ pub(super) fn response(stands: &[Lit], layout: &Layout) -> Option<f64> {
             is_known.then_some(logs)
         };
         for channel in 0..layout.channels {
-            masked.extend(layout.masked(&|pixel| Some(own(&logs(pixel)?, channel))));
+            masked.extend(layout.masked(&|pixel| {
+                let logs = logs(pixel)?;
+                // Bands in turn are the same pixel of the sensor, and differ by nothing of its own.
+                Some(if layout.in_turn {
+                    logs[channel]
+                } else {
+                    own(&logs, channel)
+                })
+            }));
         }
     }
     (masked.len() >= FEWEST).then(|| layout.common(&masked).sqrt())
@@ -292,13 +308,14 @@ mod tests {
             width,
             height,
             channels: 1,
+            in_turn: false,
             along: 1.0,
         };
         let series: Vec<Times> = times_s
             .iter()
             .zip(frames.chunks_exact(count))
             .map(|(exposure_s, dark)| Times {
-                lamp: 1.0,
+                lamp: vec![1.0],
                 exposure_s: *exposure_s,
                 lit: Vec::new(),
                 black: Vec::new(),
@@ -321,6 +338,7 @@ mod tests {
                 width: size,
                 height: size,
                 channels: 1,
+                in_turn: false,
                 along,
             };
             let (mut squares, mut count) = (0.0, 0);

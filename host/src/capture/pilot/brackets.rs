@@ -78,7 +78,7 @@ impl fmt::Display for Proposal {
 /// patterns of `code` if there is one: the
 /// brightest pixel of a few test patterns comes to 80 % of the range in the shortest; 99 % of the pixels reach a signal of
 /// 120 times their noise in the longest, unless that is longer than 32 times the rig's default, or black patterns come to
-/// 80 % of the range before.
+/// 80 % of the range before. `taken` is called while exposures are taken.
 ///
 /// # Errors
 /// [`MeasurementError`].
@@ -87,12 +87,13 @@ pub fn propose(
     request: &Request,
     code: Option<Coding>,
     instrument: &mut Instrument,
+    taken: &dyn Fn(),
 ) -> Result<Proposal, MeasurementError> {
     let Rates {
         black,
         lit,
         brightest,
-    } = Rates::take(rig, request, code, instrument)?;
+    } = Rates::take(rig, request, code, instrument, taken)?;
     let black_e_per_s = median(black.clone()).unwrap_or(0.0);
     let camera = &rig.camera;
     let faintest = 1.0 / camera.exposure_s; // an electron in the default exposure: as good as nothing
@@ -163,6 +164,7 @@ impl Rates {
         request: &Request,
         code: Option<Coding>,
         instrument: &mut Instrument,
+        taken: &dyn Fn(),
     ) -> Result<Self, MeasurementError> {
         let lit = patterns(rig, request, code)?;
         let tests_s: Vec<f64> = (0..TESTS)
@@ -180,7 +182,7 @@ impl Rates {
                 }
             },
             &mut Tally::default(),
-            |_| {},
+            |_| taken(),
         )?;
         let judged: Vec<bool> = judged(rig).collect();
         let (counting, _) = counting(rig, code);

@@ -72,7 +72,8 @@ struct Rates {
     is_too_bright: bool,
 }
 
-/// The light that leaves least noise for `request` on `rig`, whose camera image is scaled as it will be measured.
+/// The light that leaves least noise for `request` on `rig`, whose camera image is scaled as it will be measured; `taken` is called while
+/// exposures are taken.
 ///
 /// # Errors
 /// [`MeasurementError`].
@@ -80,8 +81,9 @@ pub fn choose_light(
     rig: &Rig,
     request: &Request,
     instrument: &mut Instrument,
+    taken: &dyn Fn(),
 ) -> Result<LightChoice, MeasurementError> {
-    let single = Rates::take(rig, request, None, instrument)?;
+    let single = Rates::take(rig, request, None, instrument, taken)?;
     let (dark, lit) = single.patterns.split_at(BLACK);
     let black: Vec<f64> = (0..dark[0].len())
         .map(|value| (dark.iter().map(|one| one[value]).sum::<f64>() / BLACK as f64).max(0.0))
@@ -114,7 +116,7 @@ pub fn choose_light(
             order,
             complement: false,
         };
-        let coded = Rates::take(rig, request, Some(coding), instrument)?;
+        let coded = Rates::take(rig, request, Some(coding), instrument, taken)?;
         if coded.is_too_bright && !single.is_too_bright {
             continue; // where it saturates it has no values
         }
@@ -152,10 +154,11 @@ impl Rates {
         request: &Request,
         code: Option<Coding>,
         instrument: &mut Instrument,
+        taken: &dyn Fn(),
     ) -> Result<Self, MeasurementError> {
         let mut all = vec![Vec::new(); BLACK];
         all.extend(patterns(rig, request, code)?);
-        let tests = TestExposures::take_of(code, rig, &all, instrument)?;
+        let tests = TestExposures::take_of(code, rig, &all, instrument, taken)?;
         let judged: Vec<bool> = judged(rig).collect();
         let of = |shot: &crate::capture::Captured| {
             let judged = shot.dn.iter().zip(&judged).filter(|(_, judged)| **judged);

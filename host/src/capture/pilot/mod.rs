@@ -28,7 +28,8 @@ pub(crate) const PILOT_TARGET: f64 = 0.85;
 /// The exposure time in s at which the brightest pixels of a few test exposures nearly fill the camera's range;
 /// at most the rig's default, beyond which the measurement would take longer than the rig is made for.
 ///
-/// `rig` has its camera image scaled as `request` will be measured, with patterns of `code` if there is one.
+/// `rig` has its camera image scaled as `request` will be measured, with patterns of `code` if there is one; `taken` is called while
+/// exposures are taken.
 ///
 /// # Errors
 /// [`MeasurementError`].
@@ -37,9 +38,10 @@ pub fn auto_exposure_s(
     request: &Request,
     code: Option<Coding>,
     instrument: &mut Instrument,
+    taken: &dyn Fn(),
 ) -> Result<f64, MeasurementError> {
     let patterns = patterns(rig, request, code)?;
-    Ok(TestExposures::take_of(code, rig, &patterns, instrument)?.auto_s(rig))
+    Ok(TestExposures::take_of(code, rig, &patterns, instrument, taken)?.auto_s(rig))
 }
 
 /// Lit pixels of some patterns that are spread over the grid of `request`, or of some patterns of its `code`.
@@ -115,15 +117,16 @@ impl TestExposures {
         patterns: &[Vec<u32>],
         instrument: &mut Instrument,
     ) -> Result<Self, MeasurementError> {
-        Self::take_of(None, rig, patterns, instrument)
+        Self::take_of(None, rig, patterns, instrument, &|| {})
     }
 
-    /// As [`take`](Self::take), of rows of a `code` if there is one.
+    /// As [`take`](Self::take), of rows of a `code` if there is one; `taken` is called while they are taken.
     pub(crate) fn take_of(
         code: Option<Coding>,
         rig: &Rig,
         patterns: &[Vec<u32>],
         instrument: &mut Instrument,
+        taken: &dyn Fn(),
     ) -> Result<Self, MeasurementError> {
         let (counting, clipped) = counting(rig, code);
         let range = rig.range_dn();
@@ -138,7 +141,7 @@ impl TestExposures {
                 &[timing],
                 |pattern, image| image.light(&patterns[pattern]),
                 &mut Tally::default(),
-                |_| {},
+                |_| taken(),
             )?;
             let mut dn: Vec<u16> = shots
                 .iter()

@@ -73,7 +73,7 @@ struct Pixel {
 }
 
 /// The spot that leaves least, between half the usual one of `request` on `rig`, whose camera image is scaled as it will be
-/// measured, and the step of the grid.
+/// measured, and the step of the grid; `taken` is called while exposures are taken.
 ///
 /// # Errors
 /// [`MeasurementError`].
@@ -81,10 +81,11 @@ pub fn choose_spot(
     rig: &Rig,
     request: &Request,
     instrument: &mut Instrument,
+    taken: &dyn Fn(),
 ) -> Result<SpotChoice, MeasurementError> {
     let mut all = vec![Vec::new(); BLACK];
     all.extend(patterns(rig, request, None)?);
-    let tests = TestExposures::take(rig, &all, instrument)?;
+    let tests = TestExposures::take_of(None, rig, &all, instrument, taken)?;
     let pixels = pixels(rig, &tests);
     let usual_deg = request.spot_deg(rig);
     let widest_deg = request.grid.step_deg().unwrap_or(WIDEST_DEG).min(WIDEST_DEG);

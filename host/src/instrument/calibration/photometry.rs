@@ -177,6 +177,14 @@ impl Photometry {
         let found: Self = file::read(path, COMMAND)?;
         found.check(path, "")?;
         check_rig(path, rig, &found.rig_sha256)?;
+        if found.crosstalk.is_some() != (usize::from(rig.camera.channels) == COLOURS) {
+            return Err(CalibrationError::Content {
+                path: path.display().to_string(),
+                field: "crosstalk".to_owned(),
+                expected: "one where the camera has colours, none else".to_owned(),
+                found: if found.crosstalk.is_some() { "one" } else { "none" }.to_owned(),
+            });
+        }
         Ok(found)
     }
 
@@ -230,8 +238,8 @@ impl Photometry {
         if let Some((field, expected)) = self.lamp.flaw(self.sensitivity.len()) {
             return content(&format!("lamp.{field}"), expected, "another".to_owned());
         }
-        if self.crosstalk.is_some() != (self.sensitivity.len() == COLOURS) {
-            let expected = format!("one where there are {COLOURS} channels, none else");
+        if self.crosstalk.is_some() && self.sensitivity.len() != COLOURS {
+            let expected = format!("one only where there are {COLOURS} channels");
             return content(
                 "crosstalk",
                 expected,

@@ -9,11 +9,28 @@ use crate::instrument::drivers::{LONGEST_US, SHORTEST_DELAY_US, SHORTEST_US, SYN
 use crate::instrument::parts::Binned;
 use crate::instrument::pixel_format::PixelFormat;
 
+/// What monitors are set to that nobody says it of.
+const USUAL_REFRESH_HZ: f64 = 60.0;
+
 impl Rig {
     /// Whether camera and projector stand on a table; they are virtual else.
     #[must_use]
     pub fn is_real(&self) -> bool {
         self.camera.driver != CameraDriver::Virtual
+    }
+
+    /// Display frames a second of the monitor that shows the pictures, [`USUAL_REFRESH_HZ`] where the file does not say; `None` where the
+    /// projector is triggered.
+    #[must_use]
+    pub fn refresh_hz(&self) -> Option<f64> {
+        let projector = &self.projector;
+        let window = projector.window.as_ref();
+        let hz = || {
+            window
+                .and_then(|window| window.refresh_hz)
+                .unwrap_or(USUAL_REFRESH_HZ)
+        };
+        (projector.driver == ProjectorDriver::Window).then(hz)
     }
 
     /// The rig without what drives it: what is left decides what an image means.

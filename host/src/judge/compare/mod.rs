@@ -48,6 +48,8 @@ pub struct Compared {
     pub share: Option<f64>,
     /// Whether what is wrong with the standard was taken for the same in both.
     pub shares_standard: bool,
+    /// What the channels of the second file are called, see [`Brdf::channel_labels`].
+    pub channels: Vec<String>,
     /// By channel, over all regions.
     pub overall: Vec<Agreement>,
     /// The regions with enough samples.
@@ -88,6 +90,7 @@ pub fn compare(a: &Source, b: &Brdf, same_standard: bool) -> Result<Compared, Br
         pairs: found.pairs.len() as u64,
         share: (found.asked > 0).then(|| found.pairs.len() as f64 / found.asked as f64),
         shares_standard,
+        channels: b.channel_labels(),
         overall: regions.overall(),
         judged: judged.len(),
         agreeing,

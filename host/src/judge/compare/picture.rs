@@ -4,13 +4,13 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use super::{Compared, RegionAgreement};
+use crate::base::text::quoted;
 use crate::judge::chart::{Axis, Chart, ChartError, Curve, Scale};
 
 impl Compared {
     /// Bias of each region with its expanded uncertainty (k = 2), percent, by channel.
     #[must_use]
     pub fn chart(&self, title: &str) -> Chart {
-        let channels = self.overall.len();
         let curve = |label: String, of: &dyn Fn(&RegionAgreement) -> Option<f64>| Curve {
             band: Vec::new(),
             label,
@@ -21,11 +21,11 @@ impl Compared {
                 .map(|(number, region)| (number as f64 + 1.0, of(region).map(|share| 100.0 * share)))
                 .collect(),
         };
-        let mut curves: Vec<Curve> = (0..channels)
+        let mut curves: Vec<Curve> = (0..self.overall.len())
             .map(|channel| {
-                let label = ["red", "green", "blue"].get(channel).filter(|_| channels > 1);
-                let label = label.map_or_else(|| "bias".to_owned(), |colour| format!("bias, {colour}"));
-                curve(label, &|region| region.channels[channel].relative_bias)
+                curve(self.bias_of(channel), &|region| {
+                    region.channels[channel].relative_bias
+                })
             })
             .collect();
         // That of the first channel stands for all.
@@ -54,11 +54,20 @@ impl Compared {
         }
     }
 
+    /// What the bias of a channel is called.
+    #[must_use]
+    pub fn bias_of(&self, channel: usize) -> String {
+        match self.channels[channel].as_str() {
+            "" => "bias".to_owned(),
+            label => format!("bias, {label}"),
+        }
+    }
+
     /// The table: a row per region and channel; empty where there is no figure.
     #[must_use]
     pub fn csv(&self) -> String {
         let mut table =
-            "region,theta_i_from_deg,theta_i_to_deg,theta_o_from_deg,theta_o_to_deg,azimuth,channel,samples,\
+            "region,theta_i_from_deg,theta_i_to_deg,theta_o_from_deg,theta_o_to_deg,azimuth,channel,band,samples,\
                          relative_bias,standard_uncertainty,e_n,relative_scatter\n"
                 .to_owned();
         let figure = |figure: Option<f64>| figure.map(|figure| format!("{figure:.6e}")).unwrap_or_default();
@@ -67,9 +76,10 @@ impl Compared {
             for (channel, one) in region.channels.iter().enumerate() {
                 writeln!(
                     table,
-                    "{},{i0},{i1},{o0},{o1},{},{channel},{},{},{},{},{}",
+                    "{},{i0},{i1},{o0},{o1},{},{channel},{},{},{},{},{},{}",
                     number + 1,
                     region.region.azimuth,
+                    quoted(&self.channels[channel]),
                     one.samples,
                     figure(one.relative_bias),
                     figure(one.standard_uncertainty),

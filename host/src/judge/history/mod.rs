@@ -159,6 +159,8 @@ pub struct Signal {
 pub struct History {
     /// What values are over.
     pub over: Over,
+    /// What the channels are called, see [`crate::brdf::Brdf::channel_labels`].
+    pub channels: Vec<String>,
     /// The measurements in the order of time.
     pub points: Vec<Point>,
     /// The lines of each channel.
@@ -186,13 +188,15 @@ impl History {
         let departures = departures(&repeats)?;
         let reference = (over == Over::First).then_some(0);
         let members = members(&repeats, &departures, reference);
-        Self::of_members(&members, over).ok_or_else(|| HistoryError::Nothing {
-            name: repeats[0].name.clone(),
+        Self::of_members(&members, over, repeats[0].brdf.channel_labels()).ok_or_else(|| {
+            HistoryError::Nothing {
+                name: repeats[0].name.clone(),
+            }
         })
     }
 
-    /// Of members in the order of time; `None` if one has no value or no date.
-    fn of_members(members: &[Member], over: Over) -> Option<Self> {
+    /// Of members in the order of time, whose `channels` are called so; `None` if one has no value or no date.
+    fn of_members(members: &[Member], over: Over, channels: Vec<String>) -> Option<Self> {
         let days = days_of(members)?;
         let points: Vec<Point> = members
             .iter()
@@ -221,6 +225,7 @@ impl History {
             .collect();
         let mut found = Self {
             over,
+            channels,
             signals: signals(&points, &lines),
             points,
             lines,
@@ -236,14 +241,10 @@ impl History {
         !self.signals.is_empty()
     }
 
-    /// Name of a channel; of one that is alone, none.
+    /// What a channel is called; one that is alone may have no name.
     #[must_use]
-    pub fn colour(&self, channel: usize) -> &'static str {
-        if self.lines.len() > 1 {
-            ["red", "green", "blue"][channel.min(2)]
-        } else {
-            ""
-        }
+    pub fn colour(&self, channel: usize) -> &str {
+        &self.channels[channel]
     }
 
     fn warnings(&self) -> Vec<String> {

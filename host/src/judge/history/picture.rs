@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use super::{ACTION, History, Over, Point, WARNING};
+use crate::base::text::quoted;
 use crate::judge::chart::{Axis, Chart, Curve};
 
 /// Expanded uncertainties so many times as far as the lines of action are told in place of drawn: what all measurements have in
@@ -115,7 +116,7 @@ impl History {
     /// The table: a row per measurement and channel.
     #[must_use]
     pub fn csv(&self) -> String {
-        let mut table = "measurement,began,days,channel,value,expanded_uncertainty,mean,warning_low,warning_high,action_low,\
+        let mut table = "measurement,began,days,channel,band,value,expanded_uncertainty,mean,warning_low,warning_high,action_low,\
                          action_high,drift_line,deviations,signals\n"
             .to_owned();
         for (number, point) in self.points.iter().enumerate() {
@@ -130,10 +131,11 @@ impl History {
                     .map(|drift| format!("{:.6}", 1.0 + drift.start + drift.per_day * point.days));
                 writeln!(
                     table,
-                    "{},{},{:.6},{channel},{:.6},{:.6},{:.6},{:.6},{:.6},{:.6},{:.6},{},{:.3},{}",
+                    "{},{},{:.6},{channel},{},{:.6},{:.6},{:.6},{:.6},{:.6},{:.6},{:.6},{},{:.3},{}",
                     quoted(&point.name),
                     point.began,
                     point.days,
+                    quoted(self.colour(channel)),
                     point.values[channel],
                     point.expanded_uncertainties[channel],
                     lines.mean,
@@ -155,13 +157,4 @@ impl History {
 /// How far a value is from 1, percent.
 fn percent(value: f64) -> f64 {
     100.0 * (value - 1.0)
-}
-
-/// A name as a field of a table (RFC 4180).
-fn quoted(name: &str) -> String {
-    if name.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", name.replace('"', "\"\""))
-    } else {
-        name.to_owned()
-    }
 }

@@ -46,6 +46,8 @@ struct Loop<'a> {
     disk: Disk,
     /// Patterns of a segment.
     patterns: usize,
+    /// Who hears how far it is, and may end it.
+    progress: &'a dyn Progress,
 }
 
 /// Measures `request` on `rig` (as loaded) adaptively in `out`, which is new or empty, or with `resume` one in which this
@@ -104,7 +106,7 @@ pub fn measure(
     job.plan.black_first = true;
     let (scaled, plan) = (&job.rig, &job.plan);
     let known = applied.clone().unwrap_or_default();
-    let fixed = Loop::new(scaled, &known, plan, request.image_size)?;
+    let fixed = Loop::new(scaled, &known, plan, request.image_size, progress)?;
     let first = fixed.first(start, goal.budget)?;
     // What is no whole batch can only be the end.
     let segments = Segments {
@@ -130,14 +132,7 @@ pub fn measure(
     };
     record(setup.session.as_ref(), out, &instrument)?;
     progress.begun(out);
-    let (directions_deg, adapted) = fixed.run(
-        &journal,
-        first,
-        segments.captures,
-        goal,
-        &mut instrument,
-        progress,
-    )?;
+    let (directions_deg, adapted) = fixed.run(&journal, first, segments.captures, goal, &mut instrument)?;
 
     let grid = Grid::List { directions_deg };
     let plan = published(&journal, &job, Request { grid, ..request }, segments)?;
@@ -277,6 +272,7 @@ impl<'a> Loop<'a> {
         applied: &'a AppliedCalibration,
         plan: &'a Plan,
         image_size: u32,
+        progress: &'a dyn Progress,
     ) -> Result<Self, AdaptiveError> {
         Ok(Self {
             rig,
@@ -287,6 +283,7 @@ impl<'a> Loop<'a> {
             is_clear: Box::new(certainly_lit(rig, applied, plan).map_err(MeasureError::from)?),
             disk: Disk::new(image_size as usize),
             patterns: patterns(plan),
+            progress,
         })
     }
 
@@ -309,7 +306,6 @@ impl<'a> Loop<'a> {
     }
 
     /// Captures `first` and what follows from it, at most `most` directions, until `goal` is reached.
-    #[allow(clippy::too_many_arguments)] // files, directions, goal and instrument
     fn run(
         &self,
         journal: &Journal,
@@ -317,7 +313,6 @@ impl<'a> Loop<'a> {
         most: usize,
         goal: Goal,
         instrument: &mut Instrument,
-        progress: &dyn Progress,
     ) -> Result<(Vec<[f64; 2]>, Adapted), AdaptiveError> {
         let mut stored = journal.frames.whole_segments()?;
         let black = self.black(journal, &mut stored, instrument)?;
@@ -364,7 +359,8 @@ impl<'a> Loop<'a> {
             let predicted_db = decibels(mse + noise_mse);
             history.push((captures, predicted_db));
             let words = predicted_db.map_or("no error".to_owned(), |db| format!("{db:.1} dB"));
-            progress.remark(&format!("adaptive: {captures} captures, {words} predicted"));
+            self.progress
+                .remark(&format!("adaptive: {captures} captures, {words} predicted"));
             let is_reached = |target_db: f64| predicted_db.is_none_or(|db| db >= target_db);
             let stop = if goal.target_db.is_some_and(is_reached) {
                 Some(Stop::Target)
@@ -467,7 +463,9 @@ impl<'a> Loop<'a> {
             0
         };
         instrument.camera.begin_part(part);
-        let taken = take_segment(instrument, &self.timings, exposures, lit, &mut |_| {})?;
+        let taken = take_segment(instrument, &self.timings, exposures, lit, &mut |_| {
+            self.progress.reach(0);
+        })?;
         Ok(taken.write(&journal.frames, segment)?)
     }
 }

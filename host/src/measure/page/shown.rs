@@ -171,7 +171,7 @@ impl Shown {
             "size": blocks.disk.size(),
             "measured_size": brdf.disk().size(),
             "channels": brdf.channels(),
-            "bands": brdf.bands().map(|bands| bands.name),
+            "bands": brdf.bands().map(|bands| bands.labels()),
             "incident_deg": layers.iter().map(|layer| angles(*layer)).collect::<Vec<_>>(),
             "incident_measured": brdf.grid().len() - unlit.len(),
             "unlit_deg": thinned(&unlit, brdf.grid(), LAYERS).into_iter().map(angles).collect::<Vec<_>>(),

@@ -214,8 +214,6 @@ impl Case {
     pub(super) fn contradiction(&self) -> Option<&'static str> {
         let is_bracketed = self.brackets.is_some();
         match self.via {
-            // It is of the camera with colours; this one's photometry cannot be calibrated.
-            _ if self.bands && self.world == World::Calibrated => Some("calibration"),
             _ if is_bracketed && self.exposure_ms.is_some() => {
                 Some("--exposure-ms: expected none beside --brackets")
             }

@@ -63,16 +63,21 @@ impl Lab {
         fs::write(self.in_bands(preset), rig.to_toml()).unwrap();
     }
 
-    /// The calibration of `rig` as it really is; made when it is first asked for.
-    pub(super) fn calibration(&self, rig: &'static str) -> Result<String, String> {
-        static MADE: [OnceLock<Result<(), String>>; 3] = [OnceLock::new(), OnceLock::new(), OnceLock::new()];
+    /// The calibration of `rig` as it really is, or of the one whose projector makes the `bands`; made when it is first asked for.
+    pub(super) fn calibration(&self, rig: &'static str, bands: bool) -> Result<String, String> {
+        static MADE: [[OnceLock<Result<(), String>>; 2]; 3] = [const { [const { OnceLock::new() }; 2] }; 3];
         let place = ["rcg-1-16bit", "rcg-2", "dmd"]
             .iter()
             .position(|name| *name == rig)
             .unwrap();
-        let folder = self.at(&format!("{rig}.calibration"));
-        let made = MADE[place].get_or_init(|| {
-            let truth = self.truth(rig);
+        let (name, file) = if bands {
+            (format!("{rig}.bands"), self.in_bands(rig))
+        } else {
+            (rig.to_owned(), rig.to_owned())
+        };
+        let folder = self.at(&format!("{name}.calibration"));
+        let made = MADE[place][usize::from(bands)].get_or_init(|| {
+            let truth = self.truth(&name);
             for (what, size, rest) in [
                 ("geometry", "96", &[][..]),
                 ("photometry", "48", &["--tilts", TILTS]),
@@ -84,7 +89,7 @@ impl Lab {
                     "calibrate",
                     what,
                     "--rig",
-                    rig,
+                    &file,
                     "--out",
                     &folder,
                     "--truth",
@@ -92,7 +97,7 @@ impl Lab {
                 ];
                 let outcome = run(&[&all[..], &["--image-size", size], rest].concat(), "");
                 if outcome.code != Some(0) {
-                    return Err(format!("calibrate {what} of {rig}: {}", outcome.stderr));
+                    return Err(format!("calibrate {what} of {name}: {}", outcome.stderr));
                 }
             }
             Ok(())

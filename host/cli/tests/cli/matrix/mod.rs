@@ -96,7 +96,7 @@ impl Trial<'_> {
             put("--truth", &truth);
         }
         if case.world == World::Calibrated {
-            put("--calibration", &lab.calibration(case.rig).unwrap());
+            put("--calibration", &lab.calibration(case.rig, case.bands).unwrap());
         }
         if !case.noise {
             put("--noise", "off");
@@ -212,7 +212,7 @@ impl Trial<'_> {
             if self.case.world == World::Calibrated {
                 again.extend([
                     "--calibration".to_owned(),
-                    self.lab.calibration(self.case.rig).unwrap(),
+                    self.lab.calibration(self.case.rig, self.case.bands).unwrap(),
                 ]);
             }
             self.run(&again).done();

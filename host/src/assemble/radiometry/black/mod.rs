@@ -103,8 +103,8 @@ struct OfTime {
     unwatched: Means,
     /// The first of them.
     first: Vec<Seen>,
-    /// By how much the lamp was brighter in each than in the first, and the variance of that, relative.
-    lamp: Vec<[f64; 2]>,
+    /// By how much the lamp was brighter in each than in the first, and the variance of that, relative; of each band that is lit by itself.
+    lamp: Vec<Vec<[f64; 2]>>,
 }
 
 /// Mean of frames, and of what the patterns before them showed.
@@ -175,6 +175,8 @@ const ENOUGH: f64 = 8.0;
 pub(in super::super) struct BlackFrames {
     numbers: Numbers,
     rows: usize,
+    /// Bands of an image that are lit one after the other: the lamp is another in each, the camera's offset is not.
+    bands: usize,
     /// Variance of the lamp's light from one black frame to another, relative; `None` if nobody knows it.
     lamp_variance: Option<f64>,
     of_each: Vec<OfTime>,
@@ -197,11 +199,12 @@ impl BlackFrames {
             black: Means::default(),
             unwatched: Means::default(),
             first: Vec::new(),
-            lamp: Vec::new(),
+            lamp: vec![Vec::new(); rig.shown_bands()],
         };
         Self {
             numbers: Numbers::new(rig, camera),
             rows: rig.frame_format().height_px,
+            bands: rig.shown_bands(),
             lamp_variance: lamp.map(|lamp| 2.0 * lamp.prior_variance()),
             of_each: exposures.iter().map(of).collect(),
             offsets: BTreeMap::new(),
@@ -252,10 +255,15 @@ impl BlackFrames {
                 of.first = frame;
                 continue;
             }
-            if let Some(beside) = beside(&frame, &of.first, camera, [lamp_variance, of.usual_lag.powi(2)]) {
+            let variances = [lamp_variance, of.usual_lag.powi(2)];
+            for band in 0..self.bands {
+                let of_band = (band, self.bands);
+                let Some(beside) = beside(&frame, &of.first, of_band, camera, variances) else {
+                    continue;
+                };
                 *sum += beside.offset / beside.variance;
                 *weight += beside.variance.recip();
-                of.lamp.push(beside.lamp);
+                of.lamp[band].push(beside.lamp);
                 for (told, one) in of.told.iter_mut().zip(beside.lag) {
                     *told += one;
                 }
@@ -291,7 +299,8 @@ impl BlackFrames {
             let found = squares / (count - 1.0) - noise;
             (found > noise).then_some(found)
         };
-        let each: Vec<f64> = self.of_each.iter().filter_map(|one| of(&one.lamp)).collect();
+        let all = self.of_each.iter().flat_map(|one| &one.lamp);
+        let each: Vec<f64> = all.filter_map(of).collect();
         (!each.is_empty()).then(|| each.iter().sum::<f64>() / each.len() as f64)
     }
 
@@ -391,11 +400,12 @@ struct Beside {
     lag: [f64; 2],
 }
 
-/// What the black `frame` says beside the `first`; both have so many rows, the lamp is brighter with this relative variance, and the
-/// share of the pattern before has that one; what saturated says nothing. `None` if all did.
+/// What a band (number, of how many) of the black `frame` says beside the `first`; both have so many rows, the lamp is brighter with this
+/// relative variance, and the share of the pattern before has that one; what saturated says nothing. `None` if all did.
 fn beside(
     frame: &[Seen],
     first: &[Seen],
+    (band, bands): (usize, usize),
     (numbers, rows): (&Numbers, usize),
     [lamp_variance, lag_variance]: [f64; 2],
 ) -> Option<Beside> {
@@ -406,6 +416,8 @@ fn beside(
     for (seen, before) in frame
         .iter()
         .zip(first)
+        .skip(band)
+        .step_by(bands)
         .filter(|(seen, before)| seen.dn.max(before.dn) < full && (seen.before - before.before).is_finite())
     {
         let light = f64::from(before.dn - numbers.level);

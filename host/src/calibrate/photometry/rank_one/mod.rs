@@ -230,7 +230,7 @@ impl<'a> Seen<'a> {
             stand,
             exposure_s: views.exposure_s,
             lamp: [1.0, 0.0],
-            channels: rig.camera.channels as usize,
+            channels: rig.channels(),
             saturation_dn: f64::from(rig.saturation_dn()),
             size_px: (width, height),
             judged: Judged::all(width * height, stand.directions.len()),
@@ -297,8 +297,8 @@ impl<'a> Seen<'a> {
                         signal: frame.spot(all, dark, at),
                         variance: noise + all.max(0.0) / gain + (noise + dark.max(0.0) / gain) / 16.0,
                         uniform: self.exposure_s * self.lamp[0] * f * irradiance,
-                        lamp: all * f64::from(frame.lamp.uncertainty),
-                        common: all * f64::from(frame.lamp.common),
+                        lamp: all * f64::from(frame.lamp.uncertainty[channel]),
+                        common: all * f64::from(frame.lamp.common[channel]),
                     });
                 }
             }

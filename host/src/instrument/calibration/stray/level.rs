@@ -13,12 +13,15 @@
 //! What noise leaves uncertain, and wrong shapes of stray light, a jackknife over groups of neighbours tells; what is
 //! uncertain in stray light itself all pixels share, and all frames (`bias`). Where dark pixels tell less than is known of lamps
 //! anyway, L is near 1.
+//!
+//! Where the bands of an image are lit one after the other, each has a lamp of its own, and its dark pixels tell that alone.
 
 use glam::Vec4;
 
 use super::bias::{Bias, Told};
 use super::{GROUPS, Removal, camera_terms, hypot, lanes};
 use crate::base::linear_fit::least_squares;
+use crate::instrument::bands::PRIMARIES;
 use crate::instrument::calibration::lamp::{Monitor, watch_terms};
 
 /// Pixels that tell how the lamp flickered, about.
@@ -38,13 +41,6 @@ pub(crate) struct Level {
 }
 
 impl Level {
-    /// As in the black frames, for certain.
-    pub(crate) const SAME: Self = Self {
-        light: 1.0,
-        uncertainty: 0.0,
-        common: 0.0,
-    };
-
     /// No lamp drifts farther from what it was in the calibration, relative: above that it is another, which lights otherwise …
     pub(crate) const LARGEST_CHANGE: f32 = 0.1;
     /// … if that is clear, standard uncertainties.
@@ -71,10 +67,49 @@ impl Level {
             common: trust.sqrt() * self.common,
         }
     }
+}
+
+/// Something of each band of an image; the same of all that are lit at once.
+pub(crate) type ByBand<T> = [T; PRIMARIES];
+
+/// Levels of an image, those of its bands in the lanes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Levels {
+    /// As in [`Level`].
+    pub(crate) light: Vec4,
+    pub(crate) uncertainty: Vec4,
+    pub(crate) common: Vec4,
+}
+
+impl Levels {
+    /// As in the black frames, for certain.
+    pub(crate) const SAME: Self = Self {
+        light: Vec4::ONE,
+        uncertainty: Vec4::ZERO,
+        common: Vec4::ZERO,
+    };
+
+    fn of(bands: ByBand<Level>) -> Self {
+        let lanes = |of: fn(&Level) -> f32| {
+            let [red, green, blue] = bands.each_ref().map(of);
+            // Nothing is in the last lane.
+            Vec4::new(red, green, blue, red)
+        };
+        Self {
+            light: lanes(|level| level.light),
+            uncertainty: lanes(|level| level.uncertainty),
+            common: lanes(|level| level.common),
+        }
+    }
 
     /// What a frame shows `more` than a black one, of light `black`, had the lamp been the same.
     pub(crate) fn steady(self, more: Vec4, black: Vec4) -> Vec4 {
         (more - black * (self.light - 1.0)) / self.light
+    }
+
+    /// Part of the uncertainty that all frames share, the most of all bands.
+    pub(crate) fn share(self) -> f32 {
+        (self.common / self.uncertainty.max(Vec4::splat(f32::MIN_POSITIVE))).max_element()
     }
 }
 
@@ -124,13 +159,27 @@ struct Sums {
 
 impl Removal {
     /// The lamp in a frame that `told` so much of it (nothing if `None`), where all frames are off by the `bias`.
-    pub(crate) fn level(&self, told: Option<Told>, bias: Bias) -> Level {
-        bias.level(told, self.prior_variance)
+    pub(crate) fn level(&self, told: ByBand<Option<Told>>, bias: ByBand<Bias>) -> Levels {
+        Levels::of(std::array::from_fn(|band| {
+            bias[band].level(told[band], self.prior_variance)
+        }))
     }
 
     /// What frames that `told` of the lamp beside `black` others, from which it changes `slowly` by so much, relative, are off by alike.
-    pub(crate) fn bias(&self, told: &[Told], black: usize, slowly: f64) -> Bias {
-        Bias::of(told, black, self.flicker.into(), slowly)
+    pub(crate) fn bias(&self, told: &[ByBand<Option<Told>>], black: usize, slowly: f64) -> ByBand<Bias> {
+        self.by_band(|band| {
+            let of_band: Vec<Told> = told.iter().filter_map(|told| told[band]).collect();
+            Bias::of(&of_band, black, self.flicker.into(), slowly)
+        })
+    }
+
+    /// What `of` makes of each band that is lit by itself, or of the first for all.
+    fn by_band<T: Copy>(&self, of: impl Fn(usize) -> T) -> ByBand<T> {
+        if self.bands > 1 {
+            std::array::from_fn(of)
+        } else {
+            [of(0); PRIMARIES]
+        }
     }
 
     /// The lamp in black frames beside that of the calibration; `watching` is what they show in `exposure_s` seconds more than those
@@ -146,13 +195,20 @@ impl Removal {
         let watch = self.watch.as_ref()?;
         let own = |pixel: usize| watch.light[pixel] * exposure_s as f32;
         let [brighter, doubt] = self.brighter(watch, watching, others, counts);
-        let told = self.told(
+        let told = self.told_in(
+            Vec4::ONE,
             |pixel| watching[pixel] - others[pixel] * brighter - own(pixel),
             own,
             |pixel| hypot(others[pixel].abs() * doubt, Vec4::splat(self.steps_dn)),
         );
+        // All bands together tell it; where each had a lamp of its own, that of one is another than what the brightest tell by no more.
+        let own = if self.bands > 1 {
+            2.0 * self.flicker.powi(2) / counts[0].max(1) as f32
+        } else {
+            0.0
+        };
         told.map(|told| {
-            let uncertainty = told.variance().sqrt();
+            let uncertainty = (told.variance() + own).sqrt();
             Level {
                 light: 1.0 + told.brighter,
                 uncertainty,
@@ -222,11 +278,29 @@ impl Removal {
         more: impl Fn(usize) -> Vec4,
         black: impl Fn(usize) -> Vec4,
         doubt: impl Fn(usize) -> Vec4,
+    ) -> ByBand<Option<Told>> {
+        self.by_band(|band| {
+            let lanes = if self.bands > 1 {
+                Vec4::AXES[band]
+            } else {
+                Vec4::ONE
+            };
+            self.told_in(lanes, &more, &black, &doubt)
+        })
+    }
+
+    /// As [`told`](Self::told), by what is in these `lanes`.
+    fn told_in(
+        &self,
+        lanes: Vec4,
+        more: impl Fn(usize) -> Vec4,
+        black: impl Fn(usize) -> Vec4,
+        doubt: impl Fn(usize) -> Vec4,
     ) -> Option<Told> {
         let mut groups = [Sums::default(); GROUPS];
         for (place, &pixel) in self.monitors.iter().enumerate() {
             let at = pixel as usize;
-            let (more, weight) = (more(at), self.weights[place]);
+            let (more, weight) = (more(at), self.weights[place] * lanes);
             if more.is_nan() {
                 continue;
             }

@@ -29,7 +29,7 @@ use direct::DirectImage;
 pub(crate) use direct::{CAMERA_TERMS, PROJECTOR_TERMS, camera_terms, lit_terms};
 pub(crate) use ghost::Shifted;
 pub(crate) use halo::{Halo, Room as HaloRoom};
-pub(crate) use level::Level;
+pub(crate) use level::{ByBand, Level, Levels};
 
 use level::Watch;
 
@@ -183,6 +183,8 @@ pub(crate) struct Removal {
     /// What noise leaves of the converter's steps in the difference of two means, in all pixels alike, digital numbers (k = 1).
     steps_dn: f32,
     watch: Option<Watch>,
+    /// Bands of an image that are lit one after the other; 1 if all are at once.
+    bands: usize,
     /// Standard deviation of the lamp's light from exposure to exposure, relative.
     flicker: f32,
     /// Variance of the light of an exposure as far as nothing watches it.
@@ -240,6 +242,7 @@ impl Removal {
         let format = rig.frame_format();
         Self {
             steps_dn: steps_dn(rig, 0.0) as f32,
+            bands: rig.shown_bands(),
             ..Self::new(
                 found,
                 (lamp, side),
@@ -296,6 +299,7 @@ impl Removal {
             prior_variance: lamp.prior_variance() as f32,
             monitors: dark,
             steps_dn: 0.0,
+            bands: 1,
         }
     }
 

@@ -241,9 +241,10 @@ fn the_lamp_of_a_frame_is_told_by_what_is_dark_beside_stray_light() {
             |pixel| black[pixel],
             |pixel| room.doubt[pixel],
         );
-        let level = removal.level(told, Bias::default());
+        let level = removal.level(told, Default::default());
+        let (found, uncertainty) = (level.light[0], level.uncertainty[0]);
         assert!(
-            (level.light - light).abs() < 1e-4 + 3.0 * level.uncertainty && level.uncertainty < 1.5e-3,
+            (found - light).abs() < 1e-4 + 3.0 * uncertainty && uncertainty < 1.5e-3,
             "{light} {spot}: {level:?}"
         );
     }
@@ -255,11 +256,37 @@ fn the_lamp_of_a_frame_is_told_by_what_is_dark_beside_stray_light() {
         Vec::new(),
     );
     let told = blind.told(|_| Vec4::NAN, |_| Vec4::ZERO, |_| Vec4::ZERO);
-    let level = blind.level(told, Bias::default());
+    let level = blind.level(told, Default::default());
     assert!(
-        (level.light - 1.0).abs() < 1e-9 && (level.uncertainty - 3e-3).abs() < 1e-6,
+        (level.light[0] - 1.0).abs() < 1e-9 && (level.uncertainty[0] - 3e-3).abs() < 1e-6,
         "{level:?}"
     );
+}
+
+#[test]
+fn bands_that_are_lit_in_turn_have_lamps_of_their_own() {
+    const LAMPS: [f32; 3] = [1.004, 0.996, 1.0];
+    let watched = Watched::new();
+    let mut removal = Watched::new().removal;
+    for weight in &mut removal.weights {
+        *weight = Vec4::new(weight.x, weight.x, weight.x, 0.0);
+    }
+    let black = watched.shown(1.0, 0.0);
+    let told = |removal: &Removal| {
+        let told = removal.told(
+            |pixel| black[pixel].x * Vec4::new(LAMPS[0] - 1.0, LAMPS[1] - 1.0, LAMPS[2] - 1.0, 0.0),
+            |pixel| black[pixel].x * Vec4::new(1.0, 1.0, 1.0, 0.0),
+            |_| Vec4::ZERO,
+        );
+        removal.level(told, Default::default())
+    };
+    let together = told(&removal);
+    removal.bands = 3;
+    let in_turn = told(&removal);
+    for (lane, lamp) in LAMPS.into_iter().enumerate() {
+        assert!((together.light[lane] - 1.0).abs() < 1e-4, "{together:?}");
+        assert!((in_turn.light[lane] - lamp).abs() < 1e-4, "{in_turn:?}");
+    }
 }
 
 #[test]
