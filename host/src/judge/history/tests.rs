@@ -77,11 +77,11 @@ fn lines_are_no_closer_than_noise_and_a_drift_is_told() {
 fn the_table_has_all_and_the_chart_shows_it() {
     let mut members: Vec<Member> = (0..4).map(|day| member(day, 1e-3 * day as f64)).collect();
     members[1].name = "a, \"b\"".to_owned();
-    let found = History::of_members(&members, Over::First).unwrap();
+    let found = History::of_members(&members, Over::First, vec![String::new()]).unwrap();
     let table = found.csv();
     assert_eq!(table.lines().count(), 5);
     assert!(
-        table.contains("\n\"a, \"\"b\"\"\",2026-01-02T08:00:00Z,1.000000,0,1.001000,"),
+        table.contains("\n\"a, \"\"b\"\"\",2026-01-02T08:00:00Z,1.000000,0,,1.001000,"),
         "{table}"
     );
     let charts = found.charts("it");
