@@ -161,7 +161,8 @@ fn lines(plan: &Plan, forecast: &Forecast) -> Vec<(&'static str, String)> {
         (
             "display",
             pace.display_frames.map_or_else(String::new, |frames| {
-                format!("{frames:.1} display frames for each exposure, a dark one among them (projector.window.refresh_hz; 60 Hz where it is not said)")
+                format!("{frames:.1} display frames for each exposure, a dark one among them (projector.window.refresh_hz, 60 Hz where \
+                     it is not said)")
             }),
         ),
         (

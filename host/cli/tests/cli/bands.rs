@@ -252,3 +252,62 @@ fn what_bands_in_turn_cannot_do_is_said() {
         [[true, false, false], [false, true, false], [false, false, true]]
     );
 }
+
+/// From standards to a judged result: what flickers between bands is found, and in the uncertainty.
+#[test]
+fn a_rig_with_bands_in_turn_is_calibrated_and_right_within_its_uncertainty() {
+    let scratch = tempfile::tempdir().unwrap();
+    let rig = by_projector(scratch.path());
+    let [truth, calibration, out] = ["truth.toml", "calibration", "m"].map(|name| scratch.path().join(name));
+    fs::create_dir(&calibration).unwrap();
+    let drawn =
+        "truth --flaws typical --flicker-percent 0.5 --position-mm 0 --angle-deg 0 --without figure --seed 3";
+    let mut draw: Vec<&str> = drawn.split(' ').collect();
+    draw.extend(["--rig", text(&rig), "--out", text(&truth)]);
+    run(&draw, "").done();
+    let calibrated = run(
+        &[
+            "calibrate",
+            "photometry",
+            "--rig",
+            text(&rig),
+            "--truth",
+            text(&truth),
+            "--out",
+            text(&calibration),
+            "--image-size",
+            "32",
+            "--second-standard",
+            "none",
+            "--json",
+        ],
+        "",
+    )
+    .object();
+    // As drawn: of all bands together the lamp would seem to flicker by 0.3 %, and pixels not to differ.
+    for (found, true_value, within) in [("lamp.flicker", 5e-3, 0.25), ("camera.prnu", 5e-3, 0.4)] {
+        let ratio = number(&calibrated, found) / true_value;
+        assert!((ratio - 1.0).abs() < within, "{found}: {ratio} of what is true");
+    }
+    let more = [
+        "--truth",
+        text(&truth),
+        "--calibration",
+        text(&calibration),
+        "--seed",
+        "5",
+    ];
+    let mut measured = measure(&rig, &out, &more);
+    let size = measured.iter().position(|word| *word == "16").unwrap();
+    measured[size] = "32";
+    run(&measured, "").done();
+    let brdf = out.join("brdf.zarr");
+    let judged = run(&["evaluate", text(&brdf), "--reference", SAMPLE, "--json"], "").object();
+    assert!(number(&judged, "against_reference.within_k2") > 0.9, "{judged}");
+    let compared = run(&["compare", SAMPLE, text(&brdf)], "");
+    assert!(
+        compared.done().contains("bias, red 620 nm (60 nm wide)"),
+        "{}",
+        compared.stdout
+    );
+}

@@ -29,15 +29,25 @@ fn show(segment: &mut Segment, incident: i64, numbers: impl Iterator<Item = f64>
     });
 }
 
-/// A measurement of `count` patterns with a black one at each of `black`, whose offset and lamp are as `of` says of the pattern.
+/// A measurement with a black pattern at each of `black`, whose offset and lamp are as `of` says of the pattern.
 fn found(black: &[usize], of: impl Fn(usize) -> [f64; 2]) -> Black {
-    let rig = rig();
-    let values = 4096;
-    let mut frames = BlackFrames::new(&rig, (None, Some(&LAMP)), &[(0.01, 0.0)]);
+    found_on(&rig(), black, |pattern, _| of(pattern))
+}
+
+/// The same on `rig`, where they are as `of` says of the pattern and the band.
+fn found_on(rig: &Rig, black: &[usize], of: impl Fn(usize, usize) -> [f64; 2]) -> Black {
+    let bands = rig.shown_bands();
+    let values = 4096 * bands;
+    let mut frames = BlackFrames::new(rig, (None, Some(&LAMP)), &[(0.01, 0.0)]);
     for pattern in black {
-        let [offset, lamp] = of(*pattern);
-        let light = |at: usize| 10.0 + 2000.0 * (at as f64 / values as f64).powi(2);
-        let dn = |at: usize| (1000.0 + offset + lamp * light(at)).round() as u16;
+        let light = |at: usize, band: usize| {
+            let share = (at / bands) as f64 / 4096.0;
+            [1.0, 0.5, 0.2][band] * (10.0 + 2000.0 * share.powi(2))
+        };
+        let dn = |at: usize| {
+            let [offset, lamp] = of(*pattern, at % bands);
+            (1000.0 + offset + lamp * light(at, at % bands)).round() as u16
+        };
         let segment = Segment {
             frames: (0..values).map(dn).collect(),
             records: vec![ExposureRecord {
@@ -50,8 +60,24 @@ fn found(black: &[usize], of: impl Fn(usize) -> [f64; 2]) -> Black {
         frames.add(*pattern, &segment, values);
     }
     let request = crate::plan::Request::default();
-    let plan = Plan::new(request, &rig, 0.01).unwrap();
-    frames.finish(&rig, &plan).unwrap()
+    let plan = Plan::new(request, rig, 0.01).unwrap();
+    frames.finish(rig, &plan).unwrap()
+}
+
+#[test]
+fn bands_in_turn_have_one_offset_and_lamps_of_their_own() {
+    let mut rig = rig();
+    rig.camera.channels = 1;
+    rig.bands = Some(crate::instrument::bands::tests::in_turn());
+    let true_dn = |pattern: usize| 3.0 + 0.02 * pattern as f64;
+    let lamp = |pattern: usize, band: usize| 1.0 + 0.01 * ((pattern + 2 * band) as f64).sin();
+    let found = found_on(&rig, &[0, 40, 80, 120], |pattern, band| {
+        [true_dn(pattern), lamp(pattern, band)]
+    });
+    for pattern in [0, 40, 80, 120] {
+        let error = f64::from(found.drift.of(pattern).dn) - (true_dn(pattern) - true_dn(60));
+        assert!(error.abs() < 0.1, "{pattern}: off by {error} DN");
+    }
 }
 
 #[test]
