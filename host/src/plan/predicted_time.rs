@@ -237,7 +237,7 @@ mod tests {
             let led = pace(&rig, 15.0);
             assert!((led.display_frames.unwrap() - frames).abs() < 1e-9, "{led:?}");
             assert!((led.instrument_s - 160.0 * frames / 60.0).abs() < 1e-9, "{led:?}");
-            assert_eq!(limits(&led)[0], Limit::Display, "{led:?}");
+            assert!(limits(&led).contains(&Limit::Display), "{led:?}");
         }
     }
 

@@ -110,7 +110,8 @@ fn a_folder_that_goes_in_mid_run_ends_it_in_a_sentence() {
     }
     let ended = child.wait_with_output().unwrap();
     let told = String::from_utf8(ended.stderr).unwrap();
-    assert_eq!(ended.status.code(), Some(1), "{told}");
+    // What could not be written is the host's fault; what is not there when it is read is the input's.
+    assert!(matches!(ended.status.code(), Some(1 | 2)), "{told}");
     assert!(told.contains(text(&out)) && told.lines().count() == 1, "{told}");
     // Whatever it wrote before it noticed is no measurement.
     assert!(!out.join("brdf.zarr").exists());
