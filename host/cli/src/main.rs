@@ -39,6 +39,7 @@ mod patterns;
 mod plan;
 mod plot;
 mod projector;
+mod queue;
 mod reflectance;
 mod render;
 mod report;
