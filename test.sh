@@ -35,7 +35,7 @@ need_features() {
     fi
     if ! pkg-config --exists 'aravis-0.8 >= 0.8.25' 2>/dev/null; then
         echo "no libaravis (Debian: libaravis-dev libusb-1.0-0-dev): the drivers of cameras are skipped"
-        features="--features rcg-firmware/clock-200mhz,rcg-cli/dlpc900,rcg-cli/window,rcg-hil/window"
+        features="--features rcg-firmware/clock-200mhz,rcg-cli/collection,rcg-cli/dlpc900,rcg-cli/window,rcg-hil/window"
     fi
 }
 

@@ -7,7 +7,7 @@ use crate::failure::Failure;
 use crate::request::RequestArgs;
 
 /// How far an adaptive measurement goes.
-#[derive(Debug, clap::Args)]
+#[derive(Clone, Debug, clap::Args)]
 pub(crate) struct AdaptiveArgs {
     /// Choose the incident directions on the way, where the predicted error is largest, until --target or --budget; --grid
     /// and --step say from which directions it starts [default: 48 that are far apart]

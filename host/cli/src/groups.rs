@@ -26,7 +26,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
     ),
     (
         "Commands that show a result and hand it on",
-        &["render", "plot", "report", "export"],
+        &["render", "plot", "report", "export", "collection"],
     ),
     (
         "Commands that study and simulate",

@@ -13,6 +13,7 @@ mod calibrate;
 mod camera;
 mod capture;
 mod clock;
+mod collection;
 mod combine;
 mod compare;
 mod controller;
@@ -27,6 +28,7 @@ mod info;
 mod interrupt;
 mod live;
 mod log;
+mod manifest;
 mod map;
 mod measure;
 mod multiplex;
@@ -37,6 +39,7 @@ mod patterns;
 mod plan;
 mod plot;
 mod projector;
+mod queue;
 mod reflectance;
 mod render;
 mod report;
@@ -118,6 +121,8 @@ enum Command {
     Export(export::Args),
     Fit(fit::Args),
     Combine(combine::Args),
+    #[command(subcommand)]
+    Collection(collection::Command),
     History(history::Args),
     Fill(fill::Args),
     Turn(turn::Args),
@@ -174,6 +179,7 @@ impl Command {
                 | Self::Info(_)
                 | Self::Export(_)
                 | Self::Combine(_)
+                | Self::Collection(_)
                 | Self::History(_)
                 | Self::Fill(_)
                 | Self::Turn(_)
@@ -274,6 +280,7 @@ fn done(cli: &Cli, output: &Output) -> Done {
         Command::Info(args) => info::run(args, output),
         Command::Export(args) => export::run(args, output),
         Command::Combine(args) => combine::run(args, output),
+        Command::Collection(command) => collection::run(command, output),
         Command::History(args) => history::run(args, output),
         Command::Fill(args) => fill::run(args, output),
         Command::Turn(args) => turn::run(args, output),

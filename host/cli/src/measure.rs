@@ -1,6 +1,6 @@
 //! `rcg measure`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use rcg::capture::directory::Measurement;
@@ -15,16 +15,20 @@ use crate::Done;
 use crate::adaptive::AdaptiveArgs;
 use crate::calibrate::first::calibrated;
 use crate::failure::Failure;
+use crate::manifest::fact;
 use crate::output::{Output, table};
+use crate::queue::{self, Next, QueueArgs};
 use crate::request::{CalibrationArgs, PortArgs, RequestArgs, VirtualArgs};
 use crate::session::SessionArgs;
 
 /// Plan, capture, assemble, evaluate and report in one go.
-#[derive(Debug, clap::Args)]
+#[derive(Clone, Debug, clap::Args)]
 pub(crate) struct Args {
-    /// Directory of the measurement: new or empty, or with --resume one that was begun
+    /// Directory of the measurement: new or empty, or with --resume one that was begun; with --queue the folder of all, perhaps a collection
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    #[command(flatten)]
+    queue: QueueArgs,
     #[command(flatten)]
     request: RequestArgs,
     /// Known material to compare the result with, as --sample takes it [default: what stands in the virtual rig]
@@ -129,7 +133,27 @@ fn begin(
     Ok((job, measurement))
 }
 
-pub(crate) fn run(args: &Args, named: &str, output: &Output) -> Done {
+/// A measurement that is done.
+pub(crate) struct Measured {
+    measurement: Measurement,
+    summary: Summary,
+    calibration: Option<String>,
+}
+
+/// Whether a measurement that is finished already is done again from its frames on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Finished {
+    Again,
+    Kept,
+}
+
+/// Measures; nothing if the measurement that goes on is one that is `finished` and kept.
+pub(crate) fn measured(
+    args: &Args,
+    named: &str,
+    finished: Finished,
+    output: &Output,
+) -> Result<Option<Measured>, Failure> {
     let is_adaptive = args.adaptive.check(&args.request)?;
     if is_adaptive && args.replay.is_some() {
         return Err(Failure::input(
@@ -174,23 +198,47 @@ pub(crate) fn run(args: &Args, named: &str, output: &Output) -> Done {
     } else {
         begin(args, &rig, setup, begun.as_ref(), replay.as_ref(), output)?
     };
+    if goes_on && finished == Finished::Kept && fact(&measurement, &["state"])? == "reported" {
+        return Ok(None);
+    }
     output.log_into(measurement.dir());
     let began = Instant::now();
     let summary = complete(&measurement, &job, &|| began.elapsed(), output)?;
-    let calibration = known.dir().map(|dir| dir.display().to_string());
+    Ok(Some(Measured {
+        measurement,
+        summary,
+        calibration: known.dir().map(|dir| dir.display().to_string()),
+    }))
+}
+
+pub(crate) fn run(args: &Args, named: &str, output: &Output) -> Done {
+    if let Some(file) = args.queue.file() {
+        return queue::run(args, file, named, output);
+    }
+    args.queue.check()?;
+    let done = measured(args, named, Finished::Again, output)?;
+    let done = done.expect("invariant: nothing is kept as it is");
     let answer = Answer {
-        summary: &summary,
-        calibration: calibration.as_deref(),
+        summary: &done.summary,
+        calibration: done.calibration.as_deref(),
     };
     output.print(&answer, || {
-        let mut lines = lines(&summary);
-        lines.extend(calibration.clone().map(|dir| ("calibration", dir)));
-        lines.push(("report", measurement.path("report.html").display().to_string()));
+        let mut lines = lines(&done.summary);
+        lines.extend(done.calibration.clone().map(|dir| ("calibration", dir)));
+        let report = done.measurement.path("report.html");
+        lines.push(("report", report.display().to_string()));
         table(&lines)
     })?;
-    output.warn(&summary.evaluation.warnings);
+    output.warn(&done.summary.evaluation.warnings);
     output.log("done");
     Ok(())
+}
+
+impl Measured {
+    /// What cannot be stated of it, in sentences.
+    pub(crate) fn warnings(&self) -> &[String] {
+        &self.summary.evaluation.warnings
+    }
 }
 
 /// What came of it.
@@ -203,6 +251,35 @@ struct Answer<'a> {
 }
 
 impl Args {
+    /// The folder of all measurements of a queue.
+    pub(crate) fn folder(&self) -> &Path {
+        &self.out
+    }
+
+    /// Whether no sample of a queue is asked for.
+    pub(crate) const fn asks_nothing(&self) -> bool {
+        self.queue.asks_nothing()
+    }
+
+    /// Whether what is to be measured is finished already.
+    pub(crate) fn is_finished(&self) -> bool {
+        let measurement = Measurement::open(&self.out).ok();
+        measurement.is_some_and(|found| fact(&found, &["state"]).is_ok_and(|state| state == "reported"))
+    }
+
+    /// These for the sample `next` of a queue, into the directory `out`.
+    pub(crate) fn of(&self, next: &Next, out: &Path) -> Self {
+        let mut one = self.clone();
+        out.clone_into(&mut one.out);
+        one.queue = QueueArgs::default();
+        one.resume = Measurement::exists(out) || out.is_dir();
+        one.request
+            .name(next.sample_name.as_ref(), next.sample_description.as_ref());
+        one.virtual_rig.hold(next.sample.as_ref());
+        one.replay = next.plan.clone().or(one.replay);
+        one
+    }
+
     /// The directory of a calibration of the virtual `rig`, which `named` is the argument of; what cannot be measured with it is refused
     /// before that. `None` for one that is as its file says: nothing of it is to be found.
     fn calibrated_first(

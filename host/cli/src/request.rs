@@ -148,6 +148,13 @@ pub(crate) struct FaultArgs {
 }
 
 impl VirtualArgs {
+    /// Lets this `sample` stand in the virtual rig, if one is named.
+    pub(crate) fn hold(&mut self, sample: Option<&String>) {
+        if sample.is_some() {
+            self.sample = sample.cloned();
+        }
+    }
+
     /// Refuses what is asked for of the virtual rig where `rig` is a real one.
     pub(crate) fn check(&self, rig: &Rig) -> Result<(), Failure> {
         if self.sample.is_some() && rig.is_real() {
@@ -283,6 +290,12 @@ impl CalibrationArgs {
 }
 
 impl RequestArgs {
+    /// Takes over what a sample is called, and what else there is to say of it, where there is something.
+    pub(crate) fn name(&mut self, name: Option<&String>, description: Option<&String>) {
+        self.sample_name = name.or(self.sample_name.as_ref()).cloned();
+        self.sample_description = description.or(self.sample_description.as_ref()).cloned();
+    }
+
     /// Whether a pilot capture is to choose the spot.
     pub(crate) fn is_spot_auto(&self) -> bool {
         self.spot == Some(Spot::Auto)

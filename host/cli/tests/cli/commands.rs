@@ -109,6 +109,11 @@ impl Scene {
             "--out",
         ];
         run(&[&plan[..], &[text(&scene.path("planned"))]].concat(), "").done();
+        if cfg!(feature = "collection") {
+            for command in ["init", "add"] {
+                run(&["collection", command, text(scene.folder())], "").done();
+            }
+        }
         scene
     }
 
@@ -158,6 +163,7 @@ impl Scene {
             "export" => exports(&brdf, &file),
             "fill" => vec![format!("{brdf} --out {}", file("whole.zarr"))],
             "combine" => vec![format!("{brdf} {repeated} --out {}", file("mean.zarr"))],
+            _ if words[0] == "collection" => self.of_collection(&words[1], &dir, &file("c.html")),
             "history" => histories(&[measured, repeated], &file),
             "turn" => vec![format!("{brdf} --azimuth 20 --out {}", file("turned.zarr"))],
             "budget" => vec![format!("{brdf} --region 45,40")],
@@ -203,6 +209,23 @@ impl Scene {
                 stdin,
             })
             .collect()
+    }
+}
+
+impl Scene {
+    /// Words behind an action on a collection, of which the scene is one; none where the program was built without.
+    fn of_collection(&self, action: &str, dir: &str, page: &str) -> Vec<String> {
+        let scene = text(self.folder());
+        let line = match action {
+            _ if !cfg!(feature = "collection") => return Vec::new(),
+            "init" => dir.to_owned(),
+            "add" => format!("{scene} {scene}/measured"),
+            "status" => scene.to_owned(),
+            "query" => format!("{scene} --where sigma>0"),
+            "page" => format!("{scene} --out {page}"),
+            other => panic!("`rcg collection {other}` has no use here: add a quick one"),
+        };
+        vec![line]
     }
 }
 

@@ -30,6 +30,8 @@ mod by_hand;
 mod calibrated_first;
 mod calibrations;
 mod cameras;
+#[cfg(feature = "collection")]
+mod collections;
 mod command;
 mod commands;
 mod directions;
