@@ -15,7 +15,7 @@ use crate::assemble::share::Share;
 use crate::assemble::{Assembled, Probe, Target, assemble};
 use crate::base::progress::Progress;
 use crate::brdf::Brdf;
-use crate::capture::directory::{Measurement, MeasurementError};
+use crate::capture::directory::{FIGURES, Measurement, MeasurementError};
 use crate::capture::session::ATTACHMENTS;
 use crate::instrument::calibration::{AppliedCalibration, Calibration, RIG, rig_hash};
 use crate::judge::differences::{Differences, differences};
@@ -177,7 +177,7 @@ fn check_apart(measurement: &Measurement, out: &Path) -> Result<(), MeasureError
         let store = measurement.path(name);
         folder.starts_with(store.canonicalize().unwrap_or(store))
     };
-    let stores = ["brdf.zarr", "raw.zarr", "figures", ATTACHMENTS];
+    let stores = ["brdf.zarr", "raw.zarr", FIGURES, ATTACHMENTS];
     match stores.into_iter().find(within) {
         Some(name) => Err(refused(&format!("a place in the {name} of the measurement"))),
         None => Ok(()),

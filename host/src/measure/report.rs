@@ -14,7 +14,7 @@ use crate::brdf::Brdf;
 use crate::brdf::reflectance::Reflectance;
 use crate::brdf::sample::Sample;
 use crate::capture::Tally;
-use crate::capture::directory::{Measurement, MeasurementError};
+use crate::capture::directory::{FIGURES, Measurement, MeasurementError, PICTURES};
 use crate::hemisphere::judged::{JUDGED_THETA_DEG, RECIPROCAL_THETA_DEG};
 use crate::judge::evaluate::{Albedo, Comparison, Evaluation, Quantile, Resolution};
 use crate::judge::render::{
@@ -128,9 +128,9 @@ pub fn report(
     reference: Option<&dyn Sample>,
     summary: &Summary,
 ) -> Result<(), ReportError> {
-    let figures = measurement.path("figures");
+    let figures = measurement.path(FIGURES);
     fs::create_dir_all(&figures).map_err(|source| FileError::at(&figures, source))?;
-    let [spheres_png, frames_png] = ["sphere.png", "frames.png"].map(|name| figures.join(name));
+    let [spheres_png, frames_png] = PICTURES.map(|name| figures.join(name));
     let azimuth = azimuth_in_words(Some(&brdf.azimuth().zero()));
     save_described(&spheres(brdf, reference)?, &spheres_png, Some(&azimuth))?;
     save(&frames(measurement)?, &frames_png)?;

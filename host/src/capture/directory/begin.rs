@@ -27,9 +27,14 @@ const BEGINNINGS: [&str; 11] = [
     lock::NAME,
 ];
 
+/// Where the pictures of a measurement stand, and their names: the sphere, and some frames.
+pub(crate) const FIGURES: &str = "figures";
+pub(crate) const PICTURES: [&str; 2] = ["sphere.png", "frames.png"];
+
 /// Removes what killed writers left in `dir` of the files that only the one with the right to write there writes.
 pub(crate) fn sweep_unfinished(dir: &Path) {
     whole_file::sweep(dir, &[Record::FILE, MANIFEST, "report.html"]);
+    whole_file::sweep(&dir.join(FIGURES), &PICTURES);
 }
 
 impl Measurement {

@@ -38,7 +38,7 @@ mod manifest;
 mod resume;
 mod segment;
 
-pub(crate) use begin::sweep_unfinished;
+pub(crate) use begin::{FIGURES, PICTURES, sweep_unfinished};
 pub use error::MeasurementError;
 use files::write_synced;
 pub(crate) use identity::{Sums, stamps_of, sums_at, sums_of};
