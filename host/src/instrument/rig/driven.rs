@@ -19,7 +19,7 @@ impl Rig {
         self.camera.driver != CameraDriver::Virtual
     }
 
-    /// Display frames a second of the monitor that shows the pictures, [`USUAL_REFRESH_HZ`] where the file does not say; `None` where the
+    /// Display frames a second of the monitor that shows the pictures, 60 where the file does not say; `None` where the
     /// projector is triggered.
     #[must_use]
     pub fn refresh_hz(&self) -> Option<f64> {
