@@ -11,6 +11,7 @@
 //! | `mounts` | how the flat mirror stood: tilts are stated by hand |
 //! | `sightings` | frames → matches of camera and projector, edges of the mirror |
 //! | `shadows` | where the wire is, and what else hides the standard |
+//! | `wire` | whether a wire that was fitted is the one that is seen |
 //! | `parameters` | the unknowns and their tolerances |
 //! | `solve` | robust least squares |
 //! | `shape` | what the mirror's shape may make of the unknowns |
@@ -47,6 +48,7 @@ mod stands;
 #[cfg(test)]
 mod tests;
 mod uncertainty;
+mod wire;
 
 use std::path::Path;
 
@@ -187,16 +189,31 @@ impl Fit {
         // What cannot be seen has no edges.
         let unseen = nominal.wire.take_if(|_| !matches!(wire, Ok(Wire::At(_))));
         let unknowns = parameters(&nominal);
-        let solution = solve(Task {
-            nominal: &nominal,
-            parameters: &unknowns,
-            ..task
-        })
-        .ok_or_else(|| CalibrateError::Views {
-            expected: "views that a rig near the nominal one explains".to_owned(),
-            found: "a fit that does not converge".to_owned(),
-            advice: "check the tilts that were stated, and the nominal rig",
-        })?;
+        let fitted = |nominal: &Rig| {
+            let solution = solve(Task {
+                nominal,
+                parameters: &unknowns,
+                ..task
+            });
+            solution.ok_or_else(|| CalibrateError::Views {
+                expected: "views that a rig near the nominal one explains".to_owned(),
+                found: "a fit that does not converge".to_owned(),
+                advice: "check the tilts that were stated, and the nominal rig",
+            })
+        };
+        let mut solution = fitted(&nominal)?;
+        // The azimuth of a wire is searched for from where it was seen.
+        if let Some(by_deg) = wire::aside_deg(&solution.rig, seen, solution.scales_rad[1])
+            && let Some(wire) = &mut nominal.wire
+        {
+            wire.azimuth_deg = by_deg
+                + solution
+                    .rig
+                    .wire
+                    .as_ref()
+                    .map_or(wire.azimuth_deg, |wire| wire.azimuth_deg);
+            solution = fitted(&nominal)?;
+        }
         Ok(Self {
             nominal,
             unknowns,
