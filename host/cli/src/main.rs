@@ -28,7 +28,6 @@ mod info;
 mod interrupt;
 mod live;
 mod log;
-mod manifest;
 mod map;
 mod measure;
 mod multiplex;

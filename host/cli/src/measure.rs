@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use rcg::capture::directory::Measurement;
+use rcg::capture::directory::{Measurement, State};
 use rcg::instrument::rig::Rig;
 use rcg::measure::adaptive::{self, Begun};
 use rcg::measure::report::{Summary, lines};
@@ -15,7 +15,6 @@ use crate::Done;
 use crate::adaptive::AdaptiveArgs;
 use crate::calibrate::first::calibrated;
 use crate::failure::Failure;
-use crate::manifest::fact;
 use crate::output::{Output, table};
 use crate::queue::{self, Next, QueueArgs};
 use crate::request::{CalibrationArgs, PortArgs, RequestArgs, VirtualArgs};
@@ -140,6 +139,11 @@ pub(crate) struct Measured {
     calibration: Option<String>,
 }
 
+/// Whether nothing is left to do of a measurement.
+fn is_reported(measurement: &Measurement) -> bool {
+    measurement.noted("state") == Some(State::Reported)
+}
+
 /// Whether a measurement that is finished already is done again from its frames on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Finished {
@@ -198,7 +202,7 @@ pub(crate) fn measured(
     } else {
         begin(args, &rig, setup, begun.as_ref(), replay.as_ref(), output)?
     };
-    if goes_on && finished == Finished::Kept && fact(&measurement, &["state"])? == "reported" {
+    if goes_on && finished == Finished::Kept && is_reported(&measurement) {
         return Ok(None);
     }
     output.log_into(measurement.dir());
@@ -263,8 +267,7 @@ impl Args {
 
     /// Whether what is to be measured is finished already.
     pub(crate) fn is_finished(&self) -> bool {
-        let measurement = Measurement::open(&self.out).ok();
-        measurement.is_some_and(|found| fact(&found, &["state"]).is_ok_and(|state| state == "reported"))
+        Measurement::open(&self.out).is_ok_and(|found| is_reported(&found))
     }
 
     /// These for the sample `next` of a queue, into the directory `out`.

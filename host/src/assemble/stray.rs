@@ -47,19 +47,12 @@ impl StrayLight {
                 .level_of_watching(&watching, &others, one.counts, one.exposure_s)
         });
         let Some(best) = Level::best(of_each) else {
-            let uncertainty = LampFound::UNWATCHED as f32;
-            return Ok(Level {
-                light: 1.0,
-                uncertainty,
-                common: uncertainty,
-            });
+            return Ok(Level::of_all(1.0, LampFound::UNWATCHED as f32));
         };
-        let uncertainty = best.uncertainty.hypot(self.removal.level_uncertainty());
-        let level = Level {
-            light: best.light,
-            uncertainty,
-            common: uncertainty,
-        };
+        let level = Level::of_all(
+            best.light,
+            best.uncertainty.hypot(self.removal.level_uncertainty()),
+        );
         if !level.is_same_lamp() {
             return Err(format!(
                 "lamp: expected light within {} % of that of the calibration, found {:.1} ± {:.1} % of it; was the lamp \

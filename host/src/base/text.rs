@@ -248,7 +248,8 @@ pub fn duration(seconds: f64) -> String {
 }
 
 /// A name as a field of a table (RFC 4180).
-pub(crate) fn quoted(name: &str) -> String {
+#[must_use]
+pub fn quoted(name: &str) -> String {
     if name.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", name.replace('"', "\"\""))
     } else {

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 use std::fs::File;
-use std::io::Read as _;
+use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
@@ -10,7 +10,8 @@ use serde_json::{Map, Value};
 use sha2::{Digest as _, Sha256};
 
 /// SHA-256 of `bytes`.
-pub(crate) fn sum(bytes: &[u8]) -> String {
+#[must_use]
+pub fn sum(bytes: &[u8]) -> String {
     hex(&Sha256::digest(bytes))
 }
 
@@ -28,9 +29,17 @@ pub(crate) fn sum_of_json(object: &Map<String, Value>) -> String {
     sum(text.as_bytes())
 }
 
-/// SHA-256 of all files below the folder `dir`: of one line `SUM  PATH` for each, as `sha256sum` prints it, ordered by the bytes of the
-/// path from `dir`. In a shell: `cd DIR && find . -type f -printf '%P\n' | LC_ALL=C sort | xargs -d '\n' sha256sum | sha256sum`.
-pub(crate) fn sum_of_tree(dir: &Path) -> std::io::Result<String> {
+/// SHA-256 of all files below the folder `dir`, see [`sum_of_files`]. In a shell:
+/// `cd DIR && find . -type f -printf '%P\n' | LC_ALL=C sort | xargs -d '\n' sha256sum | sha256sum`.
+pub(crate) fn sum_of_tree(dir: &Path) -> io::Result<String> {
+    sum_of_files(dir, &files_below(dir)?)
+}
+
+/// The paths of all files below the folder `dir` from there, with `/` on every system, ordered by their bytes.
+///
+/// # Errors
+/// What the system says of a folder that cannot be read.
+pub fn files_below(dir: &Path) -> io::Result<Vec<String>> {
     let (mut names, mut folders): (Vec<String>, _) = (Vec::new(), vec![dir.to_owned()]);
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(&folder)? {
@@ -43,8 +52,16 @@ pub(crate) fn sum_of_tree(dir: &Path) -> std::io::Result<String> {
         }
     }
     names.sort_unstable();
+    Ok(names)
+}
+
+/// SHA-256 of the files of these `names` below the folder `dir`: of one line `SUM  PATH` for each, as `sha256sum` prints it.
+///
+/// # Errors
+/// What the system says of a file that cannot be read.
+pub fn sum_of_files(dir: &Path, names: &[String]) -> io::Result<String> {
     let line = |name: &String| Ok(format!("{}  {name}\n", sum_of(&dir.join(name))?));
-    let lines: Vec<String> = names.par_iter().map(line).collect::<std::io::Result<_>>()?;
+    let lines: Vec<String> = names.par_iter().map(line).collect::<io::Result<_>>()?;
     Ok(sum(lines.concat().as_bytes()))
 }
 
@@ -56,7 +73,7 @@ fn name_below(dir: &Path, path: &Path) -> String {
 }
 
 /// SHA-256 of the file at `path`.
-pub(crate) fn sum_of(path: &Path) -> std::io::Result<String> {
+pub(crate) fn sum_of(path: &Path) -> io::Result<String> {
     let (mut file, mut digest) = (File::open(path)?, Sha256::new());
     let mut part = vec![0; 1 << 16];
     loop {

@@ -29,7 +29,7 @@ mod array;
 pub mod atomic;
 pub mod brdf_file;
 pub mod brdf_rows;
-pub(crate) mod checksum;
+pub mod checksum;
 mod chunk;
 mod described;
 mod error;

@@ -16,7 +16,6 @@ use super::catalogue::{COLUMNS, Row};
 use super::content::Content;
 use crate::clock::now;
 use crate::failure::Failure;
-use crate::manifest::fact;
 use crate::output::Output;
 
 /// The incident angle whose albedo is wanted, degrees.
@@ -29,14 +28,14 @@ const LIGHT_DEG: (f64, f64) = (45.0, 90.0);
 /// The finished measurement in `dir`, refused in one sentence if it is not finished yet.
 pub(super) fn finished(dir: &Path) -> Result<Measurement, Failure> {
     let measurement = Measurement::open(dir)?;
-    let state = fact(&measurement, &["state"])?;
-    let is_finished = matches!(state.as_str(), Some("assembled" | "reported"));
+    let state: Option<String> = measurement.noted("state");
+    let is_finished = matches!(state.as_deref(), Some("assembled" | "reported"));
     if !is_finished || !measurement.path("brdf.zarr").is_dir() {
         return Err(Failure::input(format!(
             "{}: expected a finished measurement, found one that is {} and has {} brdf.zarr; `rcg measure --resume` (or `capture` and \
              `assemble`) completes it",
             dir.display(),
-            state.as_str().unwrap_or("in no known state"),
+            state.as_deref().unwrap_or("in no known state"),
             if measurement.path("brdf.zarr").is_dir() {
                 "a"
             } else {
@@ -113,8 +112,8 @@ pub(super) fn row(
 
 /// Refuses a result that has lost values: a chunk that is gone reads as one where nothing was measured.
 fn whole(measurement: &Measurement, found: &Evaluation) -> Result<(), Failure> {
-    let noted = fact(measurement, &["assembled", "measured"])?;
-    match noted.as_u64() {
+    let noted: Option<serde_json::Value> = measurement.noted("assembled");
+    match noted.and_then(|assembled| assembled["measured"].as_u64()) {
         Some(noted) if noted != found.measured_samples => Err(MeasurementError::Changed {
             path: measurement.path("brdf.zarr").display().to_string(),
             expected: format!("{noted} measured samples"),

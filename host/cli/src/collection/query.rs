@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use rcg::base::text::quoted;
 use rusqlite::types::Value;
 use serde_json::{Map, Value as Json, json};
 
@@ -42,10 +43,7 @@ fn csv(rows: &[Row]) -> String {
     let field = |value: &Value| match value {
         Value::Integer(number) => number.to_string(),
         Value::Real(number) => number.to_string(),
-        Value::Text(text) if text.contains(['"', ',', '\n', '\r']) => {
-            format!("\"{}\"", text.replace('"', "\"\""))
-        }
-        Value::Text(text) => text.clone(),
+        Value::Text(text) => quoted(text),
         Value::Null | Value::Blob(_) => String::new(),
     };
     let line = |row: &Row| row.iter().map(field).collect::<Vec<_>>().join(",") + "\n";

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use crate::command::{quick, quick_measurement, refuses, run, text};
+use crate::command::{makers, quick, quick_measurement, refuses, run, text};
 use crate::tree::{copy, files};
 
 /// A collection with a measurement in it that was added.
@@ -14,6 +14,17 @@ fn collection(at: &Path) {
     quick_measurement(&at.join("a/brass"));
     let told = run(&["collection", "add", text(at), "--json"], "").object();
     assert_eq!(told["added"], serde_json::json!(["a/brass"]), "{told}");
+}
+
+/// Arguments that measure the samples of the list `queue` into the folder `out`.
+fn queued(queue: &Path, out: &Path, more: &[&str]) -> Vec<String> {
+    let places = ["measure", "--queue", text(queue), "--out", text(out)];
+    let size = ["--step", "30", "--image-size", "16", "--exposure-ms", "4"];
+    [&places[..], &size, more]
+        .concat()
+        .into_iter()
+        .map(str::to_owned)
+        .collect()
 }
 
 fn rows(at: &Path, more: &[&str]) -> Vec<Value> {
@@ -133,17 +144,7 @@ fn what_is_damaged_unfinished_or_elsewhere_is_refused() {
     );
 
     let planned = at.join("planned");
-    let plan = [
-        "plan",
-        "--out",
-        text(&planned),
-        "--step",
-        "30",
-        "--image-size",
-        "8",
-        "--exposure-ms",
-        "4",
-    ];
+    let [_, plan, _] = makers(&planned);
     run(&plan, "").done();
     refuses(&with(&planned), "", 2, &[text(&planned), "finished", "planned"]);
     let told = run(&[&add[..], &["--json"]].concat(), "").object();
@@ -197,20 +198,7 @@ fn a_query_finds_sorts_and_can_do_nothing_else() {
         "name,sample,sample_name\nb,ward:brass,\nw,lambert:0.5,\"tile, <b>white</b>\"\n",
     )
     .unwrap();
-    let measure = [
-        "measure",
-        "--queue",
-        text(&queue),
-        "--out",
-        text(&at),
-        "--step",
-        "30",
-        "--image-size",
-        "16",
-        "--exposure-ms",
-        "4",
-    ];
-    let told = run(&[&measure[..], &["--json"]].concat(), "").object();
+    let told = run(&queued(&queue, &at, &["--json"]), "").object();
     assert_eq!(told["measured"], serde_json::json!(["b", "w"]), "{told}");
     let paths = |more: &[&str]| {
         rows(&at, more)
@@ -297,26 +285,7 @@ fn a_page_holds_all_and_leads_to_the_reports() {
 fn a_queue_goes_on_where_it_ended_and_refuses_what_it_cannot_do_before_it_begins() {
     let scratch = tempfile::tempdir().unwrap();
     let (queue, out) = (scratch.path().join("samples.toml"), scratch.path().join("all"));
-    let measure = |more: &[&str]| {
-        let words = [
-            "measure",
-            "--queue",
-            text(&queue),
-            "--out",
-            text(&out),
-            "--step",
-            "30",
-            "--image-size",
-            "16",
-            "--exposure-ms",
-            "4",
-        ];
-        words
-            .iter()
-            .chain(more)
-            .map(|word| (*word).to_owned())
-            .collect::<Vec<_>>()
-    };
+    let measure = |more: &[&str]| queued(&queue, &out, more);
     for (list, parts) in [
         ("", &["samples.toml", "[[sample]]"][..]),
         (

@@ -203,15 +203,10 @@ impl Fit {
         };
         let mut solution = fitted(&nominal)?;
         // The azimuth of a wire is searched for from where it was seen.
-        if let Some(by_deg) = wire::aside_deg(&solution.rig, seen, solution.scales_rad[1])
+        if let Some(azimuth_deg) = wire::better_deg(&solution.rig, seen, solution.scales_rad[1])
             && let Some(wire) = &mut nominal.wire
         {
-            wire.azimuth_deg = by_deg
-                + solution
-                    .rig
-                    .wire
-                    .as_ref()
-                    .map_or(wire.azimuth_deg, |wire| wire.azimuth_deg);
+            wire.azimuth_deg = azimuth_deg;
             solution = fitted(&nominal)?;
         }
         Ok(Self {

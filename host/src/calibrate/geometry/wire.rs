@@ -18,10 +18,10 @@ const CLEAR: f64 = 4.0;
 /// By so much the sum of squares over the scale's has to be less elsewhere.
 const BETTER: f64 = 12.0;
 
-/// By how many degrees the wire of `rig` has to turn to be where the edges are that were `seen`, whose residuals have the scale
-/// `scale_rad`; `None` where it is.
-pub(super) fn aside_deg(rig: &Rig, seen: &Sightings, scale_rad: f64) -> Option<f64> {
-    let half_width_deg = rig.wire.as_ref()?.half_width_deg;
+/// The azimuth in degrees at which the wire of `rig` is where the edges are that were `seen`, whose residuals have the scale
+/// `scale_rad`; `None` where it is there.
+pub(super) fn better_deg(rig: &Rig, seen: &Sightings, scale_rad: f64) -> Option<f64> {
+    let wire = rig.wire.as_ref()?;
     let missed = |by_deg: f64| {
         let mut moved = rig.clone();
         if let Some(wire) = &mut moved.wire {
@@ -37,11 +37,11 @@ pub(super) fn aside_deg(rig: &Rig, seen: &Sightings, scale_rad: f64) -> Option<f
     };
     let here = missed(0.0);
     let (by_deg, least) = (-HALF_WIDTHS * STEPS..=HALF_WIDTHS * STEPS)
-        .map(|step| f64::from(step) / f64::from(STEPS) * half_width_deg)
+        .map(|step| f64::from(step) / f64::from(STEPS) * wire.half_width_deg)
         .map(|by_deg| (by_deg, missed(by_deg)))
         .min_by(|(_, a), (_, b)| a.total_cmp(b))?;
     tracing::debug!(here, least, by_deg, "wire beside where it was fitted");
-    (by_deg.abs() > half_width_deg && least < here - BETTER).then_some(by_deg)
+    (by_deg.abs() > wire.half_width_deg && least < here - BETTER).then_some(wire.azimuth_deg + by_deg)
 }
 
 #[cfg(test)]
@@ -73,12 +73,15 @@ mod tests {
             ..Sightings::default()
         };
         let scale_rad = 0.15_f64.to_radians();
-        assert_eq!(aside_deg(&rig, &seen, scale_rad), None);
+        assert_eq!(better_deg(&rig, &seen, scale_rad), None);
         for by_deg in [-1.2, 1.2] {
             let mut aside = rig.clone();
             aside.wire.as_mut().unwrap().azimuth_deg += by_deg;
-            let found_deg = aside_deg(&aside, &seen, scale_rad).unwrap();
-            assert!((found_deg + by_deg).abs() < 0.2, "{by_deg}: {found_deg}");
+            let found_deg = better_deg(&aside, &seen, scale_rad).unwrap();
+            assert!(
+                (found_deg - wire.azimuth_deg).abs() < 0.2,
+                "{by_deg}: {found_deg}"
+            );
         }
     }
 }

@@ -458,8 +458,9 @@ impl Measurement {
             .collect()
     }
 
-    /// What `manifest.json` says of `fact`, if it does.
-    pub(crate) fn noted<T: serde::de::DeserializeOwned>(&self, fact: &str) -> Option<T> {
+    /// What `manifest.json` says of `fact`, if it does: how far the measurement is as `state` ([`State`]), and what came of each stage.
+    #[must_use]
+    pub fn noted<T: serde::de::DeserializeOwned>(&self, fact: &str) -> Option<T> {
         Manifest::read(&self.dir).ok()?.get(fact)
     }
 

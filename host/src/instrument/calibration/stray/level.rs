@@ -57,6 +57,15 @@ impl Level {
         all.into_iter().min_by(least)
     }
 
+    /// So much light, of which all frames share what is uncertain.
+    pub(crate) const fn of_all(light: f32, uncertainty: f32) -> Self {
+        Self {
+            light,
+            uncertainty,
+            common: uncertainty,
+        }
+    }
+
     /// What is known of a lamp that was told like this and is known to be as what it is compared with to `prior`, relative (k = 1), anyway: a
     /// camera of coarse steps tells less than that.
     pub(crate) fn beside(self, prior: f64) -> Self {
@@ -207,14 +216,7 @@ impl Removal {
         } else {
             0.0
         };
-        told.map(|told| {
-            let uncertainty = (told.variance() + own).sqrt();
-            Level {
-                light: 1.0 + told.brighter,
-                uncertainty,
-                common: uncertainty,
-            }
-        })
+        told.map(|told| Level::of_all(1.0 + told.brighter, (told.variance() + own).sqrt()))
     }
 
     /// By how much the lamp was brighter where something watched it than in the `others`, relative, and the standard uncertainty of
@@ -333,12 +335,7 @@ mod tests {
 
     #[test]
     fn a_lamp_is_known_no_worse_than_lamps_are_and_no_better_than_it_is_told() {
-        let told = |uncertainty| Level {
-            light: 1.06,
-            uncertainty,
-            common: uncertainty,
-        };
-        let [well, badly] = [1e-4, 0.19].map(|uncertainty| told(uncertainty).beside(0.02));
+        let [well, badly] = [1e-4, 0.19].map(|uncertainty| Level::of_all(1.06, uncertainty).beside(0.02));
         assert!(
             (well.light - 1.06).abs() < 1e-5 && (well.uncertainty - 1e-4).abs() < 1e-8,
             "{well:?}"
