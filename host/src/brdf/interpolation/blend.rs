@@ -19,8 +19,9 @@ const ENOUGH: f64 = 24.0;
 /// BranchErrors count with this power: 2 would be right for errors that know nothing of each other, and a large one chooses.
 /// In between the better branch rules, and the blend stays smooth.
 const POWER: f32 = 4.0;
-/// Branches below this share of the best one are left out.
-const LEAST_SHARE: f32 = 0.03;
+/// Branches below this share of the best one are left out, and all count by what they have beyond it: none comes or goes with a step. What
+/// is left out would hardly change the mean, and reading it costs as much as reading the best.
+const LEAST_SHARE: f32 = 0.15;
 /// An image that is left out is predicted over twice the distance of a look-up, at which the error of linear
 /// interpolation is up to four times as large, while a branch that reads back is judged at its own distance.
 const LEFT_OUT: f64 = 0.5;
@@ -164,6 +165,7 @@ impl Blend {
             Self::ByError(logs) => logs,
         };
         let between = Between::of(wi, wo);
+        let least = Eight::splat(LEAST_SHARE);
         for (lane, shares) in shares.iter_mut().enumerate() {
             let mut sums = [Eight::splat(0.0); BRANCHES / LANES];
             for (region, weight) in between.regions(lane) {
@@ -177,7 +179,7 @@ impl Blend {
             for (shares, sum) in shares.as_chunks_mut::<LANES>().0.iter_mut().zip(sums) {
                 let better = (Eight::splat(best) - sum) * Eight::splat(POWER * std::f32::consts::LOG2_E);
                 *shares = worst
-                    .where_less(sum, Eight::splat(0.0), better.max(Eight::splat(-100.0)).exp2())
+                    .where_less(sum, Eight::splat(0.0), better.max(Eight::splat(-100.0)).exp2() - least)
                     .to_array();
             }
         }
@@ -198,6 +200,6 @@ impl Blend {
         }
         let best = sums.iter().copied().fold(f64::INFINITY, f64::min);
         let share = |sum: f64| (f64::from(POWER) * (best - sum)).exp() as f32;
-        sums.map(|sum| if share(sum) < LEAST_SHARE { 0.0 } else { share(sum) })
+        sums.map(|sum| (share(sum) - LEAST_SHARE).max(0.0))
     }
 }
