@@ -171,6 +171,20 @@ fn create_raw(
     Ok(RawStore::create(path, layout, attributes)?)
 }
 
+/// Removes the `frames` of a virtual capture in `dir` that was killed before it wrote the file `views`, which says what they are: nobody can
+/// use them, and the same capture makes them again.
+fn discard_unfinished(dir: &Path, frames: &[&str], views: &str) -> Result<(), CalibrateError> {
+    if dir.join(views).exists() {
+        return Ok(());
+    }
+    for path in frames.iter().map(|name| dir.join(name)) {
+        if RawStore::open(&path).is_ok() {
+            std::fs::remove_dir_all(&path).map_err(|source| FileError::at(&path, source))?;
+        }
+    }
+    Ok(())
+}
+
 /// Refuses to add frames of a trigger box with another clock to the file `raw` at `path`.
 fn check_clock(path: &Path, raw: &RawStore, clock_hz: u32) -> Result<(), CalibrateError> {
     if raw.layout().clock_hz == clock_hz {

@@ -221,3 +221,27 @@ fn resume_of_nothing_begins() {
     let out = scratch.path().join("out");
     resumes(&out);
 }
+
+#[test]
+fn a_calibration_that_was_killed_while_it_captured_is_begun_anew() {
+    let scratch = tempfile::tempdir().unwrap();
+    let out = scratch.path().join("calibration");
+    let calibrate = ["calibrate", "geometry", "--image-size", "64", "--out", text(&out)];
+    let mut child = rcg(&calibrate)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    // Its frames are there, and nothing says of what.
+    while !out.join("geometry.raw.zarr").exists() {
+        thread::sleep(Duration::from_millis(5));
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(!out.join("geometry-views.json").exists(), "it came to its end");
+    run(&calibrate, "").done();
+    let found = fs::read(out.join("geometry.json")).unwrap();
+    fs::remove_dir_all(&out).unwrap();
+    run(&calibrate, "").done();
+    assert!(found == fs::read(out.join("geometry.json")).unwrap());
+}

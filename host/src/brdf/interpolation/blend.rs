@@ -179,7 +179,11 @@ impl Blend {
             for (shares, sum) in shares.as_chunks_mut::<LANES>().0.iter_mut().zip(sums) {
                 let better = (Eight::splat(best) - sum) * Eight::splat(POWER * std::f32::consts::LOG2_E);
                 *shares = worst
-                    .where_less(sum, Eight::splat(0.0), better.max(Eight::splat(-100.0)).exp2() - least)
+                    .where_less(
+                        sum,
+                        Eight::splat(0.0),
+                        better.max(Eight::splat(-100.0)).exp2() - least,
+                    )
                     .to_array();
             }
         }

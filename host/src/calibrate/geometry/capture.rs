@@ -10,7 +10,7 @@ use super::mask::Mask;
 use crate::base::progress::Progress;
 use crate::calibrate::by_hand::{Bench, VirtualBench, black_mirror};
 use crate::calibrate::{
-    CalibrateError, check_clock, check_image_size, create_raw, file, open_raw, segment_of,
+    CalibrateError, check_clock, check_image_size, create_raw, discard_unfinished, file, open_raw, segment_of,
 };
 use crate::capture::Tally;
 use crate::capture::pilot::TestExposures;
@@ -139,6 +139,7 @@ pub fn capture(
     progress: &dyn Progress,
 ) -> Result<(), CalibrateError> {
     let mut capturing = Capturing::new(request.views()?, dir)?;
+    discard_unfinished(dir, &[RAW], VIEWS)?;
     let mut bench = VirtualBench::new(world);
     progress.begin("calibration views", capturing.layout.exposures, "exposures");
     let mut done = 0;

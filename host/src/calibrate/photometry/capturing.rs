@@ -14,7 +14,9 @@ use super::in_holder::{InHolder, Standards};
 use super::stray::{self, Part, StrayViews};
 use crate::base::progress::Progress;
 use crate::calibrate::by_hand::{Bench, Place, VirtualBench};
-use crate::calibrate::{CalibrateError, RIG, check_clock, create_raw, file, open_raw, segment_of};
+use crate::calibrate::{
+    CalibrateError, RIG, check_clock, create_raw, discard_unfinished, file, open_raw, segment_of,
+};
 use crate::capture::Tally;
 use crate::instrument::monitor::watching;
 use crate::instrument::rig::{Rig, Tilt};
@@ -69,6 +71,7 @@ pub fn capture(
     let standards = Standards::of(request, Place::Virtual(world))?;
     let mut bench = VirtualBench::new(world);
     let mut capturing = Capturing::prepare(request, standards, dir, &mut bench)?;
+    discard_unfinished(dir, &[RAW, stray::RAW], VIEWS)?;
     let targets = capturing.targets();
     let total = targets.iter().map(|target| capturing.exposures_of(*target)).sum();
     progress.begin("standards and stray light", total, "exposures");

@@ -27,6 +27,9 @@ const BEGINNINGS: [&str; 11] = [
     lock::NAME,
 ];
 
+/// The frames of an adaptive measurement until it has a plan.
+pub(crate) const FRAMES_BEFORE_PLAN: &str = "adaptive.zarr";
+
 /// Where the pictures of a measurement stand, and their names: the sphere, and some frames.
 pub(crate) const FIGURES: &str = "figures";
 pub(crate) const PICTURES: [&str; 2] = ["sphere.png", "frames.png"];
@@ -35,6 +38,15 @@ pub(crate) const PICTURES: [&str; 2] = ["sphere.png", "frames.png"];
 pub(crate) fn sweep_unfinished(dir: &Path) {
     whole_file::sweep(dir, &[Record::FILE, MANIFEST, "report.html"]);
     whole_file::sweep(&dir.join(FIGURES), &PICTURES);
+}
+
+/// Removes what a writer that was killed left in the measurement `dir` of frames that `raw.zarr` holds now.
+pub(super) fn sweep_moved(dir: &Path) -> Result<(), FileError> {
+    let path = dir.join(FRAMES_BEFORE_PLAN);
+    if path.exists() && dir.join("raw.zarr").exists() {
+        fs::remove_dir_all(&path).map_err(|source| FileError::at(&path, source))?;
+    }
+    Ok(())
 }
 
 impl Measurement {

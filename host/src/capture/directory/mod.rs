@@ -38,7 +38,8 @@ mod manifest;
 mod resume;
 mod segment;
 
-pub(crate) use begin::{FIGURES, PICTURES, sweep_unfinished};
+use begin::sweep_moved;
+pub(crate) use begin::{FIGURES, FRAMES_BEFORE_PLAN, PICTURES, sweep_unfinished};
 pub use error::MeasurementError;
 use files::write_synced;
 pub(crate) use identity::{Sums, stamps_of, sums_at, sums_of};
@@ -175,7 +176,9 @@ impl Measurement {
         }
         let lock = Lock::folder(dir)?;
         sweep_unfinished(dir);
-        Ok(Self::open(dir)?.holding(lock))
+        let measurement = Self::open(dir)?.holding(lock);
+        sweep_moved(dir)?;
+        Ok(measurement)
     }
 
     /// Opens the measurement in `dir` to make a part of its result, together with others; nobody writes the measurement meanwhile.

@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Goal, GoalError};
 use crate::base::blame::Blame;
-use crate::capture::directory::{MeasurementError, Sums, sums_at};
+use crate::capture::directory::{FRAMES_BEFORE_PLAN as FRAMES, MeasurementError, Sums, sums_at};
 use crate::hemisphere::incident::{Grid, IncidentError};
 use crate::instrument::calibration::AppliedCalibration;
 use crate::instrument::rig::{Rig, RigError, explain};
@@ -31,7 +31,6 @@ use crate::store::{RawLayout, RawStore, StoreError};
 
 const ASKED: &str = "adaptive.toml";
 const DIRECTIONS: &str = "directions.txt";
-const FRAMES: &str = "adaptive.zarr";
 /// What stands before the checksum in the first line of the list of directions.
 const SEALED: &str = "# θ φ in degrees, in the order of capture; checksum ";
 
