@@ -1,6 +1,6 @@
 //! Whatever bytes come over the wire, both sides tell frames from noise, and a frame that is read is written as the same message again.
 //!
-//! `cargo +nightly fuzz run decoder` in `host/`.
+//! `host/fuzz/fuzz.sh decoder`.
 
 #![no_main]
 

@@ -1,6 +1,6 @@
 //! Whatever stands in the metadata of a `brdf.zarr`, it is read as a result or refused in one sentence.
 //!
-//! `cargo +nightly fuzz run metadata -- -rss_limit_mb=1024` in `host/`; the first byte chooses the file, the rest is what stands there.
+//! `host/fuzz/fuzz.sh metadata`; the first byte chooses the file, the rest is what stands there.
 
 #![no_main]
 

@@ -1,7 +1,7 @@
 //! Whatever a file holds, a reader of formats refuses it in one sentence or makes a sample of it that has numbers: no panic, no memory that
 //! the file's own size does not explain.
 //!
-//! `cargo +nightly fuzz run readers -- -rss_limit_mb=1024` in `host/`.
+//! `host/fuzz/fuzz.sh readers`.
 
 #![no_main]
 

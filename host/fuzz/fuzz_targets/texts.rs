@@ -1,6 +1,6 @@
 //! Whatever stands in a rig file or a plan, it is read as one that can be used, or refused in one sentence with its path.
 //!
-//! `cargo +nightly fuzz run texts -- -rss_limit_mb=1024` in `host/`; `rigs/lab.toml` and the presets make a corpus.
+//! `host/fuzz/fuzz.sh texts`; `rigs/lab.toml` and the presets make a corpus.
 
 #![no_main]
 
