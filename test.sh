@@ -93,23 +93,37 @@ if [ "$kind" = fast ]; then
     exit
 fi
 
-step "emulated Pico and its screen"
+step "packages of the system"
 need_screen
 command -v npm >/dev/null || install_packages nodejs npm ca-certificates || true
-if command -v npm >/dev/null; then
-    # Behind a pipe of their own, here and below: node makes one that it inherits non-blocking for all who write into it.
-    (cd hil/emulator && npm ci --no-audit --no-fund) 2>&1 | cat
-else
-    echo "no npm: the emulated Pico and its trials are skipped"
-fi
-# Another emulator of the PIO, to compare with.
-python3 -c 'import ensurepip, venv' 2>/dev/null || install_packages python3 python3-venv || true
-if python3 -c 'import ensurepip, venv' 2>/dev/null; then
+has_venv() { python3 -c 'import ensurepip, venv' 2>/dev/null; }
+has_venv || install_packages python3 python3-venv || true
+! command -v npm >/dev/null || command -v chromium >/dev/null || install_packages chromium || true
+
+# What comes over the network comes while the lints keep the cores busy.
+python=host/python/.venv
+fetch() {
+    if command -v npm >/dev/null; then
+        (cd hil/emulator && npm ci --no-audit --no-fund)
+        (cd tests/page && npm ci --no-audit --no-fund)
+    else
+        echo "no npm: the emulated Pico and its trials are skipped, and the page of a measurement is not opened"
+    fi
+    if ! has_venv; then
+        echo "no python3-venv: the emulator is not compared with the other one, and the Python package is skipped"
+        return
+    fi
+    # Another emulator of the PIO, to compare with.
     [ -x hil/emulator/.venv/bin/pip ] || python3 -m venv hil/emulator/.venv
     hil/emulator/.venv/bin/pip install --quiet --disable-pip-version-check -r hil/emulator/requirements.txt
-else
-    echo "no python3-venv: the emulator is not compared with the other one"
-fi
+    [ -x $python/bin/pip ] || python3 -m venv $python
+    $python/bin/pip install --quiet --disable-pip-version-check -r host/python/requirements.txt && touch target/python-is-there ||
+        echo "what its tests need cannot be installed: the Python package is skipped"
+}
+rm -f target/python-is-there
+(set -e; fetch) </dev/null >target/fetched.log 2>&1 &
+fetching=$!
+trap 'kill "$fetching" 2>/dev/null || true' EXIT
 
 step "format"
 cargo fmt --all --check
@@ -138,7 +152,7 @@ firmware() {
 }
 (set -e; firmware) >target/firmware.log 2>&1 &
 building=$!
-trap 'kill "$building" 2>/dev/null || true' EXIT
+trap 'kill "$building" "$fetching" 2>/dev/null || true' EXIT
 
 step "host: lints"
 cargo clippy --workspace --all-targets $features -- -D warnings
@@ -148,12 +162,15 @@ RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps $features --quiet
 
 step "firmware: build for RP2040 at 200 and 125 MHz and for RP2350, and lints: the rest of it"
 wait "$building" || { cat target/firmware.log; exit 1; }
+wait "$fetching" || { cat target/fetched.log; exit 1; }
 trap - EXIT
+grep -hE "^no |skipped" target/fetched.log || true
 grep -E "Finished|warning" target/firmware.log
 export RCG_FIRMWARE_ELF=$firmware
 
 if [ -d hil/emulator/node_modules ]; then
     step "emulator: tests"
+    # Behind a pipe of its own: node makes one that it inherits non-blocking for all who write into it.
     (cd hil/emulator && npm test) 2>&1 | cat
 fi
 
@@ -172,11 +189,8 @@ tail -n 12 target/trials.log
 
 # The browser keeps one core busy: the Python package is tested beside it.
 browser=
-page() {
-    npm ci --no-audit --no-fund && npm test
-}
-if command -v npm >/dev/null && { command -v chromium >/dev/null || install_packages chromium; }; then
-    (set -e; cd tests/page; page) >target/page.log 2>&1 &
+if [ -d tests/page/node_modules ] && command -v chromium >/dev/null; then
+    (cd tests/page && npm test) >target/page.log 2>&1 &
     browser=$!
     trap 'kill "$browser" 2>/dev/null || true' EXIT
 else
@@ -184,21 +198,15 @@ else
 fi
 
 step "Python package"
-venv=host/python/.venv
-if ! python3 -c 'import ensurepip, venv' 2>/dev/null; then
-    echo "no python3-venv: the Python package is skipped"
-elif ! { [ -x $venv/bin/pip ] || python3 -m venv $venv; } ||
-    ! $venv/bin/pip install --quiet --disable-pip-version-check -r host/python/requirements.txt; then
-    echo "what its tests need cannot be installed: the Python package is skipped"
-else
+if [ -e target/python-is-there ]; then
     # With the features of the tests: maturin would build the library a second time.
     cargo build --workspace $features --lib
     cp target/debug/lib_rcg.so host/python/rcg/_rcg.abi3.so
     (cd host/python && .venv/bin/python -m pytest --quiet --durations=5)
     if [ "$kind" = full ]; then
         # The wheel that users build.
-        $venv/bin/pip install --quiet --no-deps --no-build-isolation --upgrade --target target/wheel ./host/python
-        PYTHONPATH=target/wheel $venv/bin/python -P -c 'import rcg; print(rcg.__file__, rcg.info("satin")["format"])'
+        $python/bin/pip install --quiet --no-deps --no-build-isolation --upgrade --target target/wheel ./host/python
+        PYTHONPATH=target/wheel $python/bin/python -P -c 'import rcg; print(rcg.__file__, rcg.info("satin")["format"])'
     fi
 fi
 
