@@ -16,7 +16,8 @@
 //!
 //! Curvature goes through zero on the flanks of a lobe and may lie between two cells: each cell takes the most of those
 //! a pixel around it, and one farther where a neighbour is missing. Beside what was not measured a lobe may have its peak out of sight: what f rises or falls by on the
-//! side that is seen, it may fall or rise by on the other.
+//! side that is seen, it may fall or rise by on the other. Where f rises towards what was not measured, all of that rise may be light that was
+//! blurred there out of a lobe which no image shows, as beside one that is saturated.
 
 use glam::{DVec2, DVec3};
 
@@ -171,7 +172,8 @@ impl Shape {
             let reach = columns.max(rows) + usize::from(!is_within);
             let by_direction2 = by.slope2[at] * (self.direction_variance + beside2);
             by.directed[at] = by_direction2.sqrt();
-            by.total[at] = hypot(by.directed[at], most(&by.blurred, reach));
+            let blurred = most(&by.blurred, reach).max(self.unseen(cell, &by.seen));
+            by.total[at] = hypot(by.directed[at], blurred);
         }
     }
 
@@ -279,6 +281,22 @@ impl Shape {
         stated * (highest * (factor - 1.0) + coupled)
     }
 
+    /// What a lobe that was not measured may have added to the value of `cell`, sr⁻¹: what it rises by towards a side where nothing was.
+    fn unseen(&self, cell: Cell, seen: &[Seen]) -> f32 {
+        let Some((value, noise)) = seen[cell.at] else {
+            return 0.0;
+        };
+        let side = |axis: usize, side: usize| seen[self.neighbour(cell, axis, side, 1)?];
+        let rise = |axis: usize| match (side(axis, 0), side(axis, 1)) {
+            (Some(one), None) | (None, Some(one)) if value > one.0 => {
+                let noise2 = noise * noise + one.1 * one.1;
+                ((value - one.0).powi(2) - BENT * noise2).max(0.0)
+            }
+            _ => 0.0,
+        };
+        rise(0).max(rise(1)).sqrt()
+    }
+
     /// What a lobe at `cell` stands on, and its noise: the least of what is seen far from it in four directions, sr⁻¹; 0 if it is not seen
     /// so far.
     fn foot(&self, cell: Cell, seen: &[Seen]) -> (f32, f32) {
@@ -360,6 +378,37 @@ fn steps(disk: Disk) -> Vec<Steps> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn light_out_of_a_lobe_that_was_not_measured_is_in_the_uncertainty_beside_it() {
+        const SIZE: usize = 9;
+        let cells = SIZE * SIZE;
+        let shape = Shape {
+            size: SIZE,
+            channels: 1,
+            steps: vec![[Some(0.05); 4]; cells],
+            direction_variance: 0.0,
+            apart: vec![[1, 1]; cells],
+            blur: vec![[0.25, 0.25, 0.0]; cells],
+        };
+        // Flat, but for what the lobe in the columns from 5 on, which is saturated, spreads.
+        let spread = [0.0, 0.0, 0.0, 0.002, 0.017];
+        let f: Vec<f32> = (0..cells)
+            .map(|cell| 0.03 + spread.get(cell % SIZE).unwrap_or(&f32::NAN))
+            .collect();
+        let mut by = ByShape::default();
+        shape.uncertainties(&f, &vec![5e-4; cells], &|cell| cell % SIZE < 5, 0, 0.0, &mut by);
+        for cell in (0..cells).filter(|cell| cell % SIZE < 5) {
+            let off = f[cell] - 0.03;
+            assert!(
+                off <= 2.0 * hypot(by.total[cell], 5e-4),
+                "{cell}: {off} {}",
+                by.total[cell]
+            );
+        }
+        // Where nothing is beside it, it says nothing.
+        assert!(by.total[SIZE] < 1e-3, "{}", by.total[SIZE]);
+    }
 
     #[test]
     fn what_a_gaussian_lobe_has_lost_is_found_however_narrow_it_is() {
